@@ -1,0 +1,1 @@
+"""Everything around the plant: bus, loop, scenarios, recordings, the reference ECU and the commands."""

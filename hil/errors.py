@@ -1,0 +1,43 @@
+"""What can go wrong, for users and for callers.
+
+    LiftgateError
+    ├── ConfigError          a file, a flag or a value: all faults of one source at once, exit code 2
+    ├── CodecError           a database or a mapping that cannot be encoded
+    ├── TransportError       a bus that cannot be opened or is lost for good
+    ├── OverrunError         the loop fell further behind than allowed
+    └── PlantDivergedError   the plant's state is no longer finite
+
+A bad frame on the bus is none of these: it is counted and survived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class LiftgateError(Exception):
+    """Anything this program raises on purpose."""
+
+
+class ConfigError(LiftgateError):
+    """Faults in what the user gave; `faults` has one line for each."""
+
+    def __init__(self, faults: Sequence[str] | str) -> None:
+        self.faults = [faults] if isinstance(faults, str) else list(faults)
+        super().__init__("\n".join(self.faults))
+
+
+class CodecError(LiftgateError):
+    """A message or signal that cannot be laid out."""
+
+
+class TransportError(LiftgateError):
+    """A bus that cannot be opened, or is lost."""
+
+
+class OverrunError(LiftgateError):
+    """Too many periods in a row were missed."""
+
+
+class PlantDivergedError(LiftgateError):
+    """The plant's state is not finite."""

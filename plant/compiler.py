@@ -1,0 +1,86 @@
+"""The one place that knows the compiler (numba).
+
+A function marked `compilable` stays a plain Python function: called from Python it runs as such, so that
+it can be debugged, covered and tested without a compiler. An entry point handed to `compiled` becomes
+machine code that holds no interpreter lock, together with all compilable functions it calls.
+
+`LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_compilable: list[Callable[..., Any]] = []
+_known_to_numba: set[Callable[..., Any]] = set()
+
+# IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
+_OPTIONS = {"error_model": "numpy"}
+
+
+def compilable(function: F) -> F:
+    """Mark a function as usable inside compiled code; it stays plain Python outside."""
+    _compilable.append(function)
+    return function
+
+
+def compiled(function: F) -> F:
+    """The machine code of `function`, compiled at its first call (or read from the cache)."""
+    if not enabled():
+        return function
+    return _compiled(function)  # type: ignore[return-value]
+
+
+def enabled() -> bool:
+    """Whether `compiled` compiles."""
+    return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
+
+
+@functools.cache
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    cache = _prepare_cache()
+    import numba
+    from numba.extending import register_jitable
+
+    for helper in _compilable:
+        if helper not in _known_to_numba:
+            register_jitable(**_OPTIONS)(helper)
+            _known_to_numba.add(helper)
+    return numba.njit(function, nogil=True, cache=cache, **_OPTIONS)  # type: ignore[no-any-return]
+
+
+@functools.cache
+def _prepare_cache() -> bool:
+    """Point numba's disk cache at a folder named by the hash of all sources it could compile.
+
+    numba itself looks only at the file of the entry point, so an edit of a helper in another file would
+    go unnoticed. Returns False, and so compiles afresh, where no such folder can be made.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ and "numba" in os.sys.modules:  # type: ignore[attr-defined]
+        return True
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
+    folder = root / sources_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    return True
+
+
+def sources_digest() -> str:
+    """A hash over the packages that hold compilable functions."""
+    digest = hashlib.sha256()
+    plant = Path(__file__).resolve().parent
+    for package in (plant, plant.parent / "hil"):
+        for source in sorted(package.rglob("*.py")):
+            digest.update(str(source.relative_to(plant.parent)).encode())
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,30 @@
+"""What a parameter is: symbol, unit, allowed range and meaning, written beside its field."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Quantity(NamedTuple):
+    """Annotation of one parameter of a vehicle file.
+
+    `low` and `high` are inclusive and in the unit of the file. `unit` "deg" means that the file's key ends
+    in `_deg` and the value in memory is in radians; every other unit is the same in file and memory.
+    """
+
+    symbol: str
+    unit: str
+    low: float
+    high: float
+    meaning: str
+
+    @property
+    def suffix(self) -> str:
+        """What the file's key adds to the field's name."""
+        return "_deg" if self.unit == "deg" else ""
+
+    @property
+    def scale(self) -> float:
+        """Value in memory per value in the file."""
+        return math.pi / 180.0 if self.unit == "deg" else 1.0

@@ -1,0 +1,475 @@
+"""Independent reference solution of the lift gate: every change of regime is a located event.
+
+The plant is smooth between changes of regime (a shaft sticks or slips, a flank, stop, seal or
+obstacle touches or lets go, a freewheeling current starts or ends). Each smooth piece is
+integrated at a tight tolerance with the regime held fixed; the end of the piece is found by root
+finding on the dense output and the integration starts afresh there. Numbers in parentheses are
+the equation numbers of the thesis. SI units, motor speed in rev/s and motor position in rev.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+GRAVITY = 9.81
+METHOD = "Radau"
+MAX_STEP = 5e-3  # s: no touch-and-go event can hide inside a longer step
+MAX_EVENTS = 20_000
+LOOK_AHEAD = 1e-11  # s: events closer together than this are taken as simultaneous
+NO_PROGRESS = 1e-13  # s
+
+
+@dataclass(frozen=True)
+class DriveInput:
+    """Bridge command: open, close, brake, coast (value = duty 0..1) or voltage (value = V)."""
+
+    mode: str
+    value: float = 0.0
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Compliant body met at `angle` [rad], `distance` [m] from the hinge, after `gap` [m]."""
+
+    angle: float
+    distance: float
+    stiffness: float
+    damping: float = 0.0
+    gap: float = 0.0
+    closing: bool = True
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Constant inputs until time `end` [s]; None means the vehicle's own value."""
+
+    end: float
+    left: DriveInput
+    right: DriveInput
+    supply_voltage: float | None = None
+    slope_deg: float | None = None
+    external_torque: float = 0.0
+    obstacle: Obstacle | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Values at the sample times; at the instant a phase begins they are those of that phase."""
+
+    time: np.ndarray
+    left_current: np.ndarray
+    left_speed: np.ndarray
+    left_position: np.ndarray
+    left_force: np.ndarray
+    right_current: np.ndarray
+    right_speed: np.ndarray
+    right_position: np.ndarray
+    right_force: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+    pinch_force: np.ndarray
+    terminal_voltage: np.ndarray
+    events: int
+
+
+class View(NamedTuple):
+    """One state with its kinematics: travel l_S, its rate and the lever arm r_AP."""
+
+    state: Sequence[float]
+    travel: float
+    travel_rate: float
+    arm: float
+
+
+class Contact:
+    """One-sided spring and damper: F = max(0, k d + c d') while the depth d > 0, else 0."""
+
+    def __init__(self, k: float, c: float, depth: Callable[[View], tuple[float, float]]) -> None:
+        self.k, self.c, self.depth = k, c, depth
+        self.active = False
+
+    def guard(self, view: View) -> float:
+        """Positive exactly where the law asks for a force."""
+        depth, rate = self.depth(view)
+        return min(depth, self.k * depth + self.c * rate)
+
+    def force(self, view: View) -> float:
+        if not self.active:
+            return 0.0
+        depth, rate = self.depth(view)
+        return self.k * depth + self.c * rate
+
+    def alarm(self, view: View) -> float:
+        return -self.guard(view) if self.active else self.guard(view)
+
+    def switch(self, view: View, progress: bool) -> None:
+        self.active = not self.active
+
+
+class Balance:
+    """State v with inertia v' = load − limit·Sgn(v), Sgn set-valued at 0; limit None: none.
+
+    The same law holds for dry friction (v a speed) and for freewheeling diodes (v the current).
+    """
+
+    def __init__(
+        self,
+        index: int,
+        inertia: float,
+        load: Callable[[View], float],
+        limit: Callable[[View], float] | None,
+    ) -> None:
+        self.index, self.inertia, self.load, self.limit = index, inertia, load, limit
+        self.sign = 0
+
+    def derivative(self, view: View) -> float:
+        if self.limit is None:
+            return self.load(view) / self.inertia
+        if self.sign == 0:
+            return 0.0
+        return (self.load(view) - self.sign * self.limit(view)) / self.inertia
+
+    def alarm(self, view: View) -> float:
+        if self.limit is None:
+            return -1.0
+        if self.sign == 0:
+            return abs(self.load(view)) - self.limit(view)
+        return -self.sign * view.state[self.index]
+
+    def switch(self, view: View, progress: bool) -> None:
+        """Stuck: break away. Moving: stop, and go on only if the load exceeds the limit."""
+        assert self.limit is not None
+        load = self.load(view)
+        if self.sign == 0 or (progress and abs(load) > self.limit(view)):
+            self.sign = 1 if load > 0 else -1
+        else:  # without progress it would only come back here: hold it until it breaks away
+            self.sign = 0
+
+
+Element = Contact | Balance
+
+
+class Geometry:
+    """Kinematics (3.19–3.20, 3.35–3.40), inertia (3.18) and weight (3.26) of the gate."""
+
+    def __init__(self, gate: Mapping[str, Any]) -> None:
+        hinge = complex(*gate["hinge"])
+        body, arm, gravity = (
+            complex(*gate[key]) - hinge for key in ("body_point", "gate_point", "gravity_point")
+        )
+        self.square_sum = abs(body) ** 2 + abs(arm) ** 2
+        self.product = abs(body) * abs(arm)
+        self.theta = math.atan2(arm.imag, arm.real) - math.atan2(body.imag, body.real)
+        self.closed_length = self.length(0.0)
+        self.open_travel = self.length(math.radians(gate["open_angle_deg"])) - self.closed_length
+        self.weight_moment = gate["mass"] * GRAVITY * abs(gravity)
+        self.weight_angle = math.atan2(gravity.imag, gravity.real)  # β − α_0
+        plate = gate["mass"] * (gate["length"] ** 2 + gate["thickness"] ** 2) / 12
+        self.inertia = gate.get("inertia", plate + gate["mass"] * abs(gravity) ** 2)
+
+    def length(self, angle: float) -> float:
+        return math.sqrt(self.square_sum - 2 * self.product * math.cos(angle + self.theta))
+
+    def view(self, state: Sequence[float]) -> View:
+        length = self.length(state[0])
+        arm = self.product * math.sin(state[0] + self.theta) / length
+        return View(state, length - self.closed_length, arm * state[1], arm)
+
+
+class Drive:
+    """One drive under one phase: winding, shaft, play and the spring with its stops.
+
+    Its states are those from `first` on: current, speed, position.
+    """
+
+    def __init__(
+        self,
+        vehicle: Mapping[str, Any],
+        first: int,
+        open_travel: float,
+        command: DriveInput,
+        terminal: Callable[[View], float],
+    ) -> None:
+        motor, gear, spindle = vehicle["motor"], vehicle["gear"], vehicle["spindle"]
+        spring, mechanism = vehicle["spring"], vehicle["mechanism"]
+        self.first = first
+        self.advance = advance(vehicle)
+        self.lever = self.advance / (2 * math.pi)
+        self.half_play = gear["backlash"] * spindle["lead"] / 2
+        self.resistance, self.torque_constant = motor["resistance"], motor["torque_constant"]
+        self.speed_constant = motor["speed_constant"]
+        self.share, self.terminal = source_share(command), terminal
+        self.volts = command.value if command.mode == "voltage" else 0.0
+        self.stiffness = spring["stiffness"]
+        self.closed_preload = spring["preload"] + self.stiffness * open_travel
+
+        flank = mechanism["stiffness"], mechanism["damping"]
+        stop = spring["stop_stiffness"], spring["stop_damping"]
+        self.upper = Contact(*flank, depth=self._upper_depth)
+        self.lower = Contact(*flank, depth=self._lower_depth)
+        self.open_stop = Contact(*stop, depth=lambda v: (v.travel - open_travel, v.travel_rate))
+        self.closed_stop = Contact(*stop, depth=lambda v: (-v.travel, -v.travel_rate))
+        diodes = 2 * vehicle.get("bridge", {}).get("diode_drop", 0.7)
+        decay = (lambda v: terminal(v) + diodes) if command.mode == "coast" else None
+        self.coil = Balance(first, motor["inductance"], self._coil_load, decay)
+        inertia = 2 * math.pi * (motor["rotor_inertia"] + gear["inertia"] / gear["ratio"] ** 2)
+        losses = (  # τ_C (3.3, 3.8, 3.11)
+            (1 - motor["efficiency"]) * motor["load_torque"]
+            + (1 - gear["efficiency"]) * gear["friction_torque"] / gear["ratio"]
+            + (1 - spindle["efficiency"]) * spindle["friction_force"] * self.lever
+        )
+        self.shaft = Balance(first + 1, inertia, self._shaft_load, dry_friction(losses))
+
+    def _stretch(self, v: View) -> tuple[float, float]:
+        """x_d and its rate (3.5)."""
+        n, p = v.state[self.first + 1], v.state[self.first + 2]
+        return p * self.advance - v.travel, n * self.advance - v.travel_rate
+
+    def _upper_depth(self, v: View) -> tuple[float, float]:
+        x, rate = self._stretch(v)
+        return x - self.half_play, rate
+
+    def _lower_depth(self, v: View) -> tuple[float, float]:
+        x, rate = self._stretch(v)
+        return -x - self.half_play, -rate
+
+    def force(self, v: View) -> float:
+        """F_d, the force of the drive on the gate (3.5)."""
+        return self.upper.force(v) - self.lower.force(v)
+
+    def spring_force(self, v: View) -> float:
+        """F_F with the stops (3.12–3.14)."""
+        spring = self.closed_preload - self.stiffness * v.travel
+        return spring - self.open_stop.force(v) + self.closed_stop.force(v)
+
+    def _coil_load(self, v: View) -> float:
+        """u − R i − c2Φ n (3.1)."""
+        u = self.volts + (self.share * self.terminal(v) if self.share else 0.0)
+        i, n = v.state[self.first], v.state[self.first + 1]
+        return u - self.resistance * i - self.speed_constant * n
+
+    def _shaft_load(self, v: View) -> float:
+        """Motor torque less the load of the gate (3.2)."""
+        return self.torque_constant * v.state[self.first] - self.lever * self.force(v)
+
+
+def advance(vehicle: Mapping[str, Any]) -> float:
+    """Spindle travel per motor revolution [m/rev]."""
+    return vehicle["spindle"]["lead"] / vehicle["gear"]["ratio"]
+
+
+def dry_friction(torque: float) -> Callable[[View], float] | None:
+    return (lambda v: torque) if torque > 0 else None
+
+
+def source_share(command: DriveInput) -> float:
+    """Signed part of the terminal voltage and current that this bridge state passes on."""
+    if command.mode not in ("open", "close", "brake", "coast", "voltage"):
+        raise ValueError(f"unknown drive mode {command.mode!r}")
+    return {"open": 1.0, "close": -1.0}.get(command.mode, 0.0) * command.value
+
+
+class Scene:
+    """The whole plant under the inputs of one phase. State: φ, ω, then i, n, p per drive."""
+
+    def __init__(
+        self, vehicles: Sequence[Mapping[str, Any]], geometry: Geometry, phase: Phase
+    ) -> None:
+        common = vehicles[0]
+        seal, supply, slope = common["seal"], common["supply"], phase.slope_deg
+        if slope is None:
+            slope = common["environment"]["road_slope_deg"]
+        self.geometry, self.phase = geometry, phase
+        self.weight_angle = geometry.weight_angle + math.radians(slope)
+        given = phase.supply_voltage
+        self.source = supply["voltage"] if given is None else given
+        drives = list(zip((2, 5), vehicles, (phase.left, phase.right), strict=False))
+        self.drops = [
+            (supply["internal_resistance"] * source_share(command), first)
+            for first, _, command in drives
+        ]
+        self.drives = [
+            Drive(vehicle, first, geometry.open_travel, command, self.terminal)
+            for first, vehicle, command in drives
+        ]
+        self.seal_arm = seal["arm"]
+        self.seal = Contact(1.0, 0.0, lambda v: (seal["force"] - seal["stiffness"] * v.travel, 0.0))
+        friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
+        self.hinge = Balance(1, geometry.inertia, self._gate_moment, friction)
+        rod = phase.obstacle
+        self.obstacle = Contact(rod.stiffness, rod.damping, self._intrusion) if rod else None
+
+        self.contacts = [self.seal] + ([self.obstacle] if self.obstacle else [])
+        self.balances = [self.hinge]
+        for drive in self.drives:
+            self.contacts += [drive.upper, drive.lower, drive.open_stop, drive.closed_stop]
+            self.balances += [drive.coil, drive.shaft]
+        # contacts first: what a shaft does next depends on the forces they add
+        self.elements: list[Element] = [*self.contacts, *self.balances]
+
+    def terminal(self, v: View) -> float:
+        """U_terminal behind the source resistance; the currents are states, so it is exact."""
+        return self.source - sum(share * v.state[first] for share, first in self.drops)
+
+    def _intrusion(self, v: View) -> tuple[float, float]:
+        o = self.phase.obstacle
+        assert o is not None
+        sign = -1.0 if o.closing else 1.0
+        depth = sign * (v.state[0] - o.angle) * o.distance - o.gap
+        return depth, sign * v.state[1] * o.distance
+
+    def pinch(self, v: View) -> float:
+        return self.obstacle.force(v) if self.obstacle else 0.0
+
+    def _gate_moment(self, v: View) -> float:
+        """All moments on the gate but the hinge friction (3.15–3.17)."""
+        moment = self.phase.external_torque + self.seal_arm * self.seal.force(v)
+        moment -= self.geometry.weight_moment * math.cos(v.state[0] + self.weight_angle)
+        for drive in self.drives:
+            moment += v.arm * (drive.force(v) + drive.spring_force(v))
+        if self.phase.obstacle:
+            lever = self.phase.obstacle.distance
+            moment += self.pinch(v) * (lever if self.phase.obstacle.closing else -lever)
+        return moment
+
+    def derivative(self, state: Sequence[float]) -> list[float]:
+        v = self.geometry.view(state)
+        rates = [state[1], self.hinge.derivative(v)]
+        for drive in self.drives:
+            rates += [drive.coil.derivative(v), drive.shaft.derivative(v), state[drive.first + 1]]
+        return rates
+
+    def slope(self, _: float, y: np.ndarray) -> list[float]:
+        """The right-hand side in the form that solve_ivp wants."""
+        return self.derivative(y.tolist())
+
+    def start(self, state: list[float]) -> None:
+        """Take the regime from the state alone, then settle what the state leaves open."""
+        v = self.geometry.view(state)
+        for contact in self.contacts:
+            contact.active = contact.guard(v) > 0
+        for balance in self.balances:
+            value = state[balance.index]
+            balance.sign = (value > 0) - (value < 0)
+        self.settle(state, [], True)
+
+    def settle(self, state: list[float], fired: list[Element], progress: bool) -> None:
+        """Switch what fired, then what it makes switch at once, each at most once (so it ends).
+
+        The others are judged a moment ahead: just at a boundary their sign now is rounding noise.
+        """
+        self._switch(state, fired, progress)
+        done = list(fired)
+        while more := self._due(state, done):
+            self._switch(state, more, True)
+            done += more
+
+    def _due(self, state: list[float], done: list[Element]) -> list[Element]:
+        rates = self.derivative(state)
+        ahead = [y + LOOK_AHEAD * rate for y, rate in zip(state, rates, strict=True)]
+        v = self.geometry.view(ahead)
+        return [e for e in self.elements if e not in done and e.alarm(v) > 0]
+
+    def _switch(self, state: list[float], elements: list[Element], progress: bool) -> None:
+        for element in elements:
+            if isinstance(element, Balance):
+                state[element.index] = 0.0
+        v = self.geometry.view(state)
+        for element in elements:
+            element.switch(v, progress)
+
+    def alarms(self, start: float) -> list[Callable[[float, np.ndarray], float]]:
+        """Terminal events for solve_ivp; at the start itself none may already have risen."""
+
+        def alarm_of(element: Element) -> Callable[[float, np.ndarray], float]:
+            def event(t: float, y: np.ndarray) -> float:
+                value = element.alarm(self.geometry.view(y.tolist()))
+                return value if t > start else min(value, -1e-300)
+
+            event.terminal, event.direction = True, 1.0  # type: ignore[attr-defined]
+            return event
+
+        return [alarm_of(element) for element in self.elements]
+
+    def outputs(self, state: Sequence[float]) -> list[float]:
+        """Forces of both drives, pinch force and terminal voltage."""
+        v = self.geometry.view(state)
+        forces = [drive.force(v) for drive in self.drives] + [0.0]
+        return [*forces[:2], self.pinch(v), self.terminal(v)]
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """`base` with the tables of `over` laid over it, key by key."""
+    result = dict(base)
+    for key, value in over.items():
+        old = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(old, Mapping)
+        result[key] = merged(old, value) if both else value
+    return result
+
+
+def solve(
+    vehicle: Mapping[str, Any],
+    phases: Sequence[Phase],
+    sample_times: np.ndarray,
+    initial_angle: float = 0.0,
+    tolerance: float = 1e-10,
+) -> Solution:
+    """Solve the plant through the phases from rest at `initial_angle`, drives amid their play."""
+    times = np.asarray(sample_times, dtype=float)
+    if times.size and (np.any(np.diff(times) < 0) or times[0] < 0 or times[-1] > phases[-1].end):
+        raise ValueError("sample times must ascend from 0 to the end of the last phase")
+    sides = ("left", "right")[: vehicle.get("drives", 2)]
+    vehicles = [merged(vehicle, vehicle.get(side, {})) for side in sides]
+    geometry = Geometry(vehicle["gate"])
+    travel = geometry.length(initial_angle) - geometry.closed_length
+    state = [initial_angle, 0.0]
+    for one in vehicles:
+        state += [0.0, 0.0, travel / advance(one)]
+
+    states = np.zeros((times.size, 8))
+    outputs = np.zeros((times.size, 4))
+    now, events = 0.0, 0
+    for phase in phases:
+        scene = Scene(vehicles, geometry, phase)
+        scene.start(state)
+        while now < phase.end:
+            piece = solve_ivp(
+                scene.slope,
+                (now, phase.end),
+                np.array(state),
+                method=METHOD,
+                dense_output=True,
+                events=scene.alarms(now),
+                rtol=tolerance,
+                atol=tolerance,
+                max_step=MAX_STEP,
+            )
+            if not piece.success:
+                raise RuntimeError(f"integration failed at {piece.t[-1]} s: {piece.message}")
+            reached = float(piece.t[-1])
+            last = phase is phases[-1] and reached >= phase.end
+            chosen = (times >= now) & ((times <= reached) if last else (times < reached))
+            if chosen.any():
+                rows = piece.sol(times[chosen]).T
+                states[chosen, : len(state)] = rows
+                outputs[chosen] = [scene.outputs(row) for row in rows.tolist()]
+            state = piece.y[:, -1].tolist()
+            if piece.status == 1:
+                events += 1
+                if events > MAX_EVENTS:
+                    raise RuntimeError(f"more than {MAX_EVENTS} events, the last at {reached} s")
+                due = [e for e, t in zip(scene.elements, piece.t_events, strict=True) if t.size]
+                scene.settle(state, due, reached - now > NO_PROGRESS)
+            now = reached
+    columns = states.T
+    return Solution(
+        times, *columns[2:5], outputs[:, 0], *columns[5:8], outputs[:, 1],
+        columns[0], columns[1], outputs[:, 2], outputs[:, 3], events,
+    )  # fmt: skip
