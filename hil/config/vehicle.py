@@ -63,7 +63,7 @@ def vehicle_of(raw: Table, source: str) -> Vehicle:
         faults.add("right", "this gate has drives = 1, the left one; allowed: no such table")
     left = _drive_tables(faults, raw, "left")
     # The right drive of a gate that has none gets the left one's constants, and is never stepped.
-    right = _drive_tables(faults, raw, "right") if _overrides(raw, "right") else left
+    right = _drive_tables(faults, raw, "right") if drives == 2 else left
     parts = {
         name: _fields(faults, name, table(faults, name, raw.get(name, {})), kind)
         for name, kind in BODY_TABLES.items()
@@ -99,10 +99,6 @@ def apply_setting(raw: Table, setting: str) -> None:
             raise ConfigError(f"--set {setting}: {name} is not a table")
         place = inner
     place[names[-1]] = parsed
-
-
-def _overrides(raw: Table, side: str) -> bool:
-    return isinstance(raw.get(side), dict)
 
 
 def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, Any]]:

@@ -23,6 +23,8 @@ MAX_STEP = 5e-3  # s: no touch-and-go event can hide inside a longer step
 MAX_EVENTS = 20_000
 LOOK_AHEAD = 1e-11  # s: events closer together than this are taken as simultaneous
 NO_PROGRESS = 1e-13  # s
+# A change of regime must exceed rounding, or an element just at its boundary would chatter.
+ROUNDING = 1e-13  # m, rev/s, rad/s, A, and relative to a torque
 
 
 @dataclass(frozen=True)
@@ -94,10 +96,10 @@ class Contact:
         self.k, self.c, self.depth = k, c, depth
         self.active = False
 
-    def guard(self, view: View) -> float:
-        """Positive exactly where the law asks for a force."""
+    def reach(self, view: View) -> float:
+        """Positive [m] exactly where the law asks for a force."""
         depth, rate = self.depth(view)
-        return min(depth, self.k * depth + self.c * rate)
+        return min(depth, depth + self.c / self.k * rate)
 
     def force(self, view: View) -> float:
         if not self.active:
@@ -106,7 +108,7 @@ class Contact:
         return self.k * depth + self.c * rate
 
     def alarm(self, view: View) -> float:
-        return -self.guard(view) if self.active else self.guard(view)
+        return (-self.reach(view) if self.active else self.reach(view)) - ROUNDING
 
     def switch(self, view: View, progress: bool) -> None:
         self.active = not self.active
@@ -139,8 +141,8 @@ class Balance:
         if self.limit is None:
             return -1.0
         if self.sign == 0:
-            return abs(self.load(view)) - self.limit(view)
-        return -self.sign * view.state[self.index]
+            return abs(self.load(view)) - self.limit(view) * (1 + ROUNDING)
+        return -self.sign * view.state[self.index] - ROUNDING
 
     def switch(self, view: View, progress: bool) -> None:
         """Stuck: break away. Moving: stop, and go on only if the load exceeds the limit."""
@@ -298,8 +300,8 @@ class Scene:
             Drive(vehicle, first, geometry.open_travel, command, self.terminal)
             for first, vehicle, command in drives
         ]
-        self.seal_arm = seal["arm"]
-        self.seal = Contact(1.0, 0.0, lambda v: (seal["force"] - seal["stiffness"] * v.travel, 0.0))
+        self.seal_arm, thickness = seal["arm"], seal["force"] / seal["stiffness"]
+        self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.travel, 0.0))
         friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
         self.hinge = Balance(1, geometry.inertia, self._gate_moment, friction)
         rod = phase.obstacle
@@ -353,7 +355,7 @@ class Scene:
         """Take the regime from the state alone, then settle what the state leaves open."""
         v = self.geometry.view(state)
         for contact in self.contacts:
-            contact.active = contact.guard(v) > 0
+            contact.active = contact.reach(v) > 0
         for balance in self.balances:
             value = state[balance.index]
             balance.sign = (value > 0) - (value < 0)
@@ -401,7 +403,7 @@ class Scene:
         """Forces of both drives, pinch force and terminal voltage."""
         v = self.geometry.view(state)
         forces = [drive.force(v) for drive in self.drives] + [0.0]
-        return [*forces[:2], self.pinch(v), self.terminal(v)]
+        return [*forces[:2], max(0.0, self.pinch(v)), self.terminal(v)]
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -451,7 +453,7 @@ def solve(
                 atol=tolerance,
                 max_step=MAX_STEP,
             )
-            if not piece.success:
+            if not (piece.success and np.isfinite(piece.y).all()):
                 raise RuntimeError(f"integration failed at {piece.t[-1]} s: {piece.message}")
             reached = float(piece.t[-1])
             last = phase is phases[-1] and reached >= phase.end

@@ -1,0 +1,33 @@
+"""Frames as arrays, so that compiled code can read and write them.
+
+The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+MAX_BYTES = 64  # CAN FD
+
+
+class Frames(NamedTuple):
+    """`count` frames: identifiers with flags (n,), payload lengths (n,), payloads (n, 64)."""
+
+    count: int
+    identifiers: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    data: NDArray[np.uint8]
+
+
+def empty_frames(capacity: int) -> Frames:
+    """Room for frames; none in it."""
+    return Frames(
+        0,
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
+    )

@@ -1,0 +1,63 @@
+"""What a rig can wire to a bus: names, units and what values are allowed.
+
+The unit is that of our own DBC; a rig's `scale` and `offset` bring another database's value to it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class BusQuantity(NamedTuple):
+    """One quantity on the bus: its unit, and the values that the emulator accepts for an input."""
+
+    unit: str
+    low: float
+    high: float
+    meaning: str
+    names: tuple[str, ...] = ()  # of the values 0, 1, 2 … where it is an enumeration
+
+
+DIRECTIONS = ("coast", "open", "close", "brake")
+LATCH_STATES = ("open", "latched")
+EMULATOR_STATES = ("waiting", "running", "timeout", "stopped")
+
+_ANY = 1e300
+
+INPUTS: dict[str, BusQuantity] = {
+    "left_duty": BusQuantity("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped"),
+    "right_duty": BusQuantity("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped"),
+    "left_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
+    "right_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
+    "latch_release": BusQuantity("", 0.0, 1.0, "1 drives the latch open"),
+    "obstacle_angle": BusQuantity("deg", -10.0, 180.0, "where the gate meets the obstacle, closing"),
+    "obstacle_rate": BusQuantity("N/mm", 0.0, 1e4, "the obstacle's spring rate; 0 is no obstacle"),
+    "road_slope": BusQuantity("deg", -45.0, 45.0, "positive with the rear raised"),
+    "supply_voltage": BusQuantity("V", 0.0, 60.0, "of the source, open-circuit"),
+    "hand_force": BusQuantity("N", -5e3, 5e3, "positive opens"),
+}
+
+OUTPUTS: dict[str, BusQuantity] = {
+    "left_current": BusQuantity("A", -_ANY, _ANY, "motor current"),
+    "right_current": BusQuantity("A", -_ANY, _ANY, "motor current"),
+    "left_hall_count": BusQuantity("", -_ANY, _ANY, "signed count"),
+    "right_hall_count": BusQuantity("", -_ANY, _ANY, "signed count"),
+    "left_hall_speed": BusQuantity("", -_ANY, _ANY, "counts in one sample period"),
+    "right_hall_speed": BusQuantity("", -_ANY, _ANY, "counts in one sample period"),
+    "gate_angle": BusQuantity("deg", -_ANY, _ANY, "potentiometer on the hinge"),
+    "latch_state": BusQuantity("", 0.0, 1.0, "latch switch", LATCH_STATES),
+    "terminal_voltage": BusQuantity("V", -_ANY, _ANY, "at the bridges"),
+    "ambient_temperature": BusQuantity("°C", -_ANY, _ANY, "thermometer"),
+    "left_motor_temperature": BusQuantity("°C", -_ANY, _ANY, "winding"),
+    "right_motor_temperature": BusQuantity("°C", -_ANY, _ANY, "winding"),
+    "road_slope": BusQuantity("deg", -_ANY, _ANY, "accelerometer in the body"),
+    "gate_acceleration": BusQuantity("m/s²", -_ANY, _ANY, "accelerometer on the gate"),
+    "pinch_force": BusQuantity("N", -_ANY, _ANY, "on the obstacle"),
+    "tick_overruns": BusQuantity("", -_ANY, _ANY, "periods skipped"),
+    "command_timeouts": BusQuantity("", -_ANY, _ANY, "times the command went stale"),
+    "rejected_frames": BusQuantity("", -_ANY, _ANY, "frames of ours that were refused"),
+    "emulator_state": BusQuantity("", 0.0, 3.0, "of this program", EMULATOR_STATES),
+}
+
+INPUT_INDEX = {name: index for index, name in enumerate(INPUTS)}
+OUTPUT_INDEX = {name: index for index, name in enumerate(OUTPUTS)}
