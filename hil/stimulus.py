@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.compiler import compilable
-from plant.dynamics import Load
-from plant.obstacle import Obstacle
+from plant.dynamics import NO_OBSTACLE, Load
+from plant.obstacle import Obstacle, depth
 
 # Quantities that a scenario can move, in the order of `Program.first`; the name in a file, and its unit there
 # as a factor to SI.
@@ -85,6 +85,30 @@ def obstacle_at(program: Program, default: Obstacle, time: float) -> Obstacle:
                 float(table[row, 7]),
             )
     return default
+
+
+class Presence(NamedTuple):
+    """Whether an obstacle is there, and whether the gate has been clear of it since it appeared."""
+
+    there: float
+    clear: float
+
+
+NOT_PRESENT = Presence(0.0, 0.0)
+
+
+@compilable
+def present(presence: Presence, obstacle: Obstacle, angle: float) -> tuple[Presence, Obstacle]:
+    """The obstacle as the gate can meet it: one that appears where the gate is already past it (a rod put
+    under the closed gate) is not in the way before the gate has been clear of it."""
+    if obstacle.stiffness == 0.0:
+        return Presence(0.0, 0.0), obstacle
+    clear = presence.clear if presence.there > 0.0 else 0.0
+    if depth(obstacle, angle) <= 0.0:
+        clear = 1.0
+    if clear == 0.0:
+        return Presence(1.0, 0.0), NO_OBSTACLE
+    return Presence(1.0, 1.0), obstacle
 
 
 @compilable

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.codec.checksum import KINDS
+from hil.codec.frames import EXTENDED
 from hil.codec.layout import Layout, MessageOptions, Wire, build_layout
 from hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
 from hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
@@ -51,9 +52,18 @@ class Rig:
         faults.raise_if_any()
         return layout
 
+    def command_message(self) -> str:
+        """The message with the motor command."""
+        return next(wire.message for wire in self.inputs if wire.quantity == "left_duty")
+
+    def command_identifier(self) -> int:
+        """Its identifier, with SocketCAN's flag where it is extended."""
+        message = self.messages[self.command_message()]
+        return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+
     def command_cycle_ms(self) -> float:
-        """The cycle of the message with the motor command."""
-        name = next(wire.message for wire in self.inputs if wire.quantity == "left_duty")
+        """Its cycle."""
+        name = self.command_message()
         given = self.options.get(name, MessageOptions()).cycle_ms
         return float(given if given is not None else self.messages[name].cycle_time or 0)
 

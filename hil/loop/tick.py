@@ -28,7 +28,7 @@ from hil.codec.receive import (
     receive,
 )
 from hil.codec.transmit import transmit
-from hil.stimulus import Program, load_at
+from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present
 from plant import dynamics, integrate, sensors
 from plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from plant.compiler import compilable
@@ -65,6 +65,7 @@ class LoopState(NamedTuple):
 
     plant: State
     sensors: SensorState
+    presence: Presence  # of the obstacle
     reception: Reception
     counts: Counts
     sent: NDArray[np.int64]  # frames sent, per message
@@ -110,6 +111,7 @@ def initial_loop(bench: Bench, plant_state: State) -> LoopState:
     return LoopState(
         plant_state,
         sensors.initial_sensors(bench.sensors, plant_state),
+        NOT_PRESENT,
         nothing_received(bench.inputs, len(INPUTS)),
         NO_COUNTS,
         np.zeros(len(bench.outputs.messages.identifier), dtype=np.int64),
@@ -134,7 +136,9 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 
 @compilable
-def surroundings(bench: Bench, values: NDArray[np.float64], time: float) -> Load:
+def surroundings(
+    bench: Bench, values: NDArray[np.float64], time: float, presence: Presence, angle: float
+) -> tuple[Presence, Load]:
     """The scenario's surroundings, replaced by what a test bench's panel says."""
     load = load_at(bench.program, bench.load, time)
     obstacle = load.obstacle
@@ -151,7 +155,8 @@ def surroundings(bench: Bench, values: NDArray[np.float64], time: float) -> Load
     voltage = values[SUPPLY_VOLTAGE]
     hand = values[HAND_FORCE]
     released = values[LATCH_RELEASE]
-    return Load(
+    presence, obstacle = present(presence, obstacle, angle)
+    return presence, Load(
         load.source_voltage if np.isnan(voltage) else float(voltage),
         load.road_slope if np.isnan(slope) else math.radians(slope),
         load.ambient_temperature,
@@ -262,13 +267,16 @@ def tick(
     since_ns = state.tick * bench.step_ns
     reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
     timeouts = state.timeouts
-    plant_state, memory = state.plant, state.sensors
+    plant_state, memory, presence = state.plant, state.sensors, state.presence
     done = state.tick
     while True:
         reception, stale = forget_stale(bench.inputs, reception, done * bench.step_ns)
         timeouts += stale
         left, right = command(bench, reception.values, stop)
-        inputs = Inputs(left, right, surroundings(bench, reception.values, done * bench.step))
+        presence, load = surroundings(
+            bench, reception.values, done * bench.step, presence, plant_state.gate_angle
+        )
+        inputs = Inputs(left, right, load)
         plant_state = integrate.step(bench.plant, plant_state, inputs, bench.step)
         done += 1
         shown = dynamics.outputs(bench.plant, plant_state, inputs)
@@ -298,7 +306,9 @@ def tick(
         bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
     )
     return (
-        LoopState(plant_state, memory, reception, counts, sent, done, overruns, timeouts),
+        LoopState(
+            plant_state, memory, presence, reception, counts, sent, done, overruns, timeouts
+        ),
         replies,
         snapshot_of(bench, done * bench.step, plant_state, inputs, shown),
     )

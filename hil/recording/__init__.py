@@ -1,0 +1,1 @@
+"""Recordings: one file a format behind `Recorder`; the suffix picks it."""

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
 METHOD = "Radau"
-MAX_STEP = 5e-3  # s: no touch-and-go event can hide inside a longer step
+MAX_STEP = 5e-3  # s: events show at step ends only, so a short touch must not fit into one step
 MAX_EVENTS = 20_000
 LOOK_AHEAD = 1e-11  # s: events closer together than this are taken as simultaneous
 NO_PROGRESS = 1e-13  # s
@@ -89,6 +89,9 @@ class View(NamedTuple):
     arm: float
 
 
+Law = Callable[[View], float]
+
+
 class Contact:
     """One-sided spring and damper: F = max(0, k d + c d') while the depth d > 0, else 0."""
 
@@ -120,13 +123,7 @@ class Balance:
     The same law holds for dry friction (v a speed) and for freewheeling diodes (v the current).
     """
 
-    def __init__(
-        self,
-        index: int,
-        inertia: float,
-        load: Callable[[View], float],
-        limit: Callable[[View], float] | None,
-    ) -> None:
+    def __init__(self, index: int, inertia: float, load: Law, limit: Law | None) -> None:
         self.index, self.inertia, self.load, self.limit = index, inertia, load, limit
         self.sign = 0
 
@@ -170,10 +167,10 @@ class Geometry:
         self.theta = math.atan2(arm.imag, arm.real) - math.atan2(body.imag, body.real)
         self.closed_length = self.length(0.0)
         self.open_travel = self.length(math.radians(gate["open_angle_deg"])) - self.closed_length
-        self.weight_moment = gate["mass"] * GRAVITY * abs(gravity)
+        self.weight_moment: float = gate["mass"] * GRAVITY * abs(gravity)
         self.weight_angle = math.atan2(gravity.imag, gravity.real)  # β − α_0
         plate = gate["mass"] * (gate["length"] ** 2 + gate["thickness"] ** 2) / 12
-        self.inertia = gate.get("inertia", plate + gate["mass"] * abs(gravity) ** 2)
+        self.inertia: float = gate.get("inertia", plate + gate["mass"] * abs(gravity) ** 2)
 
     def length(self, angle: float) -> float:
         return math.sqrt(self.square_sum - 2 * self.product * math.cos(angle + self.theta))
@@ -196,25 +193,26 @@ class Drive:
         first: int,
         open_travel: float,
         command: DriveInput,
-        terminal: Callable[[View], float],
+        terminal: Law,
     ) -> None:
         motor, gear, spindle = vehicle["motor"], vehicle["gear"], vehicle["spindle"]
         spring, mechanism = vehicle["spring"], vehicle["mechanism"]
         self.first = first
         self.advance = advance(vehicle)
         self.lever = self.advance / (2 * math.pi)
-        self.half_play = gear["backlash"] * spindle["lead"] / 2
-        self.resistance, self.torque_constant = motor["resistance"], motor["torque_constant"]
-        self.speed_constant = motor["speed_constant"]
+        self.half_play: float = gear["backlash"] * spindle["lead"] / 2
+        self.resistance: float = motor["resistance"]
+        self.torque_constant: float = motor["torque_constant"]
+        self.speed_constant: float = motor["speed_constant"]
         self.share, self.terminal = source_share(command), terminal
         self.volts = command.value if command.mode == "voltage" else 0.0
-        self.stiffness = spring["stiffness"]
-        self.closed_preload = spring["preload"] + self.stiffness * open_travel
+        self.stiffness: float = spring["stiffness"]
+        self.closed_preload: float = spring["preload"] + self.stiffness * open_travel
 
         flank = mechanism["stiffness"], mechanism["damping"]
         stop = spring["stop_stiffness"], spring["stop_damping"]
-        self.upper = Contact(*flank, depth=self._upper_depth)
-        self.lower = Contact(*flank, depth=self._lower_depth)
+        self.upper = Contact(*flank, depth=lambda v: self._flank_depth(v, 1))
+        self.lower = Contact(*flank, depth=lambda v: self._flank_depth(v, -1))
         self.open_stop = Contact(*stop, depth=lambda v: (v.travel - open_travel, v.travel_rate))
         self.closed_stop = Contact(*stop, depth=lambda v: (-v.travel, -v.travel_rate))
         diodes = 2 * vehicle.get("bridge", {}).get("diode_drop", 0.7)
@@ -228,18 +226,11 @@ class Drive:
         )
         self.shaft = Balance(first + 1, inertia, self._shaft_load, dry_friction(losses))
 
-    def _stretch(self, v: View) -> tuple[float, float]:
-        """x_d and its rate (3.5)."""
+    def _flank_depth(self, v: View, side: int) -> tuple[float, float]:
+        """How far x_d (3.5) is beyond the upper (1) or lower (−1) end of the play; its rate."""
         n, p = v.state[self.first + 1], v.state[self.first + 2]
-        return p * self.advance - v.travel, n * self.advance - v.travel_rate
-
-    def _upper_depth(self, v: View) -> tuple[float, float]:
-        x, rate = self._stretch(v)
-        return x - self.half_play, rate
-
-    def _lower_depth(self, v: View) -> tuple[float, float]:
-        x, rate = self._stretch(v)
-        return -x - self.half_play, -rate
+        x, rate = p * self.advance - v.travel, n * self.advance - v.travel_rate
+        return side * x - self.half_play, side * rate
 
     def force(self, v: View) -> float:
         """F_d, the force of the drive on the gate (3.5)."""
@@ -263,10 +254,11 @@ class Drive:
 
 def advance(vehicle: Mapping[str, Any]) -> float:
     """Spindle travel per motor revolution [m/rev]."""
-    return vehicle["spindle"]["lead"] / vehicle["gear"]["ratio"]
+    return float(vehicle["spindle"]["lead"] / vehicle["gear"]["ratio"])
 
 
-def dry_friction(torque: float) -> Callable[[View], float] | None:
+def dry_friction(torque: float) -> Law | None:
+    """Constant limit of a Balance; none at all without friction, so that nothing ever sticks."""
     return (lambda v: torque) if torque > 0 else None
 
 
@@ -281,18 +273,21 @@ class Scene:
     """The whole plant under the inputs of one phase. State: φ, ω, then i, n, p per drive."""
 
     def __init__(
-        self, vehicles: Sequence[Mapping[str, Any]], geometry: Geometry, phase: Phase
+        self,
+        common: Mapping[str, Any],
+        sides: Sequence[Mapping[str, Any]],
+        geometry: Geometry,
+        phase: Phase,
     ) -> None:
-        common = vehicles[0]
         seal, supply, slope = common["seal"], common["supply"], phase.slope_deg
         if slope is None:
             slope = common["environment"]["road_slope_deg"]
         self.geometry, self.phase = geometry, phase
         self.weight_angle = geometry.weight_angle + math.radians(slope)
         given = phase.supply_voltage
-        self.source = supply["voltage"] if given is None else given
-        drives = list(zip((2, 5), vehicles, (phase.left, phase.right), strict=False))
-        self.drops = [
+        self.source: float = supply["voltage"] if given is None else given
+        drives = list(zip((2, 5), sides, (phase.left, phase.right), strict=False))
+        self.drops: list[tuple[float, int]] = [
             (supply["internal_resistance"] * source_share(command), first)
             for first, _, command in drives
         ]
@@ -300,7 +295,8 @@ class Scene:
             Drive(vehicle, first, geometry.open_travel, command, self.terminal)
             for first, vehicle, command in drives
         ]
-        self.seal_arm, thickness = seal["arm"], seal["force"] / seal["stiffness"]
+        self.seal_arm: float = seal["arm"]
+        thickness = seal["force"] / seal["stiffness"]
         self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.travel, 0.0))
         friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
         self.hinge = Balance(1, geometry.inertia, self._gate_moment, friction)
@@ -410,9 +406,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """`base` with the tables of `over` laid over it, key by key."""
     result = dict(base)
     for key, value in over.items():
-        old = result.get(key)
-        both = isinstance(value, Mapping) and isinstance(old, Mapping)
-        result[key] = merged(old, value) if both else value
+        result[key] = merged(base.get(key, {}), value) if isinstance(value, Mapping) else value
     return result
 
 
@@ -423,23 +417,31 @@ def solve(
     initial_angle: float = 0.0,
     tolerance: float = 1e-10,
 ) -> Solution:
-    """Solve the plant through the phases from rest at `initial_angle`, drives amid their play."""
+    """Solve the plant through the phases from rest at `initial_angle`, drives amid their play.
+
+    `vehicle` has the tables of a vehicle file; `left` and `right` in it may hold tables of one
+    drive (motor, gear, spindle, spring, mechanism, bridge) that differ from the common ones.
+    With one drive it is the left one and the right columns stay zero.
+    """
     times = np.asarray(sample_times, dtype=float)
     if times.size and (np.any(np.diff(times) < 0) or times[0] < 0 or times[-1] > phases[-1].end):
         raise ValueError("sample times must ascend from 0 to the end of the last phase")
-    sides = ("left", "right")[: vehicle.get("drives", 2)]
-    vehicles = [merged(vehicle, vehicle.get(side, {})) for side in sides]
+    ends = [phase.end for phase in phases]
+    if ends != sorted(ends):
+        raise ValueError("the phases must end one after the other")
+    names = ("left", "right")[: vehicle.get("drives", 2)]
+    sides = [merged(vehicle, vehicle.get(name, {})) for name in names]
     geometry = Geometry(vehicle["gate"])
     travel = geometry.length(initial_angle) - geometry.closed_length
     state = [initial_angle, 0.0]
-    for one in vehicles:
-        state += [0.0, 0.0, travel / advance(one)]
+    for side in sides:
+        state += [0.0, 0.0, travel / advance(side)]
 
     states = np.zeros((times.size, 8))
     outputs = np.zeros((times.size, 4))
     now, events = 0.0, 0
     for phase in phases:
-        scene = Scene(vehicles, geometry, phase)
+        scene = Scene(vehicle, sides, geometry, phase)
         scene.start(state)
         while now < phase.end:
             piece = solve_ivp(
@@ -470,8 +472,21 @@ def solve(
                 due = [e for e, t in zip(scene.elements, piece.t_events, strict=True) if t.size]
                 scene.settle(state, due, reached - now > NO_PROGRESS)
             now = reached
-    columns = states.T
+    angle, rate, *drives = states.T
+    left_force, right_force, pinch_force, terminal_voltage = outputs.T
     return Solution(
-        times, *columns[2:5], outputs[:, 0], *columns[5:8], outputs[:, 1],
-        columns[0], columns[1], outputs[:, 2], outputs[:, 3], events,
-    )  # fmt: skip
+        time=times,
+        left_current=drives[0],
+        left_speed=drives[1],
+        left_position=drives[2],
+        left_force=left_force,
+        right_current=drives[3],
+        right_speed=drives[4],
+        right_position=drives[5],
+        right_force=right_force,
+        angle=angle,
+        rate=rate,
+        pinch_force=pinch_force,
+        terminal_voltage=terminal_voltage,
+        events=events,
+    )

@@ -1,0 +1,57 @@
+"""`liftgate-hil`: which subcommand, and how errors leave it. Each subcommand is a file in `commands`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from hil.errors import ConfigError, LiftgateError
+
+COMMANDS = {
+    "run": "the real-time emulator on a bus (what happens without a subcommand)",
+    "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
+    "ecu": "the reference ECU alone, on any bus",
+    "simulate": "the plant alone, offline, as fast as it goes",
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
+    module = importlib.import_module(f"hil.commands.{name}")
+    parser = argparse.ArgumentParser(
+        prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
+        description=module.__doc__,
+        epilog=_overview() if name == "run" else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    if name == "run" and arguments and not arguments[0].startswith("-"):
+        parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
+    args = parser.parse_args(arguments)
+    try:
+        return int(module.run(args))
+    except ConfigError as error:
+        for fault in error.faults:
+            print(f"liftgate-hil: {fault}", file=sys.stderr)
+        return 2
+    except LiftgateError as error:
+        print(f"liftgate-hil: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python would complain again while it flushes.
+        sys.stdout = None  # type: ignore[assignment]
+        return 1
+
+
+def _overview() -> str:
+    lines = [f"  {name:<10} {text}" for name, text in COMMANDS.items()]
+    return "subcommands (each with its own --help):\n" + "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,83 @@
+"""The reference ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
+
+It does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from hil.commands import options
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    options.add_bus(parser)
+    parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
+    parser.add_argument(
+        "--request",
+        action="append",
+        default=[],
+        metavar="TIME:ACTION",
+        help="instead of the scenario's: seconds after start and open, close or stop (repeatable)",
+    )
+    parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
+    parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from hil.config.rig import load_rig
+    from hil.config.scenario import load_scenario
+    from hil.data import find_config
+    from hil.ecu.controller import Controller
+    from hil.ecu.node import EcuNode
+    from hil.transport.can_bus import CanTransport
+    from hil.transport.find import bus_arguments
+
+    rig = load_rig(find_config("rigs", args.rig))
+    scenario = load_scenario(find_config("scenarios", args.scenario))
+    requests = _requests(args.request) if args.request else list(scenario.requests)
+    duration = args.duration if args.duration is not None else scenario.duration
+    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
+    transport = CanTransport(arguments, rig.is_fd or args.fd)
+    controller = Controller(args.drives)
+    node = EcuNode(rig, transport, controller, args.drives, requests)
+    stop = options.StopSignals()
+    start = time.monotonic_ns()
+    told = 0
+    try:
+        while not stop():
+            now = time.monotonic_ns() - start
+            if duration is not None and now > duration * 1e9:
+                break
+            node.poll(now)
+            for event in controller.events[told:]:
+                if not args.quiet:
+                    print(f"ecu {event.time:7.3f} s  {event.text}", file=sys.stderr, flush=True)
+            told = len(controller.events)
+            time.sleep(0.001)
+    finally:
+        node.finish()
+        transport.close()
+    return 0
+
+
+def _requests(given: list[str]) -> list:  # type: ignore[type-arg]
+    from hil.config.scenario import REQUESTS, Request
+    from hil.errors import ConfigError
+
+    requests = []
+    for text in given:
+        when, _, action = text.partition(":")
+        try:
+            requests.append(Request(float(when), action))
+        except ValueError:
+            action = ""
+        if action not in REQUESTS:
+            raise ConfigError(
+                f"--request {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
+            )
+    return sorted(requests, key=lambda request: request.time)

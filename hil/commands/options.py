@@ -1,0 +1,114 @@
+"""Flags that several subcommands share, and what they check."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+from collections.abc import Callable
+from types import FrameType
+
+MAX_RATE = 10_000.0
+
+
+def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """An argparse type: a finite number within [low, high]."""
+
+    def convert(value: str) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low:g} to {high:g} {unit}")
+        return number
+
+    return convert
+
+
+def add_bus(parser: argparse.ArgumentParser) -> None:
+    """How to reach the bus."""
+    parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
+    parser.add_argument("-i", "--interface", help="python-can's own way to name the bus")
+    parser.add_argument("-c", "--channel", help="python-can's own way to name the bus")
+    parser.add_argument("-b", "--bitrate", type=int, help="bit/s; default: the rig's")
+    parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
+    parser.add_argument("--rig", default="liftgate", metavar="NAME|FILE", help="how it is wired")
+
+
+def add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """Which vehicle."""
+    parser.add_argument("--vehicle", default="suv", metavar="NAME|FILE", help="default: suv")
+    parser.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace a value of the vehicle file, e.g. environment.road_slope_deg=8 (repeatable)",
+    )
+    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
+
+
+def add_loop(parser: argparse.ArgumentParser) -> None:
+    """How the loop runs."""
+    parser.add_argument(
+        "--rate",
+        type=bounded(200.0, MAX_RATE, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="ticks per second, 200 to 10000; default: 1000",
+    )
+    parser.add_argument(
+        "--clock",
+        choices=("realtime", "free", "lockstep"),
+        default="realtime",
+        help="wall time; as fast as it goes; one command period per command frame",
+    )
+    parser.add_argument(
+        "--duration",
+        type=bounded(1e-3, 1e9, "s"),
+        metavar="S",
+        help="model time; default: the scenario's, else until stopped",
+    )
+    parser.add_argument(
+        "--overrun-limit",
+        type=bounded(1e-3, 3600.0, "s"),
+        default=1.0,
+        metavar="S",
+        help="end with an error when the loop falls this far behind; default: 1",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise; default: 0")
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """What comes out."""
+    parser.add_argument(
+        "--record",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="write a recording; the suffix picks the format: .csv the plant, .log .asc .blf .mf4 "
+        ".trc the bus (repeatable)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+class StopSignals:
+    """Ctrl-C and SIGTERM set a flag; a second one ends the program as usual."""
+
+    def __init__(self) -> None:
+        self.received = False
+        self._previous = {
+            number: signal.signal(number, self._set) for number in (signal.SIGINT, signal.SIGTERM)
+        }
+
+    def __call__(self) -> bool:
+        """Whether to stop."""
+        return self.received
+
+    def _set(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+        for each, handler in self._previous.items():
+            signal.signal(each, handler)

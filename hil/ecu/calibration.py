@@ -1,0 +1,48 @@
+"""What an ECU developer would calibrate. Speeds in Hall counts per second, positions in counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The reference ECU's constants. Chosen by hand on the three shipped vehicles."""
+
+    cycle: float = 0.010  # s, of the control and of DriveCommand
+
+    # Motion. Travel times are of a typical gate: 4 to 8 s.
+    travel_time: float = 6.0  # s over the learned travel
+    learning_speed: float = 350.0  # before the travel is known
+    creep_speed: float = 90.0  # into the end stops and the latch
+    start_time: float = 0.6  # s, soft start from rest to full speed
+    stop_distance: float = 0.14  # share of the travel in which the soft stop slows down
+    end_margin: float = 12.0  # stop this far before the learned open end
+
+    # Speed control of each drive, and the two kept together.
+    rated_speed: float = 620.0  # counts/s at full duty and rated voltage, no load
+    rated_voltage: float = 12.0  # V
+    gain: float = 0.0014  # duty per count/s
+    integral_time: float = 0.12  # s
+    tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
+    speed_window: int = 4  # control cycles over which counts are differenced
+
+    # Anti-trap.
+    current_filter: float = 0.015  # s
+    excess_learned: float = 0.6  # A over the learned reference
+    excess_unlearned: float = 0.9  # A over this run's own recent current
+    reference_time: float = 0.30  # s, how fast that recent current follows
+    speed_drop: float = 0.04  # share of the wanted speed
+    start_factor: float = 2.5  # on the excess, while the soft start lasts
+    blank_time: float = 0.25  # s after a start in which nothing is judged
+    samples: int = 2  # cycles in a row
+    bins: int = 50  # of the position-dependent reference
+    seal_zone: float = 36.0  # counts above closed in which the seal is expected
+    reverse_distance: float = 0.30  # share of the travel that a reversal opens
+
+    # Ends.
+    stall_speed: float = 25.0  # slower than this is standing
+    stall_time: float = 0.15  # s
+    seal_stall_time: float = 1.0  # s, in the seal zone
+    hold_time: float = 0.25  # s of braking after a stop
+    latch_pulse: float = 1.0  # s at most

@@ -1,0 +1,85 @@
+"""Bus logs. Live it is always candump's text (`candump -L`), which a kill cannot spoil; any other format that
+python-can writes is made from it at the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames
+from hil.loop.tick import Snapshot
+
+CONVERTED = (".asc", ".blf", ".mf4", ".trc")
+_FLUSH_FRAMES = 100
+
+
+def candump_line(time: float, channel: str, frames: Frames, row: int, is_fd: bool) -> str:
+    """One frame in the log format of can-utils."""
+    identifier = int(frames.identifiers[row])
+    length = int(frames.lengths[row])
+    if identifier & ERROR:
+        name = f"{identifier & 0x3FFFFFFF:08X}"
+    elif identifier & EXTENDED:
+        name = f"{identifier & 0x1FFFFFFF:08X}"
+    else:
+        name = f"{identifier & 0x7FF:03X}"
+    if identifier & REMOTE:
+        payload = f"R{length}" if length else "R"
+    else:
+        payload = frames.data[row, :length].tobytes().hex().upper()
+    mark = "##0" if is_fd else "#"
+    return f"({time:017.6f}) {channel} {name}{mark}{payload}\n"
+
+
+class CandumpRecorder:
+    """See Recorder; `epoch` is the wall clock [s] at the run's start."""
+
+    def __init__(self, path: Path, channel: str, epoch: float, is_fd: bool = False) -> None:
+        self._channel = "".join(channel.split()) or "can0"
+        self._epoch = epoch
+        self._is_fd = is_fd
+        self._stream = path.open("w", encoding="ascii", newline="")
+        self._frames = 0
+
+    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
+        """See Recorder."""
+        stamp = self._epoch + time
+        for frames in (received, sent):
+            for row in range(frames.count):
+                line = candump_line(stamp, self._channel, frames, row, self._is_fd)
+                self._stream.write(line)
+                self._frames += 1
+                if self._frames % _FLUSH_FRAMES == 0:
+                    self._stream.flush()
+
+    def close(self) -> None:
+        """See Recorder."""
+        self._stream.close()
+
+
+class ConvertedRecorder:
+    """A candump log beside the wanted file, turned into it at the end; the log goes once that worked."""
+
+    def __init__(self, path: Path, channel: str, epoch: float, is_fd: bool = False) -> None:
+        self._path = path
+        self._log = path.with_name(path.name + ".log")
+        self._live = CandumpRecorder(self._log, channel, epoch, is_fd)
+
+    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
+        """See Recorder."""
+        self._live.write(time, snapshot, received, sent)
+
+    def close(self) -> None:
+        """See Recorder."""
+        self._live.close()
+        convert(self._log, self._path)
+        self._log.unlink()
+
+
+def convert(source: Path, target: Path) -> None:
+    """Turn one bus log into another; the suffixes say the formats."""
+    import can
+
+    with can.LogReader(source) as reader, can.Logger(target) as logger:
+        for message in reader:
+            message.channel = 0  # BLF and ASC number their channels
+            logger.on_message_received(message)

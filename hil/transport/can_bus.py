@@ -1,0 +1,140 @@
+"""Every bus that python-can knows."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames, empty_frames
+from hil.errors import ConfigError, TransportError
+from hil.transport.base import LinkCounts
+
+if TYPE_CHECKING:
+    import can
+
+CAPACITY = 256
+# Interfaces whose bit rate is set elsewhere, or that have none.
+_NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
+
+
+def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
+    """python-can's arguments for INTERFACE:CHANNEL[@BITRATE]; the channel may hold colons.
+
+    Raises ConfigError.
+    """
+    interface, colon, channel = text.partition(":")
+    if not colon or not interface or not channel:
+        raise ConfigError(
+            f"--bus {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
+            "virtual:bench, udp_multicast:239.74.163.2, pcan:PCAN_USBBUS1@500000"
+        )
+    arguments: dict[str, Any] = {"interface": interface, "channel": channel}
+    if interface == "slcan":  # its own channels end in the serial port's speed
+        arguments["bitrate"] = int(default_bitrate)
+        return arguments
+    name, at, rate = channel.rpartition("@")
+    if at:
+        if not rate.isdigit() or int(rate) == 0:
+            raise ConfigError(f"--bus {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
+        arguments |= {"channel": name, "bitrate": int(rate)}
+    elif interface not in _NO_BITRATE:
+        arguments["bitrate"] = int(default_bitrate)
+    if interface == "udp_multicast":
+        arguments["hop_limit"] = 0  # python-can's default of 1 leaves the host
+    return arguments
+
+
+class CanTransport:
+    """A python-can bus. Raises TransportError where it cannot be opened."""
+
+    def __init__(self, arguments: dict[str, Any], is_fd: bool = False) -> None:
+        import can
+
+        self._can = can
+        self._is_fd = is_fd
+        self.name = str(arguments.get("channel", ""))
+        interface = str(arguments.get("interface", ""))
+        label = f"{interface}:{self.name}"
+        if is_fd and interface != "udp_multicast":
+            arguments = {**arguments, "fd": True}
+        try:
+            self._bus: can.BusABC = can.Bus(**arguments)
+        except Exception as error:  # drivers raise what they like
+            detail = " ".join(str(error).split()) or type(error).__name__
+            raise TransportError(f"{label}: cannot be opened: {detail}") from error
+        self._send_failures = 0
+        self._receive_failures = 0
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        """See Transport."""
+        buffer = empty_frames(CAPACITY)
+        count = 0
+        deadline = time.monotonic() + timeout
+        while count < CAPACITY:
+            # recv's own timeout follows the wall clock, so it only ever gets short ones.
+            wait = 0.0
+            if count == 0 and timeout > 0.0:
+                wait = min(max(deadline - time.monotonic(), 0.0), 0.05)
+            try:
+                message = self._bus.recv(wait)
+            except (self._can.CanError, OSError, ValueError):
+                self._receive_failures += 1
+                break
+            if message is None:
+                if count == 0 and time.monotonic() < deadline:
+                    continue
+                break
+            _pack(message, buffer, count)
+            count += 1
+        return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
+
+    def send(self, frames: Frames) -> None:
+        """See Transport."""
+        for row in range(frames.count):
+            message = message_of(self._can, frames, row, self._is_fd)
+            try:
+                self._bus.send(message)
+            except (self._can.CanError, OSError):
+                self._send_failures += 1
+
+    def counts(self) -> LinkCounts:
+        """See Transport."""
+        return LinkCounts(self._send_failures, self._receive_failures)
+
+    def close(self) -> None:
+        """See Transport."""
+        self._bus.shutdown()
+
+
+def _pack(message: can.Message, frames: Frames, row: int) -> None:
+    flags = 0
+    if message.is_extended_id:
+        flags |= EXTENDED
+    if message.is_remote_frame:
+        flags |= REMOTE
+    if message.is_error_frame:
+        flags |= ERROR
+    frames.identifiers[row] = message.arbitration_id | flags
+    data = message.data
+    length = min(len(data), frames.data.shape[1])
+    frames.lengths[row] = message.dlc if message.is_remote_frame else len(data)
+    frames.data[row, :length] = np.frombuffer(bytes(data[:length]), dtype=np.uint8)
+
+
+def message_of(can_module: Any, frames: Frames, row: int, is_fd: bool = False) -> can.Message:
+    """A frame as python-can has it."""
+    identifier = int(frames.identifiers[row])
+    length = int(frames.lengths[row])
+    remote = bool(identifier & REMOTE)
+    message: can.Message = can_module.Message(
+        arbitration_id=identifier & 0x1FFFFFFF,
+        is_extended_id=bool(identifier & EXTENDED),
+        is_remote_frame=remote,
+        is_error_frame=bool(identifier & ERROR),
+        is_fd=is_fd and not remote,
+        dlc=length,
+        data=None if remote else frames.data[row, :length].tobytes(),
+    )
+    return message

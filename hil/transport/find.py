@@ -1,0 +1,43 @@
+"""Which bus is meant: `--bus`, python-can's own flags, or its own configuration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hil.config.rig import Rig
+from hil.errors import ConfigError
+from hil.transport.can_bus import parse_bus
+
+
+def bus_arguments(
+    bus: str | None,
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    rig: Rig,
+) -> dict[str, Any]:
+    """python-can's arguments, from `--bus`, from its own `-i -c -b`, or from its own configuration.
+
+    Raises ConfigError.
+    """
+    if bus is not None:
+        if interface is not None or channel is not None:
+            raise ConfigError("--bus and -i/-c: allowed: one or the other")
+        return parse_bus(bus, bitrate or rig.bitrate)
+    import can
+
+    given: dict[str, Any] = {"interface": interface, "channel": channel, "bitrate": bitrate}
+    try:
+        found = can.util.load_config(
+            config={key: value for key, value in given.items() if value is not None}
+        )
+    except (can.CanError, ValueError, OSError) as error:
+        raise ConfigError(f"python-can's configuration: {error}") from error
+    if not found.get("interface") or found.get("channel") is None:
+        raise ConfigError(
+            "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or "
+            "python-can's own -i and -c, can.conf or CAN_INTERFACE and CAN_CHANNEL"
+        )
+    if found["interface"] == "udp_multicast":
+        found.setdefault("hop_limit", 0)
+    return dict(found)

@@ -1,0 +1,44 @@
+"""Make a virtual environment: `python3 tools/make_venv.py FOLDER`.
+
+Debian and Ubuntu ship Python without `ensurepip` unless python3-venv is installed; then the package is installed
+where that is possible, and said plainly where it is not.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+
+def has_ensurepip() -> bool:
+    """Whether `venv` can put pip into an environment."""
+    return subprocess.run([sys.executable, "-c", "import ensurepip"], check=False, capture_output=True).returncode == 0
+
+
+def install_venv_package() -> None:
+    """Install Debian's package with `ensurepip`."""
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    root = [] if os.geteuid() == 0 else ["sudo"]
+    apt = [*root, "apt-get"]
+    package = f"python{version}-venv"
+    if shutil.which("apt-get") is None or (root and shutil.which("sudo") is None):
+        sys.exit(f"make_venv: this Python has no ensurepip; install {package}")
+    subprocess.run([*apt, "update", "--quiet"], check=False)
+    if subprocess.run([*apt, "install", "--yes", "--quiet", package], check=False).returncode:
+        sys.exit(f"make_venv: {package} could not be installed; install it by hand")
+
+
+def main() -> None:
+    """Entry point."""
+    if sys.version_info < (3, 11):
+        sys.exit(f"make_venv: Python {sys.version.split()[0]}; allowed: 3.11 or later")
+    if not has_ensurepip():
+        install_venv_package()
+    # A folder left over from an interrupted try would lack pip.
+    venv.create(Path(sys.argv[1]), with_pip=True, clear=True)
+
+
+if __name__ == "__main__":
+    main()
