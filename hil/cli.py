@@ -6,6 +6,7 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from hil.errors import ConfigError, LiftgateError
 
@@ -17,12 +18,20 @@ COMMANDS = {
 }
 
 
+class Parser(argparse.ArgumentParser):
+    """One clear line instead of the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong; exit code 2."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
     module = importlib.import_module(f"hil.commands.{name}")
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
         description=module.__doc__,
         epilog=_overview() if name == "run" else None,

@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = build.scenario_from(args.scenario)
     arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
     transport = CanTransport(arguments, rig.is_fd or args.fd)
-    summary = emulate(args, vehicle, rig, scenario, transport, say=_speaker(args))
+    summary = emulate(args, vehicle, rig, scenario, transport, say=speaker(args))
     report(args, summary)
     return 0
 
@@ -123,7 +123,8 @@ def report(args: argparse.Namespace, summary: Summary) -> None:
         print("\n".join(summary.lines()))
 
 
-def _speaker(args: argparse.Namespace) -> Callable[[str], None]:
+def speaker(args: argparse.Namespace) -> Callable[[str], None]:
+    """Where progress is told: stderr, unless silenced."""
     silent = args.quiet or args.json
 
     def say(text: str) -> None:

@@ -347,6 +347,17 @@ class Scene:
         """The right-hand side in the form that solve_ivp wants."""
         return self.derivative(y.tolist())
 
+    def jacobian(self, _: float, y: np.ndarray) -> np.ndarray:
+        """Difference quotients; solve_ivp's own overflow where a frozen state has no influence."""
+        state = y.tolist()
+        base = np.array(self.derivative(state))
+        result = np.empty((base.size, base.size))
+        for k, value in enumerate(state):
+            step = 1e-7 * (1 + abs(value))
+            shifted = [*state[:k], value + step, *state[k + 1 :]]
+            result[:, k] = (np.array(self.derivative(shifted)) - base) / step
+        return result
+
     def start(self, state: list[float]) -> None:
         """Take the regime from the state alone, then settle what the state leaves open."""
         v = self.geometry.view(state)
@@ -449,6 +460,7 @@ def solve(
                 (now, phase.end),
                 np.array(state),
                 method=METHOD,
+                jac=scene.jacobian,
                 dense_output=True,
                 events=scene.alarms(now),
                 rtol=tolerance,

@@ -8,15 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from event_solution import (
-    DriveInput,
-    Geometry,
-    Obstacle,
-    Phase,
-    Scene,
-    Solution,
-    solve,
-)
+from event_solution import DriveInput, Geometry, Obstacle, Phase, Scene, Solution, solve
 
 SUV: dict[str, Any] = {
     "drives": 2,
@@ -164,9 +156,10 @@ def test_coast_while_moving_and_regeneration_above_the_supply(suv: dict[str, Any
 
 def test_open_gate_left_alone_stays(suv: dict[str, Any]) -> None:
     """It sinks into the play, then the stuck shafts hold it: exactly stopped, no creep."""
-    times = np.linspace(0.0, 60.0, 601)
-    s = solve(suv, [both(60.0, COAST)], times, initial_angle=math.radians(40))
-    assert np.all(s.left_speed == 0.0) and np.all(s.left_current == 0.0)
+    times = np.linspace(0.0, 20.0, 201)
+    s = solve(suv, [both(20.0, COAST)], times, initial_angle=math.radians(40))
+    assert np.all(s.left_speed == 0.0)
+    assert np.all(s.left_current == 0.0)
     assert np.ptp(s.left_position) == 0.0
     assert abs(math.degrees(s.angle[-1]) - 40) < 0.2
     settled = times > 10
@@ -178,7 +171,8 @@ def test_hinge_friction_holds_exactly_until_it_is_exceeded(suv: dict[str, Any]) 
     suv["gate"]["hinge_friction"] = 60.0
     at = math.radians(40)
     free = solve(suv, [both(0.3, BRAKE)], np.array([0.3]), initial_angle=at)
-    assert free.angle[0] == at and free.rate[0] == 0.0
+    assert free.angle[0] == at
+    assert free.rate[0] == 0.0
     phases = [both(0.1, BRAKE), both(0.3, BRAKE, external_torque=200.0)]
     pulled = solve(suv, phases, np.array([0.05, 0.3]), initial_angle=at)
     assert pulled.angle[0] == at
@@ -216,7 +210,11 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
     suv["right"] = {"gear": {"friction_torque": 0.9, "backlash": 0.03}}
     rod = Obstacle(math.radians(30), 0.9, 2.0e4, damping=50.0, gap=0.002)
     times = np.linspace(0.0, 2.5, 5001)
-    phases = [both(0.4, OPEN), both(0.8, COAST), both(2.5, CLOSE, obstacle=rod)]
+    phases = [
+        both(0.4, OPEN, external_torque=-150.0),
+        both(0.8, COAST),
+        both(2.5, CLOSE, obstacle=rod),
+    ]
     s = solve(suv, phases, times, initial_angle=math.radians(35))
     geometry, advance = Geometry(suv["gate"]), 0.010 / 29
     views = [geometry.view(pair) for pair in zip(s.angle, s.rate, strict=True)]
@@ -237,8 +235,8 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
 
 
 def test_tolerances_agree_over_a_whole_cycle(suv: dict[str, Any]) -> None:
-    phases = [both(6.5, OPEN), both(7.5, BRAKE), both(13.0, CLOSE)]
-    times = np.linspace(0.0, 13.0, 1301)
+    phases = [both(6.5, OPEN), both(7.5, BRAKE), both(14.0, CLOSE)]
+    times = np.linspace(0.0, 14.0, 1401)
     coarse = solve(suv, phases, times, tolerance=1e-8)
     fine = solve(suv, phases, times, tolerance=1e-10)
     assert coarse.events == fine.events

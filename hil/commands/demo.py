@@ -1,0 +1,154 @@
+"""The emulator with the reference ECU: the gate opens, closes onto an obstacle, is detected by motor current,
+reverses, then opens and closes fully. Prints what happened, writes recordings and a picture.
+
+On a virtual bus both run in this process; on any other bus the ECU is a second process."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from hil.commands import options
+from hil.errors import ConfigError, LiftgateError
+
+if TYPE_CHECKING:
+    from hil.loop.tick import Snapshot
+
+_EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    options.add_bus(parser)
+    options.add_vehicle(parser)
+    options.add_loop(parser)
+    options.add_output(parser)
+    parser.add_argument(
+        "--output", default=".", metavar="FOLDER", help="for demo.log, demo.csv and demo.png"
+    )
+
+
+class Story:
+    """What a run showed: every tenth row for the picture, and the plant's side of the story."""
+
+    def __init__(self) -> None:
+        self.rows: list[Snapshot] = []
+        self.pinch_force = 0.0
+        self.pinch_time = 0.0
+        self._count = 0
+
+    def watch(self, snapshot: Snapshot) -> None:
+        """Take a tick."""
+        if snapshot.pinch_force_n > self.pinch_force:
+            self.pinch_force, self.pinch_time = snapshot.pinch_force_n, snapshot.time_s
+        if self._count % 10 == 0:
+            self.rows.append(snapshot)
+        self._count += 1
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from hil import build
+    from hil.commands.run import emulate, report, speaker
+    from hil.transport.can_bus import CanTransport
+    from hil.transport.find import bus_arguments
+
+    folder = Path(args.output)
+    if not folder.is_dir():
+        raise ConfigError(f"--output {args.output}: no such folder; allowed: one that exists")
+    if args.bus is None and args.interface is None:
+        args.bus = "virtual:demo"
+    args.scenario = args.scenario or "demo"
+    args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
+    vehicle = build.vehicle_from(args.vehicle, args.settings)
+    rig = build.rig_from(args.rig)
+    scenario = build.scenario_from(args.scenario)
+    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
+    fd = rig.is_fd or args.fd
+    story = Story()
+    transport = CanTransport(arguments, fd)
+    with contextlib.ExitStack() as stack:
+        if arguments.get("interface") == "virtual":
+            from hil.ecu.controller import Controller
+            from hil.ecu.node import EcuNode
+
+            wire = CanTransport(arguments, fd)
+            stack.callback(wire.close)
+            controller = Controller(vehicle.drives)
+            node = EcuNode(rig, wire, controller, vehicle.drives, scenario.requests)
+            summary = emulate(
+                args, vehicle, rig, scenario, transport, [node], story.watch, speaker(args)
+            )
+            events = [(event.time, event.text) for event in controller.events]
+        else:
+            if args.clock == "free":
+                raise ConfigError("--clock free: allowed with the ECU in a second process: realtime, lockstep")
+            child = stack.enter_context(_ecu_process(args, vehicle.drives))
+            summary = emulate(
+                args, vehicle, rig, scenario, transport, (), story.watch, speaker(args)
+            )
+            child.terminate()
+            events = _events_of(child)
+    _tell(args, story, events, folder)
+    report(args, summary)
+    return 0 if any("reversing" in text for _, text in events) else 1
+
+
+@contextlib.contextmanager
+def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.Popen[str]]:
+    """`liftgate-hil ecu` on the same bus; ended with this process."""
+    command = [sys.executable, "-m", "hil", "ecu", "--rig", args.rig, "--scenario", args.scenario]
+    command += ["--drives", str(drives)]
+    for flag in ("bus", "interface", "channel", "bitrate"):
+        value = getattr(args, flag)
+        if value is not None:
+            command += [f"--{flag}", str(value)]
+    if args.fd:
+        command.append("--fd")
+    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+def _events_of(child: subprocess.Popen[str]) -> list[tuple[float, str]]:
+    stream: IO[str] | None = child.stderr
+    assert stream is not None
+    lines = stream.read().splitlines()
+    matches = [match for line in lines if (match := _EVENT.match(line))]
+    if not matches:
+        detail = " ".join(lines)[:300] or "it said nothing"
+        raise LiftgateError(f"the ECU's process did not take part: {detail}")
+    return [(float(match[1]), match[2]) for match in matches]
+
+
+def _tell(
+    args: argparse.Namespace, story: Story, events: Sequence[tuple[float, str]], folder: Path
+) -> None:
+    """Print what happened, and draw it."""
+    import numpy as np
+
+    from hil.plots import plot_run
+
+    rows = np.array(story.rows, dtype=np.float64)
+    fields = type(story.rows[0])._fields
+    columns = {name: rows[:, i] for i, name in enumerate(fields)}
+    reversals = [(time, "reversal") for time, text in events if "reversing" in text]
+    plot_run(folder / "demo.png", columns, reversals, f"liftgate-hil demo: {args.vehicle}")
+    if args.quiet or args.json:
+        return
+    for time, text in events:
+        angle = float(np.interp(time, columns["time_s"], columns["gate_angle_deg"]))
+        print(f"{time:7.3f} s  {angle:6.2f} deg  {text}")
+    if story.pinch_force > 0.0:
+        print(f"pinch force at most {story.pinch_force:.1f} N, at {story.pinch_time:.3f} s")
+    print(f"written: {', '.join(str(folder / f'demo.{kind}') for kind in ('log', 'csv', 'png'))}")
+

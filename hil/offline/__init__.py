@@ -1,0 +1,1 @@
+"""The plant alone: inputs from a file or a step, rows of outputs."""
