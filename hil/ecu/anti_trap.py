@@ -35,10 +35,17 @@ class AntiTrap:
         self._recent: float | None = None
         self._time = 0.0
         self._suspect = 0
+        self.loaded = False  # more current than expected, whatever the speed does
         self._run: list[list[float]] = [[] for _ in range(self._c.bins)]
 
     def update(
-        self, current: float, speed: float, wanted: float, place: float | None, starting: bool
+        self,
+        current: float,
+        speed: float,
+        wanted: float,
+        place: float | None,
+        starting: bool,
+        slowing: bool,
     ) -> Verdict | None:
         """One cycle. Current, speed and wanted speed are positive along the motion; `place` is 0 to 1."""
         c = self._c
@@ -49,17 +56,20 @@ class AntiTrap:
         if self._time < c.blank_time:
             return None
         reference, limit = self._compare(place)
-        if starting:
-            limit *= c.start_factor
+        if starting or slowing:
+            limit *= c.change_factor
         drop = (wanted - speed) / wanted if wanted > 0.0 else 0.0
         excess = self._filtered - reference
-        if excess > limit and drop > c.speed_drop:
+        self.loaded = excess > limit
+        # Neither sign alone is sure: the excess is early, the drop confirms, and both add up.
+        if self.loaded and excess / limit + max(drop, 0.0) / c.speed_drop > c.certainty:
             self._suspect += 1
             if self._suspect >= c.samples:
                 return Verdict(self._filtered, reference, drop)
             return None
         self._suspect = 0
-        self._follow(place, starting)
+        if not self.loaded:
+            self._follow(place, starting)
         return None
 
     def learn(self) -> None:

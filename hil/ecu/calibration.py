@@ -12,7 +12,8 @@ class Calibration:
     cycle: float = 0.010  # s, of the control and of DriveCommand
 
     # Motion. Travel times are of a typical gate: 4 to 8 s.
-    travel_time: float = 6.0  # s over the learned travel
+    opening_time: float = 6.0  # s over the learned travel
+    closing_time: float = 9.0  # s: what is trapped is met more slowly
     learning_speed: float = 350.0  # before the travel is known
     creep_speed: float = 90.0  # into the end stops and the latch
     start_time: float = 0.6  # s, soft start from rest to full speed
@@ -22,18 +23,19 @@ class Calibration:
     # Speed control of each drive, and the two kept together.
     rated_speed: float = 620.0  # counts/s at full duty and rated voltage, no load
     rated_voltage: float = 12.0  # V
-    gain: float = 0.0014  # duty per count/s
-    integral_time: float = 0.12  # s
+    gain: float = 0.0005  # duty per count/s
+    integral_time: float = 0.15  # s
     tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
     speed_window: int = 4  # control cycles over which counts are differenced
 
     # Anti-trap.
-    current_filter: float = 0.015  # s
-    excess_learned: float = 0.6  # A over the learned reference
-    excess_unlearned: float = 0.9  # A over this run's own recent current
+    current_filter: float = 0.006  # s
+    excess_learned: float = 0.40  # A over the learned reference
+    excess_unlearned: float = 0.45  # A over this run's own recent current
     reference_time: float = 0.30  # s, how fast that recent current follows
-    speed_drop: float = 0.04  # share of the wanted speed
-    start_factor: float = 2.5  # on the excess, while the soft start lasts
+    speed_drop: float = 0.10  # share of the wanted speed that counts as much as the excess
+    certainty: float = 1.8  # sum of both, in units of their limits
+    change_factor: float = 2.0  # on the excess, during soft start and soft stop
     blank_time: float = 0.25  # s after a start in which nothing is judged
     samples: int = 2  # cycles in a row
     bins: int = 50  # of the position-dependent reference

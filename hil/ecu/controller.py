@@ -70,7 +70,7 @@ class Controller:
         self._zero: list[float] | None = None  # counts when closed
         self._since = 0.0
         self._still = 0.0
-        self._slowed: float | None = None  # position where the drives last kept their speed
+        self._free: float | None = None  # position where the drives last ran without unusual load
         self._start: list[float] = []  # counts when the motion began
         self._now = 0.0
 
@@ -123,7 +123,7 @@ class Controller:
         self.state = state
         self._since = self._now
         self._still = 0.0
-        self._slowed = None
+        self._free = None
         if text:
             self.events.append(Event(self._now, text, verdict))
         if state in MOVING:
@@ -153,6 +153,8 @@ class Controller:
             return self._hold()
         sign = -1.0 if self.state is GateState.CLOSING else 1.0
         wanted = sign * self._wanted_speed()
+        if self.state is GateState.REVERSING and self._mean_speed() < 0.0:
+            return DriveCommand([1.0 for _ in self._drives])  # off the obstacle before all else
         duties = [self._drive(index, wanted, feedback.voltage) for index in self._drives]
         elapsed = self._now - self._since
         release = sign > 0.0 and feedback.latched and elapsed < self._c.latch_pulse
@@ -168,7 +170,8 @@ class Controller:
     def _cruise(self) -> float:
         if self.travel is None:
             return self._c.learning_speed
-        return self.travel / self._c.travel_time
+        closing = self.state is GateState.CLOSING
+        return self.travel / (self._c.closing_time if closing else self._c.opening_time)
 
     def _wanted_speed(self) -> float:
         """Soft start over time, soft stop over the way that is left."""
@@ -211,8 +214,6 @@ class Controller:
             self._enter(GateState.OPEN, "open")
             return
         speed = sign * self._mean_speed()
-        if speed > 0.7 * self._wanted_speed():
-            self._slowed = position
         standing = speed < c.stall_speed
         self._still = self._still + c.cycle if standing else 0.0
         in_seal = state is GateState.CLOSING and position is not None and position < c.seal_zone
@@ -222,9 +223,9 @@ class Controller:
         if state is GateState.CLOSING:
             self._enter(GateState.REVERSING, "blocked while closing: reversing")
         elif state is GateState.OPENING and self.travel is None:
-            # The stalled drive has squeezed the mechanism; the stop is where it began to slow down.
-            if self._slowed is not None:
-                self.travel = self._slowed
+            # The stalled drive has squeezed the mechanism; the stop is where the load began.
+            if self._free is not None:
+                self.travel = self._free
                 self._guard[GateState.OPENING].learn()
             self._enter(GateState.OPEN, f"open, travel learned: {self.travel or 0.0:.0f} counts")
         else:
@@ -236,9 +237,6 @@ class Controller:
         position = self.position()
         if state is GateState.CLOSING and position is not None and position < self._c.seal_zone:
             return
-        # The stop that is being looked for is no obstacle.
-        if state is GateState.OPENING and self.travel is None:
-            return
         starting = self._now - self._since < self._c.start_time + self._c.blank_time
         verdict = self._guard[state].update(
             sign * sum(feedback.currents) / len(feedback.currents),
@@ -246,8 +244,12 @@ class Controller:
             self._wanted_speed(),
             self._place(),
             starting,
+            slowing=self._wanted_speed() < 0.95 * self._cruise(),
         )
-        if verdict is None:
+        if not self._guard[state].loaded:
+            self._free = position
+        # While the travel is being learned, the stop that is looked for is no obstacle.
+        if verdict is None or (state is GateState.OPENING and self.travel is None):
             return
         why = (
             f"{verdict.current:.2f} A against {verdict.reference:.2f} A, "

@@ -1,0 +1,175 @@
+"""What several tests of `hil` need: frames made by cantools and crccheck, rigs from text, a bench."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from crccheck.crc import Crc8SaeJ1850
+from hypothesis import settings
+
+from hil import build
+from hil.codec.frames import EXTENDED, Frames
+from hil.codec.layout import Layout, MessageOptions, Wire, build_layout
+from hil.codec.quantities import BusQuantity
+from hil.config.rig import Rig, load_rig
+from hil.config.toml import Faults
+from hil.loop.tick import Bench, LoopState, initial_loop
+from hil.stimulus import Program, no_program
+from plant.dynamics import initial_state
+
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=150)
+FREE = BusQuantity("", -1e300, 1e300, "anything")
+
+COMMAND, BENCH_CONTROL = 0x120, 0x7E1
+LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS = 0x210, 0x211, 0x220, 0x230, 0x7E0
+
+COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
+
+
+def frames_of(rows: Iterable[tuple[int, bytes]]) -> Frames:
+    """Frames from (identifier with flags, payload)."""
+    pairs = list(rows)
+    frames = Frames(
+        len(pairs),
+        np.array([identifier for identifier, _ in pairs], dtype=np.int64),
+        np.array([len(payload) for _, payload in pairs], dtype=np.int64),
+        np.zeros((len(pairs), 64), dtype=np.uint8),
+    )
+    for row, (_, payload) in enumerate(pairs):
+        frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
+    return frames
+
+
+def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
+    """(identifier with flags, payload) of frames."""
+    return [
+        (int(frames.identifiers[row]), frames.data[row, : int(frames.lengths[row])].tobytes())
+        for row in range(frames.count)
+    ]
+
+
+def j1850(identifier: int, payload: bytes, skip: int) -> int:
+    """The checksum rule in the database's comment, by somebody else's CRC."""
+    covered = struct.pack("<H", identifier & 0xFFFF) + payload[:skip] + payload[skip + 1 :]
+    return int(Crc8SaeJ1850.calc(covered))
+
+
+def with_checksum(identifier: int, payload: bytes, at: int = 7) -> bytes:
+    """The payload with its checksum in byte `at`."""
+    return payload[:at] + bytes([j1850(identifier, payload, at)]) + payload[at + 1 :]
+
+
+def command_payload(rig: Rig, counter: int, **values: float) -> bytes:
+    """A DriveCommand of the shipped database."""
+    signals: dict[str, float] = {
+        "LeftDuty": 0.0,
+        "RightDuty": 0.0,
+        "LeftDirection": COAST,
+        "RightDirection": COAST,
+        "LatchRelease": 0,
+        "AliveCounter": counter % 16,
+        "Checksum": 0,
+    }
+    payload = rig.messages["DriveCommand"].encode({**signals, **values}, strict=False)
+    return with_checksum(COMMAND, payload)
+
+
+def command_frame(rig: Rig, counter: int, **values: float) -> tuple[int, bytes]:
+    """The same, with its identifier."""
+    return COMMAND, command_payload(rig, counter, **values)
+
+
+def both(duty: float, direction: int, release: int = 0) -> dict[str, float]:
+    """Both motors alike."""
+    return {
+        "LeftDuty": duty,
+        "RightDuty": duty,
+        "LeftDirection": direction,
+        "RightDirection": direction,
+        "LatchRelease": release,
+    }
+
+
+def panel_frame(rig: Rig, **values: float) -> tuple[int, bytes]:
+    """A BenchControl of the shipped database."""
+    signals: dict[str, float] = {
+        "ObstacleAngle": 0.0,
+        "ObstacleRate": 0.0,
+        "RoadSlope": 0.0,
+        "SupplyVoltage": 12.0,
+        "HandForce": 0.0,
+    }
+    return BENCH_CONTROL, rig.messages["BenchControl"].encode({**signals, **values})
+
+
+def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
+    """What cantools makes of the frames of one message."""
+    message = rig.messages[name]
+    identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+    return [
+        dict(message.decode(payload, decode_choices=False, allow_excess=False))
+        for frame, payload in rows_of(frames)
+        if frame == identifier
+    ]
+
+
+def bench(
+    rate: float = 1000.0,
+    rig: Rig | None = None,
+    program: Program | None = None,
+    settings: Sequence[str] = (),
+    seed: int = 0,
+) -> Bench:
+    """The shipped vehicle, as a loop's constants."""
+    vehicle = build.vehicle_from("suv", settings)
+    return build.bench_of(vehicle, rig or shipped_rig(), program or no_program(), rate, seed)
+
+
+def shipped_rig() -> Rig:
+    """The default rig."""
+    return build.rig_from("liftgate")
+
+
+def start_of(some: Bench, angle: float = 0.0, latched: bool = True) -> LoopState:
+    """A loop at rest at an angle [rad]."""
+    return initial_loop(some, initial_state(some.plant, angle, latched=latched))
+
+
+def write_rig(folder: Path, database: str, text: str) -> Path:
+    """A rig file beside its database `their.dbc`."""
+    (folder / "their.dbc").write_text(database, encoding="cp1252")
+    path = folder / "their.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def rig_of(folder: Path, database: str, text: str) -> Rig:
+    """The same, loaded."""
+    return load_rig(write_rig(folder, database, text))
+
+
+def layout_of(
+    messages: Mapping[str, Any],
+    wires: Sequence[Wire],
+    options: Mapping[str, MessageOptions] | None = None,
+    quantities: Mapping[str, BusQuantity] | None = None,
+    sending: bool = False,
+) -> Layout:
+    """Tables for wires whose quantities may be anything."""
+    faults = Faults("test")
+    layout = build_layout(
+        messages,
+        wires,
+        options or {},
+        quantities or {wire.quantity: FREE for wire in wires},
+        faults,
+        sending,
+    )
+    faults.raise_if_any()
+    return layout
+
+
