@@ -27,9 +27,7 @@ def hall_speed(times: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArr
     return speed
 
 
-def plot_run(
-    path: Path, columns: Columns, marks: Sequence[tuple[float, str]], title: str
-) -> None:
+def plot_run(path: Path, columns: Columns, marks: Sequence[tuple[float, str]], title: str) -> None:
     """Angle, currents, Hall speed and pinch force over time, with marked moments; a PNG."""
     import matplotlib
 

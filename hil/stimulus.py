@@ -28,7 +28,7 @@ class Program(NamedTuple):
     """Profiles, a row a channel, and obstacles; SI, times in seconds."""
 
     first: NDArray[np.int64]  # (channels,) first knot
-    count: NDArray[np.int64]  # (channels,) knots; 0: the vehicle file's value holds
+    count: NDArray[np.int64]  # type: ignore[assignment]  # (channels,) knots; 0: the vehicle file's value holds
     linear: NDArray[np.int64]  # (channels,) 1: straight lines between knots, 0: held
     times: NDArray[np.float64]  # (knots,)
     values: NDArray[np.float64]  # (knots,)
@@ -100,7 +100,8 @@ NOT_PRESENT = Presence(0.0, 0.0)
 @compilable
 def present(presence: Presence, obstacle: Obstacle, angle: float) -> tuple[Presence, Obstacle]:
     """The obstacle as the gate can meet it: one that appears where the gate is already past it (a rod put
-    under the closed gate) is not in the way before the gate has been clear of it."""
+    under the closed gate) is not in the way before the gate has been clear of it.
+    """
     if obstacle.stiffness == 0.0:
         return Presence(0.0, 0.0), obstacle
     clear = presence.clear if presence.there > 0.0 else 0.0

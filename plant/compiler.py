@@ -22,7 +22,7 @@ _compilable: list[Callable[..., Any]] = []
 _known_to_numba: set[Callable[..., Any]] = set()
 
 # IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
-_OPTIONS = {"error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 
 
 def compilable(function: F) -> F:
@@ -53,7 +53,8 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         if helper not in _known_to_numba:
             register_jitable(**_OPTIONS)(helper)
             _known_to_numba.add(helper)
-    return numba.njit(function, nogil=True, cache=cache, **_OPTIONS)  # type: ignore[no-any-return]
+    machine_code: Callable[..., Any] = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
+    return machine_code
 
 
 @functools.cache
@@ -63,8 +64,6 @@ def _prepare_cache() -> bool:
     numba itself looks only at the file of the entry point, so an edit of a helper in another file would
     go unnoticed. Returns False, and so compiles afresh, where no such folder can be made.
     """
-    if "NUMBA_CACHE_DIR" in os.environ and "numba" in os.sys.modules:  # type: ignore[attr-defined]
-        return True
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
     folder = root / sources_digest()
     try:

@@ -1,6 +1,6 @@
 """A one-sided spring and damper: what the play's flanks, both end stops, the seal and an obstacle are.
 
-    F = max(0, k δ + c δ̇)   for a penetration δ > 0, else 0
+F = max(0, k δ + c δ̇)   for a penetration δ > 0, else 0
 """
 
 from __future__ import annotations

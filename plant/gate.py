@@ -83,9 +83,7 @@ def length(s: float, r: float, theta: float, angle: float) -> float:
 @compilable
 def extension(link: Linkage, angle: float) -> float:
     """l_S(φ) = l(φ) − l_0 [m]."""
-    return (
-        length(link.body_radius, link.gate_radius, link.offset, angle) - link.closed_length
-    )
+    return length(link.body_radius, link.gate_radius, link.offset, angle) - link.closed_length
 
 
 @compilable

@@ -18,8 +18,18 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from plant import contact, dynamics, electrics, friction, gate, latch, obstacle, seal, thermal
-from plant import transmission
+from plant import (
+    contact,
+    dynamics,
+    electrics,
+    friction,
+    gate,
+    latch,
+    obstacle,
+    seal,
+    thermal,
+    transmission,
+)
 from plant.compiler import compilable
 from plant.contact import Push
 from plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
@@ -210,7 +220,9 @@ def contacts(
     body = load.obstacle
     depth = obstacle.depth(body, state.gate_angle)
     arm = body.direction * body.distance
-    pinch = gate_contact(body.stiffness, body.damping, depth, arm, arm, inertia, rate, rate_end, step)
+    pinch = gate_contact(
+        body.stiffness, body.damping, depth, arm, arm, inertia, rate, rate_end, step
+    )
     return Push(
         left.constant + right.constant + rubber.constant + pinch.constant,
         left.slope + right.slope + rubber.slope + pinch.slope,
@@ -271,9 +283,7 @@ def new_speeds(
     inertia = dynamics.total_inertia(plant, load)
     r = middle.lever
     rate = state.gate_rate
-    push_l = drive_push(
-        plant.left, state.left, middle, inertia, rate, guess.left, guess.rate, step
-    )
+    push_l = drive_push(plant.left, state.left, middle, inertia, rate, guess.left, guess.rate, step)
     push_r = drive_push(
         plant.right, state.right, middle, inertia, rate, guess.right, guess.rate, step
     )

@@ -129,7 +129,9 @@ def solve_windings(
     y1 = c * x_l - s * x_r
     y2 = s * x_l + c * x_r
     u_l = (left.voltage + left.duty * source_voltage - left.speed_constant * speed_left) / root_l
-    u_r = (right.voltage + right.duty * source_voltage - right.speed_constant * speed_right) / root_r
+    u_r = (
+        right.voltage + right.duty * source_voltage - right.speed_constant * speed_right
+    ) / root_r
     f1 = step * (c * u_l - s * u_r)
     f2 = step * (s * u_l + c * u_r)
 

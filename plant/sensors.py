@@ -45,7 +45,7 @@ class Sensors(NamedTuple):
 class HallState(NamedTuple):
     """The Hall counter of one drive at the start of the present sample period, and the last speed."""
 
-    count: int
+    count: int  # type: ignore[assignment]  # shadows tuple.count
     speed: int
 
 
@@ -95,7 +95,7 @@ def hall_count(sensors: Sensors, position: float) -> int:
 def hall_signals(count: int) -> tuple[int, int]:
     """Hall A and B (0 or 1) at a count: Gray code, A leads B while opening."""
     phase = count % 4
-    return (1 if phase == 1 or phase == 2 else 0), (1 if phase >= 2 else 0)
+    return (1 if phase in {1, 2} else 0), (1 if phase >= 2 else 0)
 
 
 @compilable

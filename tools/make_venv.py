@@ -14,7 +14,12 @@ from pathlib import Path
 
 def has_ensurepip() -> bool:
     """Whether `venv` can put pip into an environment."""
-    return subprocess.run([sys.executable, "-c", "import ensurepip"], check=False, capture_output=True).returncode == 0
+    return (
+        subprocess.run(
+            [sys.executable, "-c", "import ensurepip"], check=False, capture_output=True
+        ).returncode
+        == 0
+    )
 
 
 def install_venv_package() -> None:
@@ -32,8 +37,6 @@ def install_venv_package() -> None:
 
 def main() -> None:
     """Entry point."""
-    if sys.version_info < (3, 11):
-        sys.exit(f"make_venv: Python {sys.version.split()[0]}; allowed: 3.11 or later")
     if not has_ensurepip():
         install_venv_package()
     # A folder left over from an interrupted try would lack pip.

@@ -31,13 +31,27 @@ class Place(NamedTuple):
 
 
 @compilable
-def extract(data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int) -> int:
+def place_at(places: NDArray[np.int64], row: int) -> Place:
+    """A row of a table of places."""
+    return Place(
+        int(places[row, 0]),
+        int(places[row, 1]),
+        int(places[row, 2]),
+        int(places[row, 3]),
+        int(places[row, 4]),
+    )
+
+
+@compilable
+def extract(
+    data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int
+) -> int:
     """Up to 32 bits of a frame (row of `data`), unsigned."""
-    raw = np.int64(data[row, byte]) >> shift
+    raw = int(np.int64(data[row, byte])) >> shift
     have = 8 - shift
     while have < length:
         byte += stride
-        raw |= np.int64(data[row, byte]) << have
+        raw |= int(np.int64(data[row, byte])) << have
         have += 8
     return raw & ((1 << length) - 1)
 
@@ -58,7 +72,7 @@ def insert(
         take = min(8 - shift, left)
         mask = ((1 << take) - 1) << shift
         bits = (raw << shift) & mask
-        data[row, byte] = (np.int64(data[row, byte]) & ~mask & 0xFF) | bits
+        data[row, byte] = (int(np.int64(data[row, byte])) & ~mask & 0xFF) | bits
         raw >>= take
         left -= take
         shift = 0
@@ -77,9 +91,7 @@ def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
             return float(np.uint32(value).view(np.float32))
         return float(value)
     low = extract(data, row, place.byte, place.shift, 32, place.stride)
-    high = extract(
-        data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride
-    )
+    high = extract(data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride)
     if place.kind == FLOAT64:
         word = np.uint64(low) | (np.uint64(high) << np.uint64(32))
         return float(np.uint64(word).view(np.float64))
@@ -93,21 +105,19 @@ def write_number(data: NDArray[np.uint8], row: int, place: Place, value: float) 
     """Put a raw value into its place: an integral number within the signal's range, or any float."""
     length = place.length
     if place.kind == FLOAT32:
-        word = np.int64(np.float32(value).view(np.uint32))
+        word = int(np.int64(np.float32(value).view(np.uint32)))
         insert(data, row, place.byte, place.shift, 32, place.stride, word)
         return
     if place.kind == FLOAT64:
         double = np.float64(value).view(np.uint64)
-        low = np.int64(double & np.uint64(0xFFFFFFFF))
-        high = np.int64(double >> np.uint64(32))
+        low = int(np.int64(double & np.uint64(0xFFFFFFFF)))
+        high = int(np.int64(double >> np.uint64(32)))
     else:
         top = math.floor(value / _WORD)
-        low = np.int64(value - top * _WORD)
-        high = np.int64(top)
+        low = int(np.int64(value - top * _WORD))
+        high = int(np.int64(top))
     if length <= 32:
         insert(data, row, place.byte, place.shift, length, place.stride, low)
         return
     insert(data, row, place.byte, place.shift, 32, place.stride, low)
-    insert(
-        data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride, high
-    )
+    insert(data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride, high)

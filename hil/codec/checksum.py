@@ -32,7 +32,7 @@ _J1850 = _crc8_table(0x1D)
 @compilable
 def crc8_byte(crc: int, byte: int) -> int:
     """CRC-8 SAE J1850 after one more byte."""
-    return np.int64(_J1850[crc ^ byte])
+    return int(np.int64(_J1850[crc ^ byte]))
 
 
 @compilable
@@ -45,13 +45,13 @@ def checksum(
         crc = crc8_byte(crc8_byte(0xFF, low), high)
         for i in range(length):
             if i != skip:
-                crc = crc8_byte(crc, np.int64(data[row, i]))
+                crc = crc8_byte(crc, int(np.int64(data[row, i])))
         return crc ^ 0xFF
     total = low ^ high if kind == XOR8 else low + high
     for i in range(length):
         if i != skip:
             if kind == XOR8:
-                total ^= np.int64(data[row, i])
+                total ^= int(np.int64(data[row, i]))
             else:
-                total += np.int64(data[row, i])
+                total += int(np.int64(data[row, i]))
     return total & 0xFF

@@ -17,7 +17,7 @@ MAX_BYTES = 64  # CAN FD
 class Frames(NamedTuple):
     """`count` frames: identifiers with flags (n,), payload lengths (n,), payloads (n, 64)."""
 
-    count: int
+    count: int  # type: ignore[assignment]  # shadows tuple.count, which nobody wants here
     identifiers: NDArray[np.int64]
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]

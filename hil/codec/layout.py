@@ -78,7 +78,7 @@ class Messages(NamedTuple):
     identifier: Ints  # (m,) with the EXTENDED flag
     length: Ints  # (m,) bytes
     first: Ints  # (m,) rows in Signals
-    count: Ints
+    count: Ints  # type: ignore[assignment]  # shadows tuple.count
     cycle_ns: Ints  # (m,) 0: not cyclic
     timeout_ns: Ints  # (m,) 0: never goes stale
     counter: Ints  # (m, 5) Place of the alive counter, length 0: none
@@ -122,9 +122,12 @@ def physical_range(signal: Signal) -> tuple[float, float]:
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
     # [0|0] is how a DBC says that it has no range.
-    if signal.minimum is not None and signal.maximum is not None:
-        if signal.minimum < signal.maximum:
-            low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
+    if (
+        signal.minimum is not None
+        and signal.maximum is not None
+        and signal.minimum < signal.maximum
+    ):
+        low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
     return low, high
 
 
@@ -262,7 +265,8 @@ def start_payload(message: Message) -> NDArray[np.uint8]:
         if raw is not None and not isinstance(raw, str) and signal.multiplexer_signal is None:
             low, high = raw_range(signal)
             write_number(data, 0, place_of(signal), min(max(float(raw), low), high))
-    return data[0]
+    payload: NDArray[np.uint8] = data[0]
+    return payload
 
 
 def _put_selectors(

@@ -30,7 +30,9 @@ INPUTS: dict[str, BusQuantity] = {
     "left_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
     "right_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
     "latch_release": BusQuantity("", 0.0, 1.0, "1 drives the latch open"),
-    "obstacle_angle": BusQuantity("deg", -10.0, 180.0, "where the gate meets the obstacle, closing"),
+    "obstacle_angle": BusQuantity(
+        "deg", -10.0, 180.0, "where the gate meets the obstacle, closing"
+    ),
     "obstacle_rate": BusQuantity("N/mm", 0.0, 1e4, "the obstacle's spring rate; 0 is no obstacle"),
     "road_slope": BusQuantity("deg", -45.0, 45.0, "positive with the rear raised"),
     "supply_voltage": BusQuantity("V", 0.0, 60.0, "of the source, open-circuit"),

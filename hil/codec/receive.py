@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.bits import Place, extract, read_number
+from hil.codec.bits import extract, place_at, read_number
 from hil.codec.checksum import checksum
 from hil.codec.frames import ERROR, REMOTE, Frames
 from hil.codec.layout import Layout
@@ -35,9 +35,16 @@ class Counts(NamedTuple):
 NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 # Causes, in the order of Counts' fields.
-ACCEPTED, FOREIGN, ERROR_FRAME, REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER = (
-    range(8)
-)
+(
+    ACCEPTED,
+    FOREIGN,
+    ERROR_FRAME,
+    REMOTE_FRAME,
+    WRONG_LENGTH,
+    OUT_OF_RANGE,
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+) = range(8)
 
 
 class Reception(NamedTuple):
@@ -61,23 +68,7 @@ def nothing_received(layout: Layout, quantities: int) -> Reception:
 def rejected(counts: Counts) -> int:
     """Frames of ours that were refused."""
     return (
-        counts.remote
-        + counts.wrong_length
-        + counts.out_of_range
-        + counts.checksum
-        + counts.counter
-    )
-
-
-@compilable
-def place_at(places: NDArray[np.int64], row: int) -> Place:
-    """A row of a table of places."""
-    return Place(
-        int(places[row, 0]),
-        int(places[row, 1]),
-        int(places[row, 2]),
-        int(places[row, 3]),
-        int(places[row, 4]),
+        counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
     )
 
 
@@ -117,7 +108,7 @@ def selected(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> b
     place = place_at(layout.signals.select, row)
     if place.length == 0:
         return True
-    return read_number(data, frame, place) == layout.signals.select_value[row]
+    return bool(read_number(data, frame, place) == layout.signals.select_value[row])
 
 
 @compilable
@@ -146,9 +137,7 @@ def judge(
     lost = 0
     place = place_at(table.counter, message)
     if place.length:
-        counter = extract(
-            frames.data, frame, place.byte, place.shift, place.length, place.stride
-        )
+        counter = extract(frames.data, frame, place.byte, place.shift, place.length, place.stride)
         last = int(reception.counter[message])
         if counter == last:
             return BAD_COUNTER, message, 0

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.bits import FLOAT32, insert, write_number
+from hil.codec.bits import FLOAT32, insert, place_at, write_number
 from hil.codec.checksum import checksum
 from hil.codec.frames import MAX_BYTES, Frames
 from hil.codec.layout import Layout
-from hil.codec.receive import place_at
 from plant.compiler import compilable
 
 
@@ -28,12 +27,17 @@ def raw_of(layout: Layout, row: int, value: float) -> float:
     raw = (physical - signals.offset[row]) / signals.factor[row]
     if signals.place[row, 4] < FLOAT32:
         raw = math.floor(raw + 0.5)
-    return min(max(raw, signals.raw_low[row]), signals.raw_high[row])
+    return float(min(max(raw, signals.raw_low[row]), signals.raw_high[row]))
 
 
 @compilable
 def encode(
-    layout: Layout, message: int, values: NDArray[np.float64], counter: int, frames: Frames, row: int
+    layout: Layout,
+    message: int,
+    values: NDArray[np.float64],
+    counter: int,
+    frames: Frames,
+    row: int,
 ) -> None:
     """Write one message into a row of `frames`; a quantity that is NaN keeps its start value."""
     table = layout.messages

@@ -1,7 +1,8 @@
 """The emulator with the reference ECU: the gate opens, closes onto an obstacle, is detected by motor current,
 reverses, then opens and closes fully. Prints what happened, writes recordings and a picture.
 
-On a virtual bus both run in this process; on any other bus the ECU is a second process."""
+On a virtual bus both run in this process; on any other bus the ECU is a second process.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +89,9 @@ def run(args: argparse.Namespace) -> int:
             events = [(event.time, event.text) for event in controller.events]
         else:
             if args.clock == "free":
-                raise ConfigError("--clock free: allowed with the ECU in a second process: realtime, lockstep")
+                raise ConfigError(
+                    "--clock free: allowed with the ECU in a second process: realtime, lockstep"
+                )
             child = stack.enter_context(_ecu_process(args, vehicle.drives))
             summary = emulate(
                 args, vehicle, rig, scenario, transport, (), story.watch, speaker(args)
@@ -151,4 +154,3 @@ def _tell(
     if story.pinch_force > 0.0:
         print(f"pinch force at most {story.pinch_force:.1f} N, at {story.pinch_time:.3f} s")
     print(f"written: {', '.join(str(folder / f'demo.{kind}') for kind in ('log', 'csv', 'png'))}")
-

@@ -1,14 +1,19 @@
 """The reference ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
 
-It does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable."""
+It does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 import time
+from typing import TYPE_CHECKING
 
 from hil.commands import options
+
+if TYPE_CHECKING:
+    from hil.requests import Request
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,9 +70,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _requests(given: list[str]) -> list:  # type: ignore[type-arg]
-    from hil.config.scenario import REQUESTS, Request
+def _requests(given: list[str]) -> list[Request]:
     from hil.errors import ConfigError
+    from hil.requests import REQUESTS, Request
 
     requests = []
     for text in given:

@@ -1,5 +1,6 @@
 """The gate on a bus: reads the ECU's duty and direction, runs the physical model, answers with motor current,
-Hall counts and gate angle, until stopped or for --duration."""
+Hall counts and gate angle, until stopped or for --duration.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from hil.commands import options
 
 if TYPE_CHECKING:
-    from hil.build import Rig
+    from hil.config.rig import Rig
     from hil.config.scenario import Scenario
     from hil.loop.run import Loop, Peer
     from hil.loop.statistics import Summary

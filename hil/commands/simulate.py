@@ -1,6 +1,7 @@
 """The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, CSV or MF4 out.
 
-It starts unlatched and at rest. A sample of the input holds from its time until the next one."""
+It starts unlatched and at rest. A sample of the input holds from its time until the next one.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +65,9 @@ def run(args: argparse.Namespace) -> int:
     vehicle = vehicle_from(args.vehicle, args.settings)
     scenario = scenario_from(args.scenario)
     check_output(args.output)
-    samples = read_samples(Path(args.input)) if args.input else constant_voltage(args.voltage or 0.0)
+    samples = (
+        read_samples(Path(args.input)) if args.input else constant_voltage(args.voltage or 0.0)
+    )
     duration = args.duration if args.duration is not None else scenario.duration
     if duration is None and args.input:
         duration = float(samples.times[-1])

@@ -119,13 +119,22 @@ def _find_database(faults: Faults, value: object, folder: Path) -> Path | None:
     return None
 
 
+class _Collector(logging.Handler):
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append(record)
+
+
 def _load_messages(faults: Faults, path: Path) -> dict[str, Message]:
     import cantools
 
     # cantools only logs what makes a database ambiguous; here that is a fault.
-    records: list[logging.LogRecord] = []
-    handler = logging.Handler()
-    handler.emit = records.append  # type: ignore[method-assign]
+    handler = _Collector()
     logger = logging.getLogger("cantools")
     logger.addHandler(handler)
     try:
@@ -138,7 +147,7 @@ def _load_messages(faults: Faults, path: Path) -> dict[str, Message]:
     if not isinstance(database, cantools.database.can.Database):
         faults.add("dbc", f"{path}: allowed: a CAN database")
         return {}
-    for record in records:
+    for record in handler.records:
         if "Overwriting" in record.getMessage():
             faults.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
     return {message.name: message for message in database.messages}

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
+from hil.requests import REQUESTS, Request
 from hil.stimulus import CHANNELS, Program, no_program
 
-REQUESTS = ("open", "close", "stop")
 _RANGES = {
     "supply_voltage_v": (0.0, 60.0),
     "road_slope_deg": (-45.0, 45.0),
@@ -22,14 +22,6 @@ _RANGES = {
     "hand_force_n": (-5e3, 5e3),
     "external_torque_nm": (-5e3, 5e3),
 }
-
-
-@dataclass(frozen=True)
-class Request:
-    """A press of a button: at a time [s], one of REQUESTS."""
-
-    time: float
-    action: str
 
 
 @dataclass(frozen=True)

@@ -50,9 +50,7 @@ class AntiTrap:
         """One cycle. Current, speed and wanted speed are positive along the motion; `place` is 0 to 1."""
         c = self._c
         self._time += c.cycle
-        self._filtered += (current - self._filtered) * (
-            1.0 - math.exp(-c.cycle / c.current_filter)
-        )
+        self._filtered += (current - self._filtered) * (1.0 - math.exp(-c.cycle / c.current_filter))
         if self._time < c.blank_time:
             return None
         reference, limit = self._compare(place)

@@ -13,8 +13,8 @@ from hil.codec.quantities import INPUT_INDEX, INPUTS, OUTPUT_INDEX, OUTPUTS
 from hil.codec.receive import NO_COUNTS, nothing_received, receive
 from hil.codec.transmit import encode
 from hil.config.rig import COMMANDS, Rig
-from hil.config.scenario import Request
 from hil.ecu.controller import Controller, DriveCommand, Feedback
+from hil.requests import Request
 from hil.transport.base import Transport
 
 _SIDES = ("left", "right")

@@ -40,7 +40,8 @@ class Lateness:
 
 class BusLoad:
     """Bits on the wire, without stuffing: 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended one
-    (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound."""
+    (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound.
+    """
 
     def __init__(self) -> None:
         self.bits = 0

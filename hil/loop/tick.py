@@ -263,7 +263,8 @@ def tick(
     bench: Bench, state: LoopState, frames: Frames, steps: int, stop: bool
 ) -> tuple[LoopState, Frames, Snapshot]:
     """Advance by `steps` plant steps with the frames that have come; `stop` turns the motors off and
-    sends every message once more."""
+    sends every message once more.
+    """
     since_ns = state.tick * bench.step_ns
     reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
     timeouts = state.timeouts
@@ -288,11 +289,7 @@ def tick(
             break
     overruns = state.overruns + steps - 1
     refused = (
-        counts.remote
-        + counts.wrong_length
-        + counts.out_of_range
-        + counts.checksum
-        + counts.counter
+        counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
     )
     values = bus_values(
         sensed,
@@ -306,9 +303,7 @@ def tick(
         bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
     )
     return (
-        LoopState(
-            plant_state, memory, presence, reception, counts, sent, done, overruns, timeouts
-        ),
+        LoopState(plant_state, memory, presence, reception, counts, sent, done, overruns, timeouts),
         replies,
         snapshot_of(bench, done * bench.step, plant_state, inputs, shown),
     )

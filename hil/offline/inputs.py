@@ -96,8 +96,6 @@ def read_samples(path: Path) -> Samples:
     return Samples(times, values)
 
 
-
-
 def _range_faults(path: Path, name: str, values: Floats) -> list[str]:
     _, low, high = _COLUMNS[name]
     bad = np.flatnonzero(~((values >= low) & (values <= high)))

@@ -159,7 +159,7 @@ def simulate(
     for first in range(0, steps + 1, _BLOCK):
         count = min(_BLOCK, steps + 1 - first)
         # A sample holds from its time on: half a nanosecond of slack for times like 3 * 0.001.
-        times = (first + np.arange(count)) * step + 0.5e-9
+        times = (first + np.arange(count, dtype=np.float64)) * np.float64(step) + 0.5e-9
         rows = np.column_stack([samples.at(times, row) for row in ROWS])
         out = np.empty((count // every + 1, len(COLUMNS)))
         state, presence, written = run(

@@ -1,5 +1,6 @@
 """Bus logs. Live it is always candump's text (`candump -L`), which a kill cannot spoil; any other format that
-python-can writes is made from it at the end."""
+python-can writes is made from it at the end.
+"""
 
 from __future__ import annotations
 

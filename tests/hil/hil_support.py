@@ -21,7 +21,7 @@ from hil.loop.tick import Bench, LoopState, initial_loop
 from hil.stimulus import Program, no_program
 from plant.dynamics import initial_state
 
-CALM = settings(deadline=None, derandomize=True, database=None, max_examples=150)
+CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
 FREE = BusQuantity("", -1e300, 1e300, "anything")
 
 COMMAND, BENCH_CONTROL = 0x120, 0x7E1

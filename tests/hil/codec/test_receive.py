@@ -1,0 +1,379 @@
+"""What becomes of a frame: taken whole or refused whole, and counted under exactly one cause."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hil_support import (
+    BENCH_CONTROL,
+    COMMAND,
+    LEFT_DRIVE,
+    OPEN,
+    both,
+    command_frame,
+    command_payload,
+    frames_of,
+    panel_frame,
+    rig_of,
+    with_checksum,
+)
+
+from hil.codec.frames import ERROR, EXTENDED, REMOTE
+from hil.codec.layout import Layout
+from hil.codec.quantities import INPUT_INDEX, INPUTS
+from hil.codec.receive import (
+    NO_COUNTS,
+    Counts,
+    Reception,
+    forget_stale,
+    nothing_received,
+    receive,
+    rejected,
+)
+from hil.config.rig import Rig
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def layout(rig: Rig) -> Layout:
+    return rig.input_layout()
+
+
+@pytest.fixture
+def fresh(layout: Layout) -> Reception:
+    return nothing_received(layout, len(INPUTS))
+
+
+def take(
+    layout: Layout,
+    reception: Reception,
+    *rows: tuple[int, bytes],
+    counts: Counts = NO_COUNTS,
+    now: int = 0,
+) -> tuple[Reception, Counts]:
+    return receive(layout, reception, counts, frames_of(rows), now)
+
+
+def value(reception: Reception, name: str) -> float:
+    return float(reception.values[INPUT_INDEX[name]])
+
+
+def same(first: Reception, second: Reception) -> bool:
+    return all(
+        np.array_equal(a, b, equal_nan=True) if a.dtype.kind == "f" else np.array_equal(a, b)
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+def test_a_sound_command_is_taken(rig: Rig, layout: Layout, fresh: Reception):
+    frame = command_frame(
+        rig, 3, LeftDuty=12.3, RightDuty=100.0, LeftDirection=1, RightDirection=2, LatchRelease=1
+    )
+    reception, counts = take(layout, fresh, frame)
+    assert counts == NO_COUNTS._replace(accepted=1)
+    assert value(reception, "left_duty") == pytest.approx(12.3)
+    assert value(reception, "right_duty") == 100.0
+    assert value(reception, "left_direction") == 1.0
+    assert value(reception, "right_direction") == 2.0
+    assert value(reception, "latch_release") == 1.0
+    assert np.isnan(value(reception, "hand_force"))
+
+
+def test_the_panels_values_are_taken(rig: Rig, layout: Layout, fresh: Reception):
+    frame = panel_frame(
+        rig, ObstacleAngle=35.0, ObstacleRate=10.0, RoadSlope=-12.0, SupplyVoltage=9.5,
+        HandForce=-200.0,
+    )  # fmt: skip
+    reception, counts = take(layout, fresh, frame)
+    assert counts.accepted == 1
+    expected = {
+        "obstacle_angle": 35.0,
+        "obstacle_rate": 10.0,
+        "road_slope": -12.0,
+        "supply_voltage": 9.5,
+        "hand_force": -200.0,
+    }
+    for name, wanted in expected.items():
+        assert value(reception, name) == pytest.approx(wanted)
+
+
+def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
+    good = command_payload(rig, 4, **both(50.0, OPEN))
+    bad_sum = good[:7] + bytes([good[7] ^ 1])
+    return {
+        "another identifier": ("foreign", (0x121, good)),
+        "the same identifier, extended": ("foreign", (COMMAND | EXTENDED, good)),
+        "a message that we send": ("foreign", (LEFT_DRIVE, good)),
+        "an error frame": ("error", (ERROR, bytes(8))),
+        "an error frame with our identifier": ("error", (COMMAND | ERROR, good)),
+        "a remote request for ours": ("remote", (COMMAND | REMOTE, bytes(8))),
+        "a remote request for another": ("foreign", (0x333 | REMOTE, b"")),
+        "no payload": ("wrong_length", (COMMAND, b"")),
+        "one byte short": ("wrong_length", (COMMAND, good[:7])),
+        "one byte long": ("wrong_length", (COMMAND, good + b"\0")),
+        "a CAN FD payload": ("wrong_length", (COMMAND, good.ljust(64, b"\0"))),
+        "a wrong checksum": ("checksum", (COMMAND, bad_sum)),
+        "a checksum of another identifier": ("checksum", (COMMAND, with_checksum(0x121, good))),
+        "a repeated counter": ("counter", command_frame(rig, 3, **both(60.0, OPEN))),
+        "a duty over 100 %": (
+            "out_of_range",
+            command_frame(rig, 4, LeftDuty=100.1, LeftDirection=1),
+        ),
+        "the other duty over 100 %": (
+            "out_of_range",
+            command_frame(rig, 4, LeftDuty=10.0, RightDuty=102.3, LeftDirection=1),
+        ),
+        "a supply voltage over 40 V": ("out_of_range", (BENCH_CONTROL, b"\0\0\0\0\xf0\xff\0\0")),
+    }
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "another identifier",
+        "the same identifier, extended",
+        "a message that we send",
+        "an error frame",
+        "an error frame with our identifier",
+        "a remote request for ours",
+        "a remote request for another",
+        "no payload",
+        "one byte short",
+        "one byte long",
+        "a CAN FD payload",
+        "a wrong checksum",
+        "a checksum of another identifier",
+        "a repeated counter",
+        "a duty over 100 %",
+        "the other duty over 100 %",
+        "a supply voltage over 40 V",
+    ],
+)
+def test_a_refused_frame_counts_once_and_changes_nothing(
+    rig: Rig, layout: Layout, fresh: Reception, case: str
+):
+    cause, frame = refusals(rig)[case]
+    before, counts = take(layout, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
+    after, total = take(layout, before, frame, counts=counts, now=5 * MS)
+    assert total == counts._replace(**{cause: 1})
+    assert sum(total[:8]) == 2
+    assert same(before, after)
+    assert rejected(total) == int(cause not in ("foreign", "error"))
+
+
+def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
+    rig: Rig, layout: Layout, fresh: Reception
+):
+    reception, counts = take(
+        layout,
+        fresh,
+        (0x400, bytes(8)),
+        command_frame(rig, 1, LeftDuty=102.3),
+        (COMMAND, bytes(3)),
+        command_frame(rig, 2, **both(40.0, OPEN)),
+        panel_frame(rig, HandForce=30.0),
+    )
+    assert (counts.accepted, counts.foreign, counts.out_of_range, counts.wrong_length) == (2, 1, 1, 1)
+    assert value(reception, "left_duty") == pytest.approx(40.0)
+    assert value(reception, "hand_force") == pytest.approx(30.0)
+
+
+def test_arguments_are_not_changed(rig: Rig, layout: Layout, fresh: Reception):
+    before, counts = take(layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
+    kept = copy.deepcopy(before)
+    frames = frames_of([command_frame(rig, 2, **both(70.0, OPEN)), panel_frame(rig)])
+    kept_data = frames.data.copy()
+    receive(layout, before, counts, frames, 10 * MS)
+    forget_stale(layout, before, 1000 * MS)
+    assert same(before, kept)
+    assert np.array_equal(frames.data, kept_data)
+
+
+def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, layout: Layout, fresh: Reception):
+    reception, counts = take(
+        layout,
+        fresh,
+        command_frame(rig, 15, **both(40.0, OPEN)),
+        command_frame(rig, 0, **both(60.0, OPEN)),
+    )
+    assert counts == NO_COUNTS._replace(accepted=2)
+    assert value(reception, "left_duty") == pytest.approx(60.0)
+
+
+def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, layout: Layout, fresh: Reception):
+    reception, counts = take(
+        layout,
+        fresh,
+        command_frame(rig, 5, **both(40.0, OPEN)),
+        command_frame(rig, 5, **both(60.0, OPEN)),
+    )
+    assert counts == NO_COUNTS._replace(accepted=1, counter=1)
+    assert value(reception, "left_duty") == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(
+    ("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)]
+)
+def test_frames_missing_between_two_counters_are_lost(
+    rig: Rig, layout: Layout, fresh: Reception, last: int, now: int, lost: int
+):
+    reception, counts = take(layout, fresh, command_frame(rig, last))
+    assert counts.lost == 0
+    _, counts = take(layout, reception, command_frame(rig, now), counts=counts)
+    assert counts == NO_COUNTS._replace(accepted=2, lost=lost)
+
+
+def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, layout: Layout, fresh: Reception):
+    _, counts = take(
+        layout,
+        fresh,
+        command_frame(rig, 1),
+        command_frame(rig, 2, LeftDuty=102.3),
+        command_frame(rig, 3),
+    )
+    assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
+
+
+def test_after_a_time_out_any_counter_is_welcome(rig: Rig, layout: Layout, fresh: Reception):
+    reception, counts = take(layout, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
+    reception, stale = forget_stale(layout, reception, 30 * MS)
+    assert stale == 1
+    reception, counts = take(
+        layout, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS
+    )
+    assert counts == NO_COUNTS._replace(accepted=2)
+    assert value(reception, "left_duty") == pytest.approx(50.0)
+    _, counts = take(layout, reception, command_frame(rig, 7), counts=counts, now=50 * MS)
+    assert counts.counter == 1
+
+
+def test_values_go_stale_at_the_time_out_and_not_before(
+    rig: Rig, layout: Layout, fresh: Reception
+):
+    start = 17 * MS
+    reception, _ = take(
+        layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
+    )
+    young, stale = forget_stale(layout, reception, start + 30 * MS - 1)
+    assert stale == 0
+    assert same(young, reception)
+    old, stale = forget_stale(layout, reception, start + 30 * MS)
+    assert stale == 1
+    for name in INPUTS:
+        if name in ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release"):
+            assert np.isnan(value(old, name)), name
+        else:
+            assert value(old, name) == value(reception, name), name
+    assert forget_stale(layout, old, start + 60 * MS)[1] == 0
+
+
+def test_a_panels_value_never_goes_stale(rig: Rig, layout: Layout, fresh: Reception):
+    reception, _ = take(layout, fresh, panel_frame(rig, HandForce=100.0))
+    reception, stale = forget_stale(layout, reception, 10**15)
+    assert stale == 0
+    assert value(reception, "hand_force") == pytest.approx(100.0)
+
+
+def test_refused_frames_do_not_keep_a_command_alive(rig: Rig, layout: Layout, fresh: Reception):
+    reception, _ = take(layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
+    for now in (10 * MS, 20 * MS):
+        reception, _ = take(layout, reception, command_frame(rig, 1, **both(40.0, OPEN)), now=now)
+    assert forget_stale(layout, reception, 30 * MS)[1] == 1
+
+
+DATABASE = """VERSION ""
+BS_:
+BU_: A
+BO_ 2566844672 Antrieb: 8 A
+ SG_ Tastgrad : 7|16@0- (0.001,0) [-1.2|1.2] "" A
+ SG_ Richtung : 16|4@1+ (1,0) [0|15] "" A
+ SG_ Zaehler : 24|2@1+ (1,0) [0|3] "" A
+BO_ 256 Heraus: 8 A
+ SG_ Strom : 0|16@1- (1,0) [0|0] "mA" A
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 2566844672 20;
+BA_ "GenMsgCycleTime" BO_ 256 20;
+VAL_ 2566844672 Richtung 9 "Auf" 5 "Zu" 0 "Frei" 12 "Unbekannt" ;
+"""
+THEIRS = 2566844672 & 0x1FFFFFFF | EXTENDED
+
+
+def test_one_signal_may_serve_both_motors_and_its_sign_is_the_direction(tmp_path: Path):
+    text = """
+dbc = "their.dbc"
+[inputs]
+left_duty = { signal = "Antrieb.Tastgrad", scale = 100 }
+right_duty = { signal = "Antrieb.Tastgrad", scale = -100 }
+[outputs]
+left_current = { signal = "Heraus.Strom", scale = 0.001 }
+"""
+    rig = rig_of(tmp_path, DATABASE, text)
+    layout = rig.input_layout()
+    payload = rig.messages["Antrieb"].encode({"Tastgrad": -0.25, "Richtung": 3, "Zaehler": 0})
+    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    assert counts.accepted == 1
+    assert value(reception, "left_duty") == pytest.approx(-25.0)
+    assert value(reception, "right_duty") == pytest.approx(25.0)
+    # In their range, but over 100 % in ours.
+    payload = rig.messages["Antrieb"].encode({"Tastgrad": 1.1, "Richtung": 3, "Zaehler": 0})
+    _, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    assert counts.out_of_range == 1
+
+
+LABELS = """
+dbc = "their.dbc"
+[inputs]
+left_duty = { signal = "Antrieb.Tastgrad", scale = 100 }
+[inputs.left_direction]
+signal = "Antrieb.Richtung"
+values = { open = "Auf", close = "Zu", coast = 0, brake = 3 }
+[outputs]
+left_current = { signal = "Heraus.Strom", scale = 0.001 }
+[messages.Antrieb]
+counter = "Zaehler"
+timeout_cycles = 2
+"""
+
+
+@pytest.mark.parametrize(("raw", "ours"), [(9, 1.0), (5, 2.0), (0, 0.0), (3, 3.0)])
+def test_labels_and_numbers_of_theirs_become_our_enumeration(
+    tmp_path: Path, raw: int, ours: float
+):
+    rig = rig_of(tmp_path, DATABASE, LABELS)
+    layout = rig.input_layout()
+    payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
+    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    assert counts.accepted == 1
+    assert value(reception, "left_direction") == ours
+
+
+@pytest.mark.parametrize("raw", [1, 2, 12, 15])
+def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw: int):
+    rig = rig_of(tmp_path, DATABASE, LABELS)
+    layout = rig.input_layout()
+    payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
+    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    assert counts == NO_COUNTS._replace(out_of_range=1)
+    assert np.isnan(reception.values).all()
+
+
+def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
+    rig = rig_of(tmp_path, DATABASE, LABELS)
+    layout = rig.input_layout()
+    reception = nothing_received(layout, len(INPUTS))
+    counts = NO_COUNTS
+    for now, counter in ((0, 3), (20, 0), (40, 3)):
+        payload = rig.messages["Antrieb"].encode(
+            {"Tastgrad": 0.5, "Richtung": 9, "Zaehler": counter}
+        )
+        reception, counts = take(
+            layout, reception, (THEIRS, payload), counts=counts, now=now * MS
+        )
+    assert counts == NO_COUNTS._replace(accepted=3, lost=2)
+    assert forget_stale(layout, reception, 80 * MS - 1)[1] == 0
+    assert forget_stale(layout, reception, 80 * MS)[1] == 1
