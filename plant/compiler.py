@@ -38,6 +38,13 @@ def compiled(function: F) -> F:
     return _compiled(function)  # type: ignore[return-value]
 
 
+def is_cached(function: Callable[..., Any]) -> bool:
+    """Whether the machine code of `function` is in the disk cache, so that it is ready at once."""
+    if not enabled():
+        return True
+    return any(cache_folder().rglob(f"*.{function.__qualname__}-*.nbi"))
+
+
 def enabled() -> bool:
     """Whether `compiled` compiles."""
     return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
@@ -64,8 +71,7 @@ def _prepare_cache() -> bool:
     numba itself looks only at the file of the entry point, so an edit of a helper in another file would
     go unnoticed. Returns False, and so compiles afresh, where no such folder can be made.
     """
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
-    folder = root / sources_digest()
+    folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -74,12 +80,20 @@ def _prepare_cache() -> bool:
     return True
 
 
+@functools.cache
+def cache_folder() -> Path:
+    """Where the machine code of these very sources is kept."""
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
+    return root / sources_digest()
+
+
 def sources_digest() -> str:
-    """A hash over the packages that hold compilable functions."""
+    """A hash over all sources with compilable functions or with the types that they take."""
     digest = hashlib.sha256()
     plant = Path(__file__).resolve().parent
     for package in (plant, plant.parent / "hil"):
         for source in sorted(package.rglob("*.py")):
-            digest.update(str(source.relative_to(plant.parent)).encode())
-            digest.update(source.read_bytes())
+            content = source.read_bytes()
+            if b"@compilable" in content or b"NamedTuple" in content:
+                digest.update(str(source.relative_to(plant.parent)).encode() + content)
     return digest.hexdigest()[:16]

@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="TIME:ACTION",
-        help="instead of the scenario's: seconds after start and open, close or stop (repeatable)",
+        help="instead of the scenario's: seconds after the gate is first heard, and open, close or "
+        "stop (repeatable)",
     )
     parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
     parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
@@ -55,10 +56,9 @@ def run(args: argparse.Namespace) -> int:
     told = 0
     try:
         while not stop():
-            now = time.monotonic_ns() - start
-            if duration is not None and now > duration * 1e9:
+            node.poll(time.monotonic_ns() - start)
+            if duration is not None and node.elapsed >= duration:
                 break
-            node.poll(now)
             for event in controller.events[told:]:
                 if not args.quiet:
                     print(f"ecu {event.time:7.3f} s  {event.text}", file=sys.stderr, flush=True)

@@ -62,8 +62,9 @@ def emulate(
     """Run the emulator on an open transport until it is over; closes everything it opened."""
     from hil import build
     from hil.loop.run import Loop
-    from hil.loop.tick import initial_loop
+    from hil.loop.tick import initial_loop, tick
     from hil.recording.open import check_record, open_recorder
+    from plant import compiler
     from plant.dynamics import initial_state
 
     stop = options.StopSignals()
@@ -81,6 +82,8 @@ def emulate(
             recorders.append(recorder)
         state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
         loop = Loop(bench, state, transport, recorders, peers, watch, rig.bitrate)
+        if not compiler.is_cached(tick):
+            say("compiling the model (once for this version and machine) …")
         loop.begin()
         say(f"{args.vehicle} on {transport.name}, {args.rate:g} Hz, clock {args.clock}")
         summary = _run(args, loop, rig, scenario, stop)

@@ -33,6 +33,7 @@ class EcuNode:
         requests: Sequence[Request] = (),
     ) -> None:
         self.controller = controller
+        self.elapsed = 0.0  # s since the gate was first heard; requests count from there
         self._transport = transport
         self._sides = _SIDES[:drives]
         self._requests = list(requests)
@@ -45,6 +46,7 @@ class EcuNode:
         self._sent = 0
         self._cycle_ns = round(rig.command_cycle_ms() * 1e6)
         self._next_ns = 0
+        self._start_ns: int | None = None
 
     def poll(self, now_ns: int) -> None:
         """Take what has come; send a command where one is due."""
@@ -54,11 +56,13 @@ class EcuNode:
         if now_ns < self._next_ns:
             return
         self._next_ns += self._cycle_ns * (1 + (now_ns - self._next_ns) // self._cycle_ns)
-        now = now_ns * 1e-9
         feedback = self._feedback()
         if feedback is None:  # nothing heard yet
             self._send(DriveCommand([None] * len(self._sides)))
             return
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        now = self.elapsed = (now_ns - self._start_ns) * 1e-9
         command = self.controller.update(now, feedback)
         while self._requests and self._requests[0].time <= now:
             self.controller.request(self._requests.pop(0).action)

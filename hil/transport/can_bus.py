@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 CAPACITY = 256
 # Interfaces whose bit rate is set elsewhere, or that have none.
 _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
+# Interfaces on which python-can gives a node its own frames back.
+_ECHOING = ("udp_multicast",)
+_ECHOES = 256
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
@@ -46,6 +50,29 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
     return arguments
 
 
+class Echoes:
+    """Tells a node's own frames, which some buses give back to it, from those of others.
+
+    They come back in the order they were sent; what was sent before one that came back was lost.
+    """
+
+    def __init__(self) -> None:
+        self._pending: deque[tuple[int, bytes]] = deque(maxlen=_ECHOES)
+
+    def sent(self, message: can.Message) -> None:
+        """Expect this frame to come back."""
+        self._pending.append((message.arbitration_id, bytes(message.data)))
+
+    def is_echo(self, message: can.Message) -> bool:
+        """Whether this frame is one that was sent from here."""
+        key = (message.arbitration_id, bytes(message.data))
+        if key not in self._pending:
+            return False
+        while self._pending.popleft() != key:
+            pass
+        return True
+
+
 class CanTransport:
     """A python-can bus. Raises TransportError where it cannot be opened."""
 
@@ -66,6 +93,7 @@ class CanTransport:
             raise TransportError(f"{label}: cannot be opened: {detail}") from error
         self._send_failures = 0
         self._receive_failures = 0
+        self._echoes = Echoes() if interface in _ECHOING else None
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """See Transport."""
@@ -86,6 +114,8 @@ class CanTransport:
                 if count == 0 and time.monotonic() < deadline:
                     continue
                 break
+            if self._echoes is not None and self._echoes.is_echo(message):
+                continue
             _pack(message, buffer, count)
             count += 1
         return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
@@ -96,6 +126,8 @@ class CanTransport:
             message = message_of(self._can, frames, row, self._is_fd)
             try:
                 self._bus.send(message)
+                if self._echoes is not None:
+                    self._echoes.sent(message)
             except (self._can.CanError, OSError):
                 self._send_failures += 1
 

@@ -421,7 +421,7 @@ def test_a_signal_under_two_multiplexers_is_sent_with_both(codec: Codec):
 def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checksum():
     message = Message(
         0x1ABCDEF0, "M", 64,
-        [Signal("Value", 511 - 8 - 7, 16, "big_endian"), Signal("Alive", 0, 4, "little_endian"),
+        [Signal("Value", 503, 16, "big_endian"), Signal("Alive", 0, 4, "little_endian"),
          Signal("Sum", 24, 8, "little_endian")],
         is_extended_frame=True, is_fd=True,
     )  # fmt: skip
