@@ -16,7 +16,7 @@ _PANELS = (
     ("Hall speed [counts/s]", ("left_hall_count", "right_hall_count")),
     ("pinch force [N]", ("pinch_force_n",)),
 )
-_WINDOW = 0.02  # s over which Hall counts are differenced
+_WINDOW = 0.05  # s over which Hall counts are differenced
 
 
 def hall_speed(times: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,182 @@
+"""Scenario files: what is allowed, and all faults at once."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from hil import build
+from hil.config.scenario import Scenario, load_scenario
+from hil.errors import ConfigError
+from hil.stimulus import CHANNELS, obstacle_at, value_at
+from plant.dynamics import NO_OBSTACLE
+
+
+def load(tmp_path: Path, text: str) -> Scenario:
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_scenario(path)
+
+
+def faults_of(tmp_path: Path, text: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    for fault in caught.value.faults:
+        assert fault.startswith(str(tmp_path / "scene.toml"))
+    return caught.value.faults
+
+
+def keys_of(faults: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in faults]
+
+
+def test_the_demo_asks_open_close_open_close_around_an_obstacle():
+    scenario = build.scenario_from("demo")
+    assert [request.action for request in scenario.requests] == ["open", "close"] * 2
+    assert scenario.program.obstacles.shape == (1, 8)
+    assert scenario.duration is not None
+
+
+def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+    text = """
+duration = -3
+speed = 4
+[[profile]]
+quantity = "voltage"
+points = [[0, 1]]
+[[profile]]
+quantity = "road_slope_deg"
+interpolation = "cubic"
+points = [[0, 0], [1, 60], [1, 5], [0.5, nan], "x", [1, 2, 3]]
+[[profile]]
+quantity = "snow_mass_kg"
+[[profile]]
+quantity = "hand_force_n"
+points = [[1, 0]]
+[[profile]]
+quantity = "hand_force_n"
+points = [[1, 0]]
+[[obstacle]]
+stiffness = 0
+meets = "falling"
+height = 3
+[[obstacle]]
+start = 5
+end = 4
+angle_deg = 10
+[[request]]
+time = "now"
+action = "fly"
+[[request]]
+"""
+    keys = keys_of(faults_of(tmp_path, text))
+    for key in (
+        "duration",
+        "speed",
+        "profile[0].quantity",
+        "profile[1].interpolation",
+        "profile[1].points[1][1]",
+        "profile[1].points[2][0]",
+        "profile[1].points[3][1]",
+        "profile[1].points[4]",
+        "profile[1].points[5]",
+        "profile[2].points",
+        "profile",
+        "obstacle[0].stiffness",
+        "obstacle[0].meets",
+        "obstacle[0].height",
+        "obstacle[0].angle_deg",
+        "obstacle[1].end",
+        "request[0].time",
+        "request[0].action",
+        "request[1].time",
+        "request[1].action",
+    ):
+        assert key in keys, key
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("duration = inf", "duration"),
+        ("duration = 0", "duration"),
+        ("profile = 3", "profile"),
+        ("profile = [3]", "profile[0]"),
+        ("obstacle = 'wall'", "obstacle"),
+        ("[obstacle]\nangle_deg = 3", "obstacle"),
+        ("[[profile]]\nquantity = 'snow_mass_kg'\npoints = []", "profile[0].points"),
+        ("[[profile]]\nquantity = 'snow_mass_kg'\npoints = [[-1, 0]]", "profile[0].points[0][0]"),
+        ("[[profile]]\npoints = [[0, 0]]", "profile[0].quantity"),
+        ("[[obstacle]]\nangle_deg = 300", "obstacle[0].angle_deg"),
+        ("[[obstacle]]\nangle_deg = 30\nend = 0", "obstacle[0].end"),
+        ("[[request]]\ntime = -1\naction = 'open'", "request[0].time"),
+        ("[[request]]\ntime = nan\naction = 'open'", "request[0].time"),
+        ("[[request]]\ntime = 1\naction = ['open']", "request[0].action"),
+    ],
+)
+def test_each_fault_names_its_key(tmp_path: Path, text: str, key: str):
+    assert key in keys_of(faults_of(tmp_path, text))
+
+
+def test_requests_come_in_the_order_of_their_times(tmp_path: Path):
+    text = "".join(
+        f"[[request]]\ntime = {time}\naction = '{action}'\n"
+        for time, action in ((3, "stop"), (1, "open"), (2.5, "close"))
+    )
+    scenario = load(tmp_path, text)
+    assert [(request.time, request.action) for request in scenario.requests] == [
+        (1.0, "open"),
+        (2.5, "close"),
+        (3.0, "stop"),
+    ]
+
+
+def test_profiles_are_straight_or_held_between_their_points_and_default_before(tmp_path: Path):
+    scenario = load(
+        tmp_path,
+        """
+[[profile]]
+quantity = "supply_voltage_v"
+points = [[1, 10], [2, 12], [4, 8]]
+[[profile]]
+quantity = "road_slope_deg"
+interpolation = "hold"
+points = [[1, 10], [2, -10]]
+""",
+    )
+    names = list(CHANNELS)
+    volts, slope = names.index("supply_voltage_v"), names.index("road_slope_deg")
+
+    def at(channel: int, time: float) -> float:
+        return value_at(scenario.program, channel, 99.0, time)
+
+    assert [at(volts, time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)] == (
+        pytest.approx([99.0, 99.0, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0])
+    )
+    ten = math.radians(10.0)
+    assert [at(slope, time) for time in (0.5, 1.0, 1.999, 2.0, 50.0)] == (
+        pytest.approx([99.0, ten, ten, -ten, -ten])
+    )
+    assert at(names.index("snow_mass_kg"), 1.0) == 99.0
+
+
+@pytest.mark.parametrize("points", [1, 2, 3, 17])
+def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
+    listed = ", ".join(f"[{index}, {index * index}]" for index in range(points))
+    scenario = load(
+        tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n"
+    )
+    row = list(CHANNELS).index("hand_force_n")
+    for index in range(points - 1):
+        for share in (0.0, 0.25, 0.75):
+            expected = index**2 + share * ((index + 1) ** 2 - index**2)
+            assert value_at(scenario.program, row, -1.0, index + share) == pytest.approx(expected)
+
+
+def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
+    scenario = load(tmp_path, "[[obstacle]]\nstart = 1\nend = 2\nangle_deg = 30\n")
+    for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
+        found = obstacle_at(scenario.program, NO_OBSTACLE, time)
+        assert (found.stiffness > 0.0) is there

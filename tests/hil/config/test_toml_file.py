@@ -1,0 +1,110 @@
+"""Whatever a user's file holds, what comes out is a ConfigError that names file, key and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.config.rig import load_rig
+from hil.config.scenario import load_scenario
+from hil.config.toml import Faults, known_keys, number, show, text
+from hil.config.vehicle import load_vehicle
+from hil.errors import ConfigError
+
+LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
+
+
+@pytest.mark.parametrize("load", LOADERS)
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"drives = ",
+        b"[motor\n",
+        b"a = 1\na = 2\n",
+        b"\xff\xfe\x00d",
+        b"\x00\x01\x02",
+        b"drives = 99999999999999999999999999999999" + b"9" * 5000,
+        b"x = " + b"[" * 3000,
+    ],
+    ids=["no value", "open table", "twice", "utf-16", "binary", "5000 digits", "deep nesting"],
+)
+def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
+    tmp_path: Path, load: Callable[[Path], Any], content: bytes
+):
+    path = tmp_path / "bad.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert len(caught.value.faults) == 1
+    assert str(path) in caught.value.faults[0]
+    assert "\n" not in caught.value.faults[0]
+
+
+@pytest.mark.parametrize("load", LOADERS)
+def test_a_missing_file_and_a_folder_are_told_as_such(tmp_path: Path, load: Callable[[Path], Any]):
+    missing = tmp_path / "none.toml"
+    with pytest.raises(ConfigError, match="none.toml: cannot be read: No such file"):
+        load(missing)
+    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize("load", LOADERS)
+def test_an_empty_file_never_raises_anything_else(tmp_path: Path, load: Callable[[Path], Any]):
+    path = tmp_path / "empty.toml"
+    path.write_text("")
+    if load is load_scenario:
+        assert load(path).duration is None
+    else:
+        with pytest.raises(ConfigError, match="missing|allowed"):
+            load(path)
+
+
+HUGE = 10**400
+
+
+@pytest.mark.parametrize(
+    "value", [float("nan"), float("inf"), -1.0, 10.1, True, "5", None, [1], {}, HUGE, -HUGE]
+)
+def test_what_is_no_number_in_range_is_a_fault_that_says_the_range(value: object):
+    faults = Faults("file")
+    number(faults, "key", value, 0.0, 10.0, "V")
+    assert len(faults.lines) == 1
+    assert faults.lines[0].startswith("file: key: ")
+    assert "0 to 10 V" in faults.lines[0]
+
+
+@pytest.mark.parametrize("value", [0, 0.0, 10, 10.0, 3])
+def test_a_range_holds_its_ends(value: float):
+    faults = Faults("file")
+    assert number(faults, "key", value, 0.0, 10.0) == value
+    assert faults.lines == []
+
+
+@pytest.mark.parametrize("value", [1, None, ["a"], "c", ""])
+def test_what_is_no_allowed_text_is_a_fault_that_says_what_is(value: object):
+    faults = Faults("file")
+    assert text(faults, "key", value, ("a", "b")) == ""
+    assert "a, b" in faults.lines[0]
+
+
+def test_an_empty_text_where_any_is_allowed_is_a_fault_too():
+    faults = Faults("file")
+    text(faults, "key", "")
+    assert faults.lines
+
+
+def test_unknown_keys_are_all_told():
+    faults = Faults("file")
+    known_keys(faults, "t", {"a": 1, "b": 2, "c": 3}, ("a", "d"))
+    assert [line.split(": ")[1] for line in faults.lines] == ["t.b", "t.c"]
+    assert "allowed: a, d" in faults.lines[0]
+
+
+@pytest.mark.parametrize("value", ["x" * 1000, "a\nb", list(range(1000))])
+def test_a_shown_value_is_short_and_on_one_line(value: object):
+    assert len(show(value)) <= 60
+    assert "\n" not in show(value)

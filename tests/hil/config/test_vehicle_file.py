@@ -1,0 +1,237 @@
+"""Vehicle files: what is allowed, all faults at once, and `--set`."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hil import build
+from hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
+from hil.errors import ConfigError
+from plant.vehicle import Vehicle, plant_of
+
+SUV = (Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text(encoding="utf-8")
+
+
+def load(tmp_path: Path, text: str, *settings: str) -> Vehicle:
+    path = tmp_path / "gate.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_vehicle(path, settings)
+
+
+def faults_of(tmp_path: Path, text: str, *settings: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text, *settings)
+    return caught.value.faults
+
+
+def changed(old: str, new: str) -> str:
+    assert SUV.count(old) == 1
+    return SUV.replace(old, new)
+
+
+def keys_of(faults: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in faults]
+
+
+def test_the_shipped_vehicle_holds_what_its_file_says():
+    vehicle = build.vehicle_from("suv")
+    raw = tomllib.loads(SUV)
+    assert vehicle.drives == 2
+    assert vehicle.left == vehicle.right
+    assert vehicle.left.motor.resistance == raw["motor"]["resistance"]
+    assert vehicle.gate.open_angle == pytest.approx(math.radians(80.0))
+    assert vehicle.gate.gate_point == (0.085, -0.18)
+    assert vehicle.sensors.hall_counts == 4.0
+
+
+def test_a_default_is_the_one_that_the_table_itself_has():
+    vehicle = build.vehicle_from("suv")
+    assert vehicle.environment == BODY_TABLES["environment"]()
+    assert vehicle.left.thermal == DRIVE_TABLES["thermal"]()
+
+
+def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+    text = SUV
+    for old, new in (
+        ("drives = 2  ", "drives = 3  "),
+        ("resistance = 0.708", "resistance = -1"),
+        ("inductance = 4.37e-5", "inductance = nan"),
+        ("rotor_inertia = 1.28e-5", ""),
+        ("efficiency = 0.82", "efficiency = '82 %'"),
+        ("[seal]", "[seall]"),
+        ("open_angle_deg = 80", "open_angle = 80"),
+        ("hinge = [0, 0]", "hinge = [0, 0, 0]"),
+        ("gate_point = [0.085, -0.18]", "gate_point = [0.085, inf]"),
+        ("road_slope_deg = 0", "road_slope_deg = 46"),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    faults = faults_of(tmp_path, text)
+    keys = keys_of(faults)
+    for key in (
+        "drives",
+        "motor.resistance",
+        "motor.inductance",
+        "motor.rotor_inertia",
+        "motor.efficiency",
+        "seall",
+        "gate.open_angle",
+        "gate.open_angle_deg",
+        "gate.hinge",
+        "gate.gate_point[1]",
+        "environment.road_slope_deg",
+    ):
+        assert keys.count(key) == 1, (key, faults)
+    for fault in faults:
+        assert fault.startswith(str(tmp_path / "gate.toml"))
+        assert "allowed" in fault
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("resistance = 0.708", "resistance = 0", "motor.resistance"),
+        ("resistance = 0.708", "resistance = true", "motor.resistance"),
+        ("resistance = 0.708", "resistance = inf", "motor.resistance"),
+        ("resistance = 0.708", "resistance = 1" + "0" * 400, "motor.resistance"),
+        ("resistance = 0.708", "resistance = 2020-01-01", "motor.resistance"),
+        ("resistance = 0.708", "Resistance = 0.708", "motor.Resistance"),
+        ("ratio = 29", "ratio = [29]", "gear.ratio"),
+        ("mass = 28 ", "mass = 1e9 ", "gate.mass"),
+        ("drives = 2  ", "drives = '2'  ", "drives"),
+        ("drives = 2  ", "drives = true  ", "drives"),
+        ("drives = 2  ", "drives = 0  ", "drives"),
+        ("drives = 2  ", "drives = nan  ", "drives"),
+        ("drives = 2  ", "drives = [1]  ", "drives"),
+        ("drives = 2  ", "", "drives"),
+        ("[motor]", "[gearbox]", "gearbox"),
+        ("gate_point = [0.085, -0.18]", "gate_point = 3", "gate.gate_point"),
+        ("gate_point = [0.085, -0.18]", "gate_point = ['a', 0]", "gate.gate_point[0]"),
+    ],
+)
+def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
+    text = SUV.replace(old, new, 1)
+    assert text != SUV
+    assert key in keys_of(faults_of(tmp_path, text))
+
+
+@pytest.mark.parametrize("name", [*DRIVE_TABLES, *BODY_TABLES, "left", "right"])
+def test_a_number_in_the_place_of_a_table_is_a_fault(tmp_path: Path, name: str):
+    lines = []
+    skipping = False
+    for line in SUV.splitlines():
+        if line.startswith("["):
+            skipping = line == f"[{name}]"
+        if not skipping:
+            lines.append(line)
+    faults = faults_of(tmp_path, f"{name} = 3\n" + "\n".join(lines))
+    assert any(fault.split(": ")[1] == name and "not a table" in fault for fault in faults)
+
+
+def test_a_side_may_have_its_own_values(tmp_path: Path):
+    text = SUV + "\n[left.motor]\nresistance = 0.9\n[right.spring]\nstiffness = 950\n"
+    vehicle = load(tmp_path, text)
+    assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.9, 0.708)
+    assert (vehicle.left.spring.stiffness, vehicle.right.spring.stiffness) == (900.0, 950.0)
+    assert vehicle.left.motor._replace(resistance=0.708) == vehicle.right.motor
+
+
+def test_a_sides_own_fault_is_told_with_its_side(tmp_path: Path):
+    text = SUV + "\n[left.motor]\nresistance = -1\n[right.motor]\nvolts = 3\n[right.motr]\na = 1\n"
+    keys = keys_of(faults_of(tmp_path, text))
+    assert sorted(keys) == ["left.motor.resistance", "right.motor.volts", "right.motr"]
+
+
+def test_a_shared_fault_is_told_once_under_its_own_key(tmp_path: Path):
+    text = changed("resistance = 0.708", "resistance = -1")
+    assert keys_of(faults_of(tmp_path, text)) == ["motor.resistance"]
+    text += "\n[left.motor]\nefficiency = 0.8\n[right.motor]\nefficiency = 0.7\n"
+    assert keys_of(faults_of(tmp_path, text)) == ["motor.resistance"]
+
+
+def test_a_shared_table_that_each_side_completes_is_whole(tmp_path: Path):
+    text = changed("resistance = 0.708", "")
+    text += "\n[left.motor]\nresistance = 0.7\n[right.motor]\nresistance = 0.8\n"
+    vehicle = load(tmp_path, text)
+    assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.7, 0.8)
+
+
+def test_a_gate_with_one_drive_has_the_left_one_only(tmp_path: Path):
+    vehicle = load(tmp_path, changed("drives = 2  ", "drives = 1  "))
+    plant = plant_of(vehicle)
+    assert vehicle.drives == 1
+    assert (plant.left.active, plant.right.active) == (1.0, 0.0)
+
+
+def test_a_gate_with_one_drive_may_not_speak_of_a_right_one(tmp_path: Path):
+    text = changed("drives = 2  ", "drives = 1  ") + "\n[right.motor]\nresistance = 1\n"
+    assert keys_of(faults_of(tmp_path, text)) == ["right"]
+
+
+def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
+    faults = faults_of(tmp_path, changed("open_angle_deg = 80", "open_angle_deg = 170"))
+    assert keys_of(faults) == ["gate"]
+    faults = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
+    assert keys_of(faults) == ["gate"]
+    assert "hinge" in faults[0]
+
+
+# --set.
+
+
+def test_a_setting_replaces_a_value_of_the_file(tmp_path: Path):
+    vehicle = load(
+        tmp_path, SUV, "environment.road_slope_deg=8", "drives = 1", "gate.hinge=[0.1, 0]",
+        "motor.resistance=0.5", "motor.resistance=0.6",
+    )  # fmt: skip
+    assert vehicle.environment.road_slope == pytest.approx(math.radians(8.0))
+    assert vehicle.drives == 1
+    assert vehicle.gate.hinge == (0.1, 0.0)
+    assert vehicle.left.motor.resistance == 0.6
+
+
+def test_a_setting_may_give_one_side_its_own_value(tmp_path: Path):
+    vehicle = load(tmp_path, SUV, "right.motor.resistance=0.9")
+    assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.708, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("motor.resistance", "KEY=VALUE"),
+        ("=5", "KEY=VALUE"),
+        ("motor.=5", "KEY=VALUE"),
+        ("drives.x=5", "drives is not a table"),
+        ("motor.resistance=", "motor.resistance"),
+        ("motor.resistance=abc", "'abc'"),
+        ("motor.resistance=-5", "-5"),
+        ("motor.resistance=nan", "nan"),
+        ("motor.resistance=1e999", "inf"),
+        ("motor.resistance=1" + "0" * 400, "motor.resistance"),
+        ("motor.resistance=1" + "0" * 5000, "motor.resistance"),
+        ("motor.voltage=5", "motor.voltage"),
+        ("engine.size=5", "engine"),
+        ("motor=5", "motor"),
+    ],
+)
+def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
+    faults = faults_of(tmp_path, SUV, setting)
+    assert any(said in fault for fault in faults)
+    assert all("\n" not in fault for fault in faults)
+
+
+def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
+    with pytest.raises(ConfigError, match=r"--vehicle nosuch: .*suv"):
+        build.vehicle_from("nosuch")
+    with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file"):
+        build.vehicle_from("nosuch.toml")
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "/", "suv/"])
+def test_strange_names_are_no_vehicles(name: str):
+    with pytest.raises(ConfigError):
+        build.vehicle_from(name)

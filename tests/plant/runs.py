@@ -1,0 +1,143 @@
+"""Running the plant in tests: vehicles by settings, a compiled loop, phases of constant inputs."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil.config.vehicle import apply_setting, vehicle_of
+from plant import integrate
+from plant.bridge import DriveInput
+from plant.compiler import compiled
+from plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state
+from plant.obstacle import Obstacle
+from plant.vehicle import Vehicle, load_of, plant_of
+from tests.reference import event_solution
+
+SUV = Path(__file__).parents[2] / "configs" / "vehicles" / "suv.toml"
+COLUMNS = (
+    *(f"{side}_{name}" for side in ("left", "right") for name in DriveState._fields),
+    "angle",
+    "rate",
+    "latched",
+)
+
+OPEN, CLOSE = DriveInput(1.0, 0.0, 0.0), DriveInput(-1.0, 0.0, 0.0)
+BRAKE, COAST = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
+
+
+def tables(*settings: str) -> dict[str, Any]:
+    """The reference SUV's file with `--set` style values (`motor.resistance=0.8`) laid over it."""
+    raw = tomllib.loads(SUV.read_text(encoding="utf-8"))
+    for setting in settings:
+        apply_setting(raw, setting)
+    return raw
+
+
+def suv(*settings: str) -> Vehicle:
+    """The reference SUV with `--set` style values laid over it."""
+    return vehicle_of(tables(*settings), "test")
+
+
+def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
+    """The states (as `COLUMNS`) before and after each of n steps of h seconds."""
+    rows = np.empty((n + 1, 13))
+    for k in range(n + 1):
+        if k > 0:
+            state = integrate.step(plant, state, inputs, h)
+        for side in range(2):
+            drive = state.left if side == 0 else state.right
+            rows[k, 5 * side] = drive.current
+            rows[k, 5 * side + 1] = drive.speed
+            rows[k, 5 * side + 2] = drive.position
+            rows[k, 5 * side + 3] = drive.winding_temperature
+            rows[k, 5 * side + 4] = drive.housing_temperature
+        rows[k, 10] = state.gate_angle
+        rows[k, 11] = state.gate_rate
+        rows[k, 12] = state.latched
+    return rows
+
+
+def fast_run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
+    """`run` in machine code, compiled at the first call."""
+    return compiled(run)(plant, state, inputs, h, n)
+
+
+def state_of(row: Sequence[float]) -> State:
+    """The state of one row of `run`."""
+    values = [float(value) for value in row]
+    return State(DriveState(*values[:5]), DriveState(*values[5:10]), *values[10:])
+
+
+def column(rows: np.ndarray, name: str) -> np.ndarray:
+    """One column of `run`, by its name in COLUMNS."""
+    return rows[:, COLUMNS.index(name)]
+
+
+def load(vehicle: Vehicle, **changes: Any) -> Load:
+    """The vehicle's surroundings with the latch released, so that the gate is free."""
+    return load_of(vehicle)._replace(**{"latch_released": 1.0, **changes})
+
+
+def inputs(
+    vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any
+) -> Inputs:
+    """Inputs with the latch released; the right drive does as the left where it isn't given."""
+    return Inputs(left, left if right is None else right, load(vehicle, **changes))
+
+
+def at_rest(vehicle: Vehicle, angle_deg: float, latched: bool = False) -> State:
+    """The gate at rest at an angle, drives in the middle of their play."""
+    return initial_state(plant_of(vehicle), math.radians(angle_deg), latched)
+
+
+def _drive_input(command: event_solution.DriveInput) -> DriveInput:
+    if command.mode == "voltage":
+        return DriveInput(0.0, command.value, 0.0)
+    if command.mode == "coast":
+        return COAST
+    sign = {"open": 1.0, "close": -1.0, "brake": 0.0}[command.mode]
+    return DriveInput(sign * command.value, 0.0, 0.0)
+
+
+def inputs_of(vehicle: Vehicle, phase: event_solution.Phase) -> Inputs:
+    """A phase of the event solution as inputs of the plant."""
+    changes: dict[str, Any] = {"measured_torque": phase.external_torque}
+    if phase.supply_voltage is not None:
+        changes["source_voltage"] = phase.supply_voltage
+    if phase.slope_deg is not None:
+        changes["road_slope"] = math.radians(phase.slope_deg)
+    rod = phase.obstacle
+    if rod is not None:
+        changes["obstacle"] = Obstacle(
+            rod.angle,
+            rod.distance,
+            rod.stiffness,
+            rod.damping,
+            rod.gap,
+            1.0 if rod.closing else -1.0,
+        )
+    return inputs(vehicle, _drive_input(phase.left), _drive_input(phase.right), **changes)
+
+
+def run_phases(
+    vehicle: Vehicle,
+    phases: Sequence[event_solution.Phase],
+    step: float,
+    initial_angle: float = 0.0,
+) -> np.ndarray:
+    """The states at 0, step, 2 step, … through the phases, from rest at `initial_angle` [rad]."""
+    plant = plant_of(vehicle)
+    parts = [run(plant, initial_state(plant, initial_angle), inputs_of(vehicle, phases[0]), step, 0)]
+    start = 0.0
+    for phase in phases:
+        steps = round((phase.end - start) / step)
+        state = state_of(parts[-1][-1])
+        parts.append(fast_run(plant, state, inputs_of(vehicle, phase), step, steps)[1:])
+        start = phase.end
+    return np.concatenate(parts)
