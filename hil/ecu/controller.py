@@ -69,6 +69,7 @@ class Controller:
         self.travel: float | None = None  # counts from closed to open, once learned
         self._zero: list[float] | None = None  # counts when closed
         self._since = 0.0
+        self._brake_until = 0.0
         self._still = 0.0
         self._free: float | None = None  # position where the drives last ran without unusual load
         self._start: list[float] = []  # counts when the motion began
@@ -120,6 +121,8 @@ class Controller:
             self._zero = list(feedback.counts)
 
     def _enter(self, state: GateState, text: str, verdict: Verdict | None = None) -> None:
+        if self.state in MOVING and state not in MOVING:
+            self._brake_until = self._now + self._c.hold_time
         self.state = state
         self._since = self._now
         self._still = 0.0
@@ -135,7 +138,7 @@ class Controller:
 
     def _hold(self) -> DriveCommand:
         """Brake for a moment, then coast: the spindle holds the gate by itself."""
-        braking = self._now - self._since < self._c.hold_time and self._now > self._c.hold_time
+        braking = self._now < self._brake_until
         return DriveCommand([0.0 if braking else None for _ in self._drives])
 
     def _move(self, feedback: Feedback) -> DriveCommand:

@@ -103,7 +103,7 @@ def _range_faults(path: Path, name: str, values: Floats) -> list[str]:
         return []
     first = int(bad[0])
     return [
-        f"{path}: {name}: {values[first]!r} in row {first + 1} ({len(bad)} such rows); "
+        f"{path}: {name}: {float(values[first])!r} in row {first + 1} ({len(bad)} such rows); "
         f"allowed: {low:g} to {high:g}"
     ]
 
@@ -114,7 +114,9 @@ def _read_csv(path: Path) -> dict[str, Floats]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     if not rows:
         raise ConfigError(f"{path}: empty; allowed: a header and rows")

@@ -171,5 +171,3 @@ def layout_of(
     )
     faults.raise_if_any()
     return layout
-
-

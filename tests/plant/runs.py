@@ -133,7 +133,9 @@ def run_phases(
 ) -> np.ndarray:
     """The states at 0, step, 2 step, … through the phases, from rest at `initial_angle` [rad]."""
     plant = plant_of(vehicle)
-    parts = [run(plant, initial_state(plant, initial_angle), inputs_of(vehicle, phases[0]), step, 0)]
+    parts = [
+        run(plant, initial_state(plant, initial_angle), inputs_of(vehicle, phases[0]), step, 0)
+    ]
     start = 0.0
     for phase in phases:
         steps = round((phase.end - start) / step)

@@ -70,7 +70,9 @@ def test_bits_are_read_one_by_one_from_the_lowest(payload: bytes, place: Place):
 
 @CALM
 @given(payloads, places(32), st.data())
-def test_writing_changes_no_bit_outside_the_place(payload: bytes, place: Place, data: st.DataObject):
+def test_writing_changes_no_bit_outside_the_place(
+    payload: bytes, place: Place, data: st.DataObject
+):
     raw = data.draw(st.integers(0, (1 << place.length) - 1))
     after = array_of(payload)
     insert(after, 0, *place[:4], np.int64(raw))
@@ -138,7 +140,9 @@ def test_the_frame_checksum_is_the_crc_over_identifier_and_payload_but_its_own_b
     assert got == j1850(identifier, payload, skip)
 
 
-@pytest.mark.parametrize(("kind", "expected"), [(XOR8, 0x23 ^ 0x01 ^ 1 ^ 4), (SUM8, 0x23 + 1 + 1 + 4)])
+@pytest.mark.parametrize(
+    ("kind", "expected"), [(XOR8, 0x23 ^ 0x01 ^ 1 ^ 4), (SUM8, 0x23 + 1 + 1 + 4)]
+)
 def test_xor_and_sum_checksums_cover_identifier_and_payload_but_their_own_byte(
     kind: int, expected: int
 ):

@@ -177,7 +177,12 @@ def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
         command_frame(rig, 2, **both(40.0, OPEN)),
         panel_frame(rig, HandForce=30.0),
     )
-    assert (counts.accepted, counts.foreign, counts.out_of_range, counts.wrong_length) == (2, 1, 1, 1)
+    assert (counts.accepted, counts.foreign, counts.out_of_range, counts.wrong_length) == (
+        2,
+        1,
+        1,
+        1,
+    )
     assert value(reception, "left_duty") == pytest.approx(40.0)
     assert value(reception, "hand_force") == pytest.approx(30.0)
 
@@ -251,9 +256,7 @@ def test_after_a_time_out_any_counter_is_welcome(rig: Rig, layout: Layout, fresh
     assert counts.counter == 1
 
 
-def test_values_go_stale_at_the_time_out_and_not_before(
-    rig: Rig, layout: Layout, fresh: Reception
-):
+def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, layout: Layout, fresh: Reception):
     start = 17 * MS
     reception, _ = take(
         layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
@@ -264,7 +267,13 @@ def test_values_go_stale_at_the_time_out_and_not_before(
     old, stale = forget_stale(layout, reception, start + 30 * MS)
     assert stale == 1
     for name in INPUTS:
-        if name in ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release"):
+        if name in (
+            "left_duty",
+            "right_duty",
+            "left_direction",
+            "right_direction",
+            "latch_release",
+        ):
             assert np.isnan(value(old, name)), name
         else:
             assert value(old, name) == value(reception, name), name
@@ -341,9 +350,7 @@ timeout_cycles = 2
 
 
 @pytest.mark.parametrize(("raw", "ours"), [(9, 1.0), (5, 2.0), (0, 0.0), (3, 3.0)])
-def test_labels_and_numbers_of_theirs_become_our_enumeration(
-    tmp_path: Path, raw: int, ours: float
-):
+def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw: int, ours: float):
     rig = rig_of(tmp_path, DATABASE, LABELS)
     layout = rig.input_layout()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
@@ -371,9 +378,7 @@ def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
         payload = rig.messages["Antrieb"].encode(
             {"Tastgrad": 0.5, "Richtung": 9, "Zaehler": counter}
         )
-        reception, counts = take(
-            layout, reception, (THEIRS, payload), counts=counts, now=now * MS
-        )
+        reception, counts = take(layout, reception, (THEIRS, payload), counts=counts, now=now * MS)
     assert counts == NO_COUNTS._replace(accepted=3, lost=2)
     assert forget_stale(layout, reception, 80 * MS - 1)[1] == 0
     assert forget_stale(layout, reception, 80 * MS)[1] == 1

@@ -101,7 +101,7 @@ action = "fly"
     ("text", "key"),
     [
         ("duration = inf", "duration"),
-        ("duration = 0", "duration"),
+        ("duration = '3'", "duration"),
         ("profile = 3", "profile"),
         ("profile = [3]", "profile[0]"),
         ("obstacle = 'wall'", "obstacle"),
@@ -165,9 +165,7 @@ points = [[1, 10], [2, -10]]
 @pytest.mark.parametrize("points", [1, 2, 3, 17])
 def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
     listed = ", ".join(f"[{index}, {index * index}]" for index in range(points))
-    scenario = load(
-        tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n"
-    )
+    scenario = load(tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n")
     row = list(CHANNELS).index("hand_force_n")
     for index in range(points - 1):
         for share in (0.0, 0.25, 0.75):

@@ -67,7 +67,13 @@ HUGE = 10**400
 
 
 @pytest.mark.parametrize(
-    "value", [float("nan"), float("inf"), -1.0, 10.1, True, "5", None, [1], {}, HUGE, -HUGE]
+    "value",
+    [
+        *(pytest.param(each, id=str(each)) for each in (float("nan"), float("inf"), -1.0, 10.1)),
+        *(pytest.param(each, id=repr(each)) for each in (True, "5", None, [1], {})),
+        pytest.param(HUGE, id="huge"),
+        pytest.param(-HUGE, id="-huge"),
+    ],
 )
 def test_what_is_no_number_in_range_is_a_fault_that_says_the_range(value: object):
     faults = Faults("file")

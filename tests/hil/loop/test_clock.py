@@ -55,7 +55,14 @@ def test_deadlines_are_absolute_so_that_small_delays_do_not_add_up():
 
 @pytest.mark.parametrize(
     ("work", "steps"),
-    [(1_000_000, 1), (1_999_999, 1), (2_000_000, 2), (2_999_999, 2), (3_000_000, 3), (50_500_000, 50)],
+    [
+        (1_000_000, 1),
+        (1_999_999, 1),
+        (2_000_000, 2),
+        (2_999_999, 2),
+        (3_000_000, 3),
+        (50_500_000, 50),
+    ],
 )
 def test_whole_periods_that_were_missed_are_made_up_at_once(work: int, steps: int):
     time = FakeTime()

@@ -143,7 +143,9 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
 
     clock = RealtimeClock(1_000_000, 10**9, lambda: now[0], sleep)
     transport = Memory([[command(rig, 1)]])
-    loop = loop_of(transport, bench(rig=rig), watch=lambda snapshot: now.__setitem__(0, now[0] + 3_300_000))
+    loop = loop_of(
+        transport, bench(rig=rig), watch=lambda snapshot: now.__setitem__(0, now[0] + 3_300_000)
+    )
     run_clocked(loop, clock, 100, never)
     assert loop.state.tick == 100
     assert loop.state.counts.accepted == 1
@@ -197,7 +199,9 @@ def test_beginning_leaves_no_trace(rig: Rig):
 
 
 def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
-    batches: list[Rows] = [[command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)]
+    batches: list[Rows] = [
+        [command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)
+    ]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
     loop = loop_of(transport, bench(rig=rig), recorders=[notes])
     run_free(loop, 100, never)

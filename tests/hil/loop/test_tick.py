@@ -70,9 +70,7 @@ def run(
     snapshots, replies = [], []
     for number in range(ticks):
         rows = frames_at(number)
-        state, sent, snapshot = call(
-            some, state, frames_of(rows) if rows else NOTHING, 1, False
-        )
+        state, sent, snapshot = call(some, state, frames_of(rows) if rows else NOTHING, 1, False)
         snapshots.append(snapshot)
         replies.append(sent)
     return state, snapshots, replies
@@ -172,9 +170,7 @@ def test_motors_coast_from_exactly_the_time_out_on(rig: Rig, fast_tick: Tick):
     assert state.timeouts == 1
 
 
-def test_a_command_every_cycle_never_times_out_and_two_lost_ones_neither(
-    rig: Rig, fast_tick: Tick
-):
+def test_a_command_every_cycle_never_times_out_and_two_lost_ones_neither(rig: Rig, fast_tick: Tick):
     some = bench(rig=rig)
 
     def with_gaps(number: int) -> list[tuple[int, bytes]]:
@@ -221,7 +217,9 @@ def test_a_time_out_within_a_catch_up_is_met_at_its_own_step(rig: Rig, fast_tick
         some,
         start,
         50,
-        lambda number: [command_frame(rig, 1, **both(80.0, OPEN, release=1))] if number == 0 else [],
+        lambda number: (
+            [command_frame(rig, 1, **both(80.0, OPEN, release=1))] if number == 0 else []
+        ),
     )
     assert equal(at_once.plant, singly.plant)
     assert (at_once.timeouts, at_once.tick) == (1, 50)
@@ -493,7 +491,9 @@ def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
     assert max(snapshot.pinch_force_n for snapshot in met) > 20.0
 
     def removed(number: int) -> list[tuple[int, bytes]]:
-        return [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
+        return (
+            [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
+        )
 
     _, free, _ = run(fast_tick, some, start, 500, removed)
     assert max(snapshot.pinch_force_n for snapshot in free) == 0.0
@@ -666,9 +666,7 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
     assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0)
 
 
-def test_an_initial_state_is_at_rest_and_stays_there_without_a_command(
-    rig: Rig, fast_tick: Tick
-):
+def test_an_initial_state_is_at_rest_and_stays_there_without_a_command(rig: Rig, fast_tick: Tick):
     some = bench(rig=rig)
     start = initial_state(some.plant, 0.0, latched=True)
     state, _, _ = run(fast_tick, some, rest(some), 500)

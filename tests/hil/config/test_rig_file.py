@@ -1,0 +1,305 @@
+"""Rig files: any database may be wired, and all faults of a file come at once."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+from hil_support import EXTENDED, rig_of, write_rig
+
+from hil import build
+from hil.config.rig import Rig, load_rig
+from hil.errors import ConfigError
+
+DATABASE = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ DutyL : 0|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ DutyR : 16|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ Dir : 32|4@1+ (1,0) [0|15] "" Gate
+ SG_ Alive : 36|4@1+ (1,0) [0|15] "" Gate
+ SG_ Sum : 40|8@1+ (1,0) [0|255] "" Gate
+ SG_ Sum16 : 48|16@1+ (1,0) [0|65535] "" Gate
+BO_ 2566844672 Out: 8 Gate
+ SG_ Current : 7|16@0- (0.01,0) [0|0] "A" ECU
+ SG_ Count : 23|24@0- (1,0) [0|0] "" ECU
+ SG_ Latch : 40|2@1+ (1,0) [0|3] "" ECU
+BO_ 512 Panel: 8 ECU
+ SG_ Slope : 0|16@1- (0.01,0) [-90|90] "deg" Gate
+BO_ 768 Slow: 8 Gate
+ SG_ Pinch : 0|16@1+ (1,0) [0|0] "N" ECU
+BO_ 1024 Muxed: 8 Gate
+ SG_ Which M : 0|4@1+ (1,0) [0|15] "" ECU
+ SG_ A m1 : 8|16@1+ (1,0) [0|0] "" ECU
+ SG_ B m2 : 8|16@1+ (1,0) [0|0] "" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 256 20;
+BA_ "GenMsgCycleTime" BO_ 2566844672 10;
+BA_ "GenMsgCycleTime" BO_ 1024 10;
+VAL_ 256 Dir 0 "Frei" 1 "Auf" 2 "Zu" 3 "Halt" ;
+VAL_ 2566844672 Latch 0 "offen" 1 "zu" ;
+"""
+
+INPUTS = '[inputs]\nleft_duty = "Cmd.DutyL"\nright_duty = "Cmd.DutyR"\n'
+OUTPUTS = '[outputs]\nleft_current = "Out.Current"\n'
+RIG = 'dbc = "their.dbc"\n' + INPUTS + OUTPUTS
+
+
+def faults_of(folder: Path, text: str, database: str = DATABASE) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load_rig(write_rig(folder, database, text))
+    for fault in caught.value.faults:
+        assert fault.startswith(str(folder / "their.toml"))
+        assert "\n" not in fault
+    return caught.value.faults
+
+
+def keys_of(faults: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in faults]
+
+
+def test_the_shipped_rig_wires_everything_there_is():
+    rig = build.rig_from("liftgate")
+    assert (len(rig.inputs), len(rig.outputs)) == (10, 19)
+    assert rig.command_identifier() == 0x120
+    assert rig.command_cycle_ms() == 10.0
+    assert not rig.is_fd
+
+
+def test_a_foreign_database_needs_nothing_but_names(tmp_path: Path):
+    rig = rig_of(tmp_path, DATABASE, RIG)
+    assert rig.command_message() == "Cmd"
+    assert rig.command_cycle_ms() == 20.0
+    messages = rig.output_layout().messages
+    assert messages.identifier.tolist() == [2566844672 & 0x1FFFFFFF | EXTENDED]
+    assert messages.cycle_ns.tolist() == [10_000_000]
+    assert rig.input_layout().messages.timeout_ns.tolist() == [60_000_000]
+
+
+def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
+    text = (
+        RIG + "[messages.Cmd]\ncycle_ms = 2.5\ntimeout_cycles = 4\n[messages.Out]\ncycle_ms = 7\n"
+    )
+    rig = rig_of(tmp_path, DATABASE, text)
+    assert rig.command_cycle_ms() == 2.5
+    assert rig.input_layout().messages.timeout_ns.tolist() == [10_000_000]
+    assert rig.output_layout().messages.cycle_ns.tolist() == [7_000_000]
+
+
+def test_an_extended_commands_identifier_carries_its_flag(tmp_path: Path):
+    text = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Out.Current"\n[outputs]\nleft_current = "Cmd.DutyL"\n'
+    assert rig_of(tmp_path, DATABASE, text).command_identifier() == (
+        2566844672 & 0x1FFFFFFF | EXTENDED
+    )
+
+
+FAULTY = """
+dbc = "their.dbc"
+bitrate = 0
+speed = 3
+[inputs]
+left_duty = "Cmd.Duty"
+right_duty = "Command.DutyR"
+middle_duty = "Cmd.DutyL"
+road_slope = 5
+hand_force = { signal = "Panel.Slope", scale = 0, ofset = 3 }
+left_direction = { signal = "Cmd.Dir", values = { opening = 1, close = "Zuu", brake = true } }
+[outputs]
+left_current = "Out"
+pinch_force = "Slow.Pinch"
+gate_angle = { signal = "Out.Current", scale = inf, offset = "x" }
+left_hall_count = "Cmd.Sum16"
+[messages.Cmd]
+counter = "Alife"
+checksum = "Sum"
+checksum_kind = "crc32"
+cycle_ms = 0
+timeout_cycles = 0.5
+cycle = 5
+[messages.Comand]
+counter = "Alive"
+"""
+
+
+def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
+    keys = keys_of(faults_of(tmp_path, FAULTY))
+    for key in (
+        "bitrate",
+        "speed",
+        "inputs.left_duty",
+        "inputs.right_duty",
+        "inputs.middle_duty",
+        "inputs.road_slope.signal",
+        "inputs.hand_force.scale",
+        "inputs.hand_force.ofset",
+        "inputs.left_direction.values.brake",
+        "outputs.left_current",
+        "messages.Slow.cycle_ms",
+        "outputs.gate_angle.scale",
+        "outputs.gate_angle.offset",
+        "messages.Cmd.counter",
+        "messages.Cmd.checksum_kind",
+        "messages.Cmd.cycle_ms",
+        "messages.Cmd.timeout_cycles",
+        "messages.Cmd.cycle",
+        "messages.Comand",
+    ):
+        assert key in keys, key
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        (INPUTS + OUTPUTS, "dbc", "allowed"),
+        ("dbc = 3\n" + INPUTS + OUTPUTS, "dbc", "3"),
+        ('dbc = ""\n' + INPUTS + OUTPUTS, "dbc", "allowed"),
+        ('dbc = "."\n' + INPUTS + OUTPUTS, "dbc", "no such file"),
+        ('dbc = "none.dbc"\n' + INPUTS + OUTPUTS, "dbc", "none.dbc"),
+        ('dbc = "their.toml"\n' + INPUTS + OUTPUTS, "dbc", "cannot be read"),
+        ('dbc = "their.dbc"\n', "inputs.left_duty", "missing"),
+        ('dbc = "their.dbc"\ninputs = 3\n', "inputs", "not a table"),
+        ('dbc = "their.dbc"\n[inputs]\nright_duty = "Cmd.DutyR"\n', "inputs.left_duty", "missing"),
+        (RIG + 'gate_angle = ""\n', "outputs.gate_angle.signal", "allowed"),
+        (RIG + 'gate_angle = "."\n', "outputs.gate_angle", "no such message"),
+        (RIG + 'gate_angle = "Out."\n', "outputs.gate_angle", "no such signal"),
+        (RIG + 'gate_angle = "Out.Count.x"\n', "outputs.gate_angle", "no such signal"),
+        (RIG + 'gate_angle = "out.count"\n', "outputs.gate_angle", "no such message"),
+        (RIG + "gate_angle = {}\n", "outputs.gate_angle.signal", "allowed"),
+        (RIG + 'pinch_force = "Slow.Pinch"\n', "messages.Slow.cycle_ms", "GenMsgCycleTime"),
+        (RIG + 'gate_angle = "Cmd.Sum16"\n', "outputs.gate_angle", "carries inputs too"),
+        (RIG + '[messages.Cmd]\nchecksum = "Sum16"\n', "messages.Cmd.checksum", "one byte"),
+        (RIG + '[messages.Cmd]\nchecksum = "Alive"\n', "messages.Cmd.checksum", "one byte"),
+        (RIG + '[messages.Cmd]\nchecksum = "Crc"\n', "messages.Cmd.checksum", "Sum16"),
+        (RIG + '[messages.Cmd]\ncounter = ""\n', "messages.Cmd.counter", "Alive"),
+        (RIG + "[messages.Cmd]\ncounter = 1\n", "messages.Cmd.counter", "Alive"),
+        (RIG + "[messages.Cmd]\ncycle_ms = nan\n", "messages.Cmd.cycle_ms", "60000"),
+        (RIG + "[messages.Cmd]\nchecksum_kind = ''\n", "messages.Cmd.checksum_kind", "xor8"),
+        (RIG + "[messages]\nCmd = 3\n", "messages.Cmd", "not a table"),
+        (
+            RIG + 'latch_state = { signal = "Out.Latch", values = { open = "auf" } }\n',
+            "latch_state.values",
+            "offen, zu",
+        ),
+        (
+            RIG + 'gate_angle = { signal = "Out.Latch", values = { open = 1 } }\n',
+            "gate_angle.values",
+            "no enumeration",
+        ),
+        (
+            RIG + 'latch_state = { signal = "Out.Count", values = { open = "x" } }\n',
+            "latch_state.values",
+            "no value table",
+        ),
+        (
+            RIG + 'latch_state = { signal = "Out.Latch", values = { open = nan, latched = 1 } }\n',
+            "latch_state.values",
+            "nan",
+        ),
+        (
+            RIG + 'latch_state = { signal = "Out.Latch", values = { open = inf, latched = 1 } }\n',
+            "latch_state.values",
+            "inf",
+        ),
+        (
+            RIG + 'gate_angle = "Muxed.A"\nterminal_voltage = "Muxed.B"\n',
+            "outputs in Muxed",
+            "one multiplexer value",
+        ),
+    ],
+)
+def test_each_fault_names_its_key_and_what_is_allowed(
+    tmp_path: Path, text: str, key: str, said: str
+):
+    faults = faults_of(tmp_path, text)
+    assert any(key in fault.split(": ")[1] and said in fault for fault in faults), faults
+
+
+def test_a_table_name_that_is_too_large_a_number_is_a_fault(tmp_path: Path):
+    values = "{ open = 1" + "0" * 400 + ", latched = 1 }"
+    text = RIG + f'latch_state = {{ signal = "Out.Latch", values = {values} }}\n'
+    assert any("latch_state.values" in key for key in keys_of(faults_of(tmp_path, text)))
+
+
+@pytest.mark.parametrize(
+    "database",
+    [
+        "this is no database",
+        "",
+        "\x00\x01\x02",
+        "<?xml version='1.0'?><NetworkDefinition/>",
+        DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (x,0)"),
+        DATABASE.replace("48|16@1+", "56|16@1+"),  # beyond the message's end
+        DATABASE.replace("36|4@1+", "30|9@1+"),  # over another signal
+        DATABASE.rstrip()[:-1],
+    ],
+    ids=["text", "empty", "binary", "xml", "no number", "too long", "overlap", "cut off"],
+)
+def test_a_database_that_is_none_is_a_fault_of_dbc(tmp_path: Path, database: str):
+    assert keys_of(faults_of(tmp_path, RIG, database))[0] in ("dbc", "inputs.left_duty")
+
+
+@pytest.mark.parametrize(
+    "extra",
+    ["BO_ 300 Cmd: 8 ECU\n SG_ X : 0|8@1+ (1,0) [0|0] \"\" Gate\n",
+     "BO_ 256 Other: 8 ECU\n SG_ X : 0|8@1+ (1,0) [0|0] \"\" Gate\n"],
+    ids=["name", "identifier"],
+)  # fmt: skip
+def test_an_ambiguous_database_is_a_fault(tmp_path: Path, extra: str):
+    database = DATABASE.replace("BO_ 768 Slow", extra + "BO_ 768 Slow")
+    faults = faults_of(tmp_path, RIG, database)
+    assert any("ambiguous" in fault for fault in faults)
+
+
+def test_a_factor_of_zero_is_a_fault(tmp_path: Path):
+    database = DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (0,0)")
+    faults = faults_of(tmp_path, RIG, database)
+    assert any("DutyL" in fault for fault in faults)
+
+
+def test_a_float_of_16_bits_is_a_fault_of_its_wire(tmp_path: Path):
+    database = DATABASE + "SIG_VALTYPE_ 2566844672 Current : 1;\n"
+    faults = faults_of(tmp_path, RIG, database)
+    assert any("left_current" in fault or "Current" in fault for fault in faults)
+
+
+def test_two_outputs_on_the_same_bits_are_a_fault(tmp_path: Path):
+    faults = faults_of(tmp_path, RIG + 'right_current = "Out.Current"\n')
+    assert any("Out.Current" in fault for fault in faults)
+
+
+@pytest.mark.parametrize("option", ["counter", "checksum"])
+def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option: str):
+    database = DATABASE.replace(
+        '"deg" Gate', '"deg" Gate\n SG_ Eight : 40|8@1+ (1,0) [0|0] "" ECU', 1
+    )
+    text = (
+        'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.DutyL"\n[outputs]\n'
+        'left_hall_speed = "Panel.Eight"\n'
+        f'[messages.Panel]\ncycle_ms = 10\n{option} = "Eight"\n'
+    )
+    faults = faults_of(tmp_path, text, database)
+    assert any("Eight" in fault for fault in faults)
+
+
+def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):
+    text = RIG + 'latch_state = { signal = "Out.Latch", values = { latched = "offen" } }\n'
+    # "open" would go out as our own number 0, which means "offen" to them: latched.
+    assert any("latch_state" in fault for fault in faults_of(tmp_path, text))
+
+
+def test_a_database_may_lie_beside_the_rig_or_be_a_shipped_one(tmp_path: Path):
+    text = (Path(__file__).parents[3] / "configs/rigs/liftgate.toml").read_text()
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    rig = load_rig(path)
+    assert isinstance(rig, Rig)
+    assert rig.database.name == "liftgate.dbc"
+
+
+def test_loading_a_database_leaves_the_log_as_it_was(tmp_path: Path):
+    before = list(logging.getLogger("cantools").handlers)
+    rig_of(tmp_path, DATABASE, RIG)
+    assert logging.getLogger("cantools").handlers == before

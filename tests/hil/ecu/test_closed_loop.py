@@ -1,0 +1,156 @@
+"""The reference ECU and the emulator on python-can's virtual bus, on the free clock."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from hil import build
+from hil.ecu.controller import Controller, GateState
+from hil.ecu.node import EcuNode
+from hil.loop.run import Loop, run_free
+from hil.loop.tick import Snapshot, initial_loop
+from hil.requests import Request
+from hil.stimulus import Program, no_program
+from hil.transport.can_bus import CanTransport
+from plant.dynamics import initial_state
+
+_channels = itertools.count()
+ROD = 10_000.0  # N/m, the softest of the regulators' test rods
+
+
+def rod(
+    angle_deg: float, stiffness: float = ROD, start: float = 0.0, end: float = np.inf
+) -> Program:
+    row = [start, end, np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0]
+    return no_program()._replace(obstacles=np.array([row]))
+
+
+class Run:
+    """A finished run: the ECU's events, and the columns of the recording."""
+
+    def __init__(
+        self,
+        vehicle_name: str,
+        requests: Sequence[tuple[float, str]],
+        seconds: float,
+        program: Program | None = None,
+        settings: Sequence[str] = (),
+    ) -> None:
+        vehicle = build.vehicle_from(vehicle_name, settings)
+        rig = build.rig_from("liftgate")
+        wire = {"interface": "virtual", "channel": f"closed-loop-{next(_channels)}"}
+        ours, theirs = CanTransport(wire), CanTransport(wire)
+        self.controller = Controller(vehicle.drives)
+        node = EcuNode(
+            rig,
+            theirs,
+            self.controller,
+            vehicle.drives,
+            [Request(time, action) for time, action in requests],
+        )
+        bench = build.bench_of(vehicle, rig, program or no_program(), 1000.0, 0)
+        rows: list[Snapshot] = []
+        state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
+        self.loop = Loop(bench, state, ours, [], [node], rows.append)
+        try:
+            self.loop.begin()
+            run_free(self.loop, round(seconds * 1000), lambda: False)
+        finally:
+            ours.close()
+            theirs.close()
+        self._rows = np.array(rows, dtype=float)
+
+    def column(self, name: str) -> np.ndarray:
+        return self._rows[:, Snapshot._fields.index(name)]
+
+    def texts(self) -> list[str]:
+        return [event.text.split(" (")[0].split(",")[0] for event in self.controller.events]
+
+
+@pytest.mark.parametrize("vehicle", ["suv", "heavy-suv", "compact"])
+def test_the_gate_reverses_from_an_obstacle_and_then_closes_fully(vehicle: str) -> None:
+    run = Run(
+        vehicle,
+        [(0.5, "open"), (13.5, "close"), (22.5, "open"), (29.0, "close")],
+        43.0,
+        rod(35.0, end=22.0),
+    )
+    assert run.texts() == [
+        "opening",
+        "open",
+        "closing",
+        "trapped while closing",
+        "reversal done",
+        "opening",
+        "open",
+        "closing",
+        "closed and latched",
+    ]
+    assert run.controller.state is GateState.CLOSED
+    assert run.column("latched")[-1] == 1.0
+    # Far below what a stalled drive would press: 3.5 kN at the spindle is over 500 N at the edge.
+    assert 20.0 < run.column("pinch_force_n").max() < 200.0
+    assert run.loop.state.timeouts == 0
+    assert run.loop.state.counts.checksum == run.loop.state.counts.counter == 0
+
+
+@pytest.mark.parametrize("slope", [-8.0, 8.0])
+@pytest.mark.parametrize("voltage", [9.5, 15.0])
+def test_an_undisturbed_gate_is_not_reversed(slope: float, voltage: float) -> None:
+    run = Run(
+        "suv",
+        [(0.5, "open"), (12.0, "close"), (26.0, "open"), (34.0, "close")],
+        48.0,
+        settings=[f"environment.road_slope_deg={slope}", f"supply.voltage={voltage}"],
+    )
+    assert run.texts() == ["opening", "open", "closing", "closed and latched"] * 2
+
+
+def test_a_learned_reference_detects_no_later_than_an_unlearned_one() -> None:
+    first = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, start=12.0))
+    second = Run(
+        "suv",
+        [(0.5, "open"), (12.0, "close"), (26.0, "open"), (34.0, "close")],
+        42.0,
+        rod(35.0, start=34.0),
+    )
+    assert "trapped while closing" in second.texts()
+    assert second.column("pinch_force_n").max() <= first.column("pinch_force_n").max()
+
+
+@pytest.mark.parametrize("stiffness", [20_000.0, 65_000.0])
+def test_harder_rods_are_detected_too(stiffness: float) -> None:
+    run = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, stiffness))
+    assert "trapped while closing" in run.texts()
+
+
+def test_two_unlike_drives_are_kept_together() -> None:
+    run = Run(
+        "suv",
+        [(0.5, "open")],
+        12.0,
+        settings=["right.motor.resistance=0.9", "right.spring.health=0.8"],
+    )
+    apart = np.abs(run.column("left_hall_count") - run.column("right_hall_count"))
+    travelling = run.column("gate_angle_deg") < 78.0
+    assert apart[travelling].max() < 25.0  # under 1 % of 2950 counts
+
+
+def test_soft_stop_meets_the_learned_end_slowly() -> None:
+    run = Run("suv", [(0.5, "open"), (12.0, "close"), (26.0, "open")], 36.0)
+    late = run.column("time_s") > 26.0
+    arriving = late & (run.column("gate_angle_deg") > 78.0)
+    assert run.controller.state is GateState.OPEN
+    assert run.column("left_speed_rps")[arriving].max() < 40.0
+    assert run.column("left_current_a")[arriving].max() < 4.0  # it does not run into the stop
+
+
+def test_the_driver_can_stop_and_go_on() -> None:
+    run = Run("suv", [(0.5, "open"), (4.0, "stop"), (6.0, "close")], 14.0)
+    assert run.texts()[:3] == ["opening", "stopped by the driver", "closing"]
+    resting = (run.column("time_s") > 5.0) & (run.column("time_s") < 6.0)
+    assert np.ptp(run.column("left_hall_count")[resting]) == 0.0

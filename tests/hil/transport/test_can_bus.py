@@ -1,0 +1,318 @@
+"""python-can's buses behind `CanTransport`: frames go through whole, faults of the wire are counted."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from hil_support import CALM, EXTENDED, bench, frames_of, rig_of, rows_of, start_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil.codec.frames import ERROR, REMOTE, empty_frames
+from hil.config.rig import Rig
+from hil.errors import ConfigError, TransportError
+from hil.loop.run import Loop, run_free
+from hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
+from hil.transport.find import bus_arguments
+
+# --bus.
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("socketcan:vcan0", {"interface": "socketcan", "channel": "vcan0"}),
+        ("virtual:a:b", {"interface": "virtual", "channel": "a:b"}),
+        (
+            "udp_multicast:239.0.0.1",
+            {"interface": "udp_multicast", "channel": "239.0.0.1", "hop_limit": 0},
+        ),
+        (
+            "udp_multicast:ff15::1",
+            {"interface": "udp_multicast", "channel": "ff15::1", "hop_limit": 0},
+        ),
+        (
+            "slcan:/dev/ttyACM0@115200",
+            {"interface": "slcan", "channel": "/dev/ttyACM0@115200", "bitrate": 250_000},
+        ),
+        (
+            "pcan:PCAN_USBBUS1@125000",
+            {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 125_000},
+        ),
+        ("pcan:PCAN_USBBUS1", {"interface": "pcan", "channel": "PCAN_USBBUS1", "bitrate": 250_000}),
+        ("vector:0", {"interface": "vector", "channel": "0", "bitrate": 250_000}),
+    ],
+)
+def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: dict[str, Any]):
+    assert parse_bus(text, 250_000.0) == expected
+
+
+@pytest.mark.parametrize(
+    "text", ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"]
+)
+def test_a_bus_that_is_none_is_told_with_examples(text: str):
+    with pytest.raises(ConfigError, match="--bus"):
+        parse_bus(text, 500_000.0)
+
+
+@pytest.mark.parametrize("text", ["pcan:@500000", "socketcan:@500000"])
+def test_a_bit_rate_without_a_channel_is_no_bus(text: str):
+    with pytest.raises(ConfigError, match="--bus"):
+        parse_bus(text, 500_000.0)
+
+
+def test_only_one_way_to_name_the_bus(rig: Rig):
+    with pytest.raises(ConfigError, match=r"--bus and -i/-c"):
+        bus_arguments("virtual:x", "virtual", None, None, rig)
+
+
+def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    found = bus_arguments(None, "virtual", "x", None, rig)
+    assert (found["interface"], found["channel"]) == ("virtual", "x")
+    monkeypatch.setenv("CAN_INTERFACE", "udp_multicast")
+    monkeypatch.setenv("CAN_CHANNEL", "239.0.0.7")
+    found = bus_arguments(None, None, None, None, rig)
+    assert (found["interface"], found["channel"]) == ("udp_multicast", "239.0.0.7")
+    assert found["hop_limit"] == 0
+
+
+def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ConfigError, match="--bus: missing"):
+        bus_arguments(None, None, None, None, rig)
+
+
+def test_an_interface_that_does_not_exist_is_told(rig: Rig):
+    with pytest.raises((ConfigError, TransportError), match="nosuch"):
+        CanTransport(bus_arguments("nosuch:0", None, None, None, rig))
+
+
+def test_a_bus_that_cannot_be_opened_is_told_on_one_line():
+    with pytest.raises(TransportError) as caught:
+        CanTransport({"interface": "udp_multicast", "channel": "10.0.0.1", "hop_limit": 0})
+    assert str(caught.value).startswith("udp_multicast:10.0.0.1: cannot be opened")
+    assert "\n" not in str(caught.value)
+
+
+# Frames.
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[CanTransport, can.BusABC]]:
+    channel = str(uuid.uuid4())
+    transport = CanTransport({"interface": "virtual", "channel": channel}, is_fd=True)
+    with can.Bus(interface="virtual", channel=channel) as other:
+        yield transport, other
+        transport.close()
+
+
+ROWS = [
+    (0x000, b""),
+    (0x7FF, b"12345678"),
+    (0x123 | EXTENDED, b"abc"),
+    (0x1FFFFFFF | EXTENDED, bytes(range(8))),
+    (0x321, bytes(range(64))),
+    (0x123 | ERROR, b""),
+]
+
+
+def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]):
+    transport, other = pair
+    for row in range(len(ROWS)):
+        other.send(message_of(can, frames_of(ROWS), row, is_fd=len(ROWS[row][1]) > 8))
+    other.send(
+        can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5)
+    )
+    frames = transport.receive()
+    assert rows_of(frames)[: len(ROWS)] == ROWS
+    assert int(frames.identifiers[len(ROWS)]) == 0x55 | REMOTE
+    assert int(frames.lengths[len(ROWS)]) == 5
+    assert transport.receive().count == 0
+
+
+def test_frames_leave_as_they_are(pair: tuple[CanTransport, can.BusABC]):
+    transport, other = pair
+    rows = [row for row in ROWS if not row[0] & ERROR]
+    transport.send(frames_of(rows))
+    for identifier, payload in rows:
+        message = other.recv(0)
+        assert message is not None
+        assert message.arbitration_id == identifier & 0x1FFFFFFF
+        assert message.is_extended_id == bool(identifier & EXTENDED)
+        assert bytes(message.data) == payload
+    assert other.recv(0) is None
+    assert transport.receive().count == 0  # nobody hears himself
+
+
+@CALM
+@given(
+    st.integers(0, 0x1FFFFFFF), st.booleans(), st.binary(max_size=8)
+)
+def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, payload: bytes):
+    identifier = number | EXTENDED if extended else number & 0x7FF
+    message = message_of(can, frames_of([(identifier, payload)]), 0)
+    assert message.arbitration_id == identifier & 0x1FFFFFFF
+    assert message.is_extended_id is extended
+    assert bytes(message.data) == payload
+    assert not (message.is_fd or message.is_remote_frame or message.is_error_frame)
+    message._check()
+
+
+def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(
+    pair: tuple[CanTransport, can.BusABC],
+):
+    transport, other = pair
+    for number in range(CAPACITY + 7):
+        other.send(can.Message(arbitration_id=number, is_extended_id=False))
+    first, second = transport.receive(), transport.receive()
+    assert (first.count, second.count) == (CAPACITY, 7)
+    assert int(second.identifiers[0]) == CAPACITY
+
+
+def test_a_longer_payload_than_can_fd_has_is_cut_not_crashed(
+    pair: tuple[CanTransport, can.BusABC],
+):
+    transport, other = pair
+    message = can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(80), is_fd=True)
+    other.send(message)
+    frames = transport.receive()
+    assert frames.count == 1
+    assert int(frames.lengths[0]) == 80  # so that nobody takes it for a message of 64
+
+
+class Faulty:
+    """A bus that fails as drivers do."""
+
+    def __init__(self, results: list[Any]) -> None:
+        self.results = results
+
+    def recv(self, timeout: float) -> Any:
+        result = self.results.pop(0) if self.results else None
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def send(self, message: can.Message) -> None:
+        self.recv(0.0)
+
+    def shutdown(self) -> None:
+        pass
+
+
+def faulty(monkeypatch: pytest.MonkeyPatch, results: list[Any]) -> CanTransport:
+    monkeypatch.setattr(can, "Bus", lambda **arguments: Faulty(results))
+    return CanTransport({"interface": "virtual", "channel": "x"})
+
+
+FAULTS = [can.CanOperationError("down"), OSError(100, "Network is down"), OSError(19, "No device")]
+
+
+@pytest.mark.parametrize("error", FAULTS)
+def test_a_fault_while_receiving_is_counted_and_keeps_what_came_before(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+):
+    message = can.Message(arbitration_id=5, is_extended_id=False)
+    transport = faulty(monkeypatch, [message, error, message])
+    assert transport.receive().count == 1
+    assert transport.counts().receive_failures == 1
+    assert transport.receive().count == 1
+    assert transport.counts() == (0, 1)
+
+
+@pytest.mark.parametrize("error", [*FAULTS, OSError(105, "No buffer space available")])
+def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_go(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+):
+    transport = faulty(monkeypatch, [None, error, None])
+    transport.send(frames_of([(1, b""), (2, b""), (3, b"")]))
+    assert transport.counts() == (1, 0)
+
+
+def test_sending_nothing_sends_nothing(pair: tuple[CanTransport, can.BusABC]):
+    transport, other = pair
+    transport.send(empty_frames(5))
+    assert other.recv(0) is None
+
+
+# Multicast.
+
+
+def test_on_multicast_nobody_hears_himself_and_junk_is_counted(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43210}))
+    arguments = parse_bus("udp_multicast:239.74.163.10", 500_000.0)
+    first, second = CanTransport(arguments), CanTransport(arguments)
+    try:
+        rows = [(0x210, b"12345678"), (0x5 | EXTENDED, b"a")]
+        first.send(frames_of(rows))
+        assert rows_of(second.receive(timeout=2.0))[:1] == rows[:1]
+        # What one sends is no traffic of somebody else: not in its counts, load or log.
+        assert first.receive(timeout=0.1).count == 0
+    finally:
+        first.close()
+        second.close()
+
+
+def test_a_datagram_that_is_no_frame_is_counted_and_survived(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43211}))
+    arguments = parse_bus("udp_multicast:239.74.163.11", 500_000.0)
+    transport, other = CanTransport(arguments), can.Bus(**arguments)
+    try:
+        for junk in (b"", b"\x05", b"\xff\xff", b"junk" * 100):
+            other._multicast.send(junk)
+        other.send(can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok"))
+        got = []
+        for _ in range(20):
+            got += rows_of(transport.receive(timeout=0.1))
+        assert got == [(0x77, b"ok")]
+        assert transport.counts().receive_failures == 4
+    finally:
+        transport.close()
+        other.shutdown()
+
+
+# CAN FD.
+
+MIXED = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+BO_ 2566844672 Long: 64 Gate
+ SG_ Current : 7|16@0- (0.01,0) [0|0] "A" ECU
+BO_ 768 Short: 8 Gate
+ SG_ Pinch : 0|16@1+ (1,0) [0|0] "N" ECU
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG","4","5","6","7","8","9","10","11","12","13","StandardCAN_FD","ExtendedCAN_FD";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+BA_ "VFrameFormat" BO_ 2566844672 15;
+"""  # noqa: E501
+
+
+def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path):
+    rig = rig_of(
+        tmp_path,
+        MIXED,
+        'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n'
+        '[outputs]\nleft_current = "Long.Current"\npinch_force = "Short.Pinch"\n',
+    )
+    assert rig.is_fd
+    channel = str(uuid.uuid4())
+    transport = CanTransport({"interface": "virtual", "channel": channel}, rig.is_fd)
+    some = bench(rig=rig)
+    formats = {}
+    with can.Bus(interface="virtual", channel=channel) as other:
+        run_free(Loop(some, start_of(some), transport), 10, lambda: False)
+        while (message := other.recv(0)) is not None:
+            formats[message.arbitration_id] = (message.is_fd, len(message.data))
+    transport.close()
+    assert formats == {0x300: (False, 8), 2566844672 & 0x1FFFFFFF: (True, 64)}
