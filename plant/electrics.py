@@ -37,6 +37,9 @@ def winding_of(
     emf_constant = motor.speed_constant * thermal.flux_factor(
         drive.thermal, state.housing_temperature
     )
+    if drive.active == 0.0:  # no winding there, so nothing that could load the source
+        winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0)
+        return winding, Coasting(1.0, 0.0, 0.0)
     if drive_input.coast == 0.0:
         winding = Winding(
             resistance, motor.inductance, emf_constant, drive_input.duty, drive_input.voltage

@@ -10,7 +10,8 @@ class Quantity(NamedTuple):
     """Annotation of one parameter of a vehicle file.
 
     `low` and `high` are inclusive and in the unit of the file. `unit` "deg" means that the file's key ends
-    in `_deg` and the value in memory is in radians; every other unit is the same in file and memory.
+    in `_deg` and the value in memory is in radians; "°C" that the key ends in `_degc`. Every other unit is
+    the same in file and memory.
     """
 
     symbol: str
@@ -22,7 +23,7 @@ class Quantity(NamedTuple):
     @property
     def suffix(self) -> str:
         """What the file's key adds to the field's name."""
-        return "_deg" if self.unit == "deg" else ""
+        return {"deg": "_deg", "°C": "_degc"}.get(self.unit, "")
 
     @property
     def scale(self) -> float:

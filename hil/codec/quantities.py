@@ -59,6 +59,10 @@ OUTPUTS: dict[str, BusQuantity] = {
     "command_timeouts": BusQuantity("", -_ANY, _ANY, "times the command went stale"),
     "rejected_frames": BusQuantity("", -_ANY, _ANY, "frames of ours that were refused"),
     "emulator_state": BusQuantity("", 0.0, 3.0, "of this program", EMULATOR_STATES),
+    "left_hall_a": BusQuantity("", 0.0, 1.0, "square wave; leads B while opening"),
+    "left_hall_b": BusQuantity("", 0.0, 1.0, "square wave"),
+    "right_hall_a": BusQuantity("", 0.0, 1.0, "square wave; leads B while opening"),
+    "right_hall_b": BusQuantity("", 0.0, 1.0, "square wave"),
 }
 
 INPUT_INDEX = {name: index for index, name in enumerate(INPUTS)}

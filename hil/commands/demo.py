@@ -100,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
             events = _events_of(child)
     _tell(args, story, events, folder)
     report(args, summary)
-    return 0 if any("reversing" in text for _, text in events) else 1
+    reversed_ = any("reversing" in text for _, text in events)
+    return 0 if reversed_ or args.scenario != "demo" else 1
 
 
 @contextlib.contextmanager

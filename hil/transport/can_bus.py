@@ -34,6 +34,11 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
             f"--bus {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
             "virtual:bench, udp_multicast:239.74.163.2, pcan:PCAN_USBBUS1@500000"
         )
+    import can
+
+    if interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise ConfigError(f"--bus {text}: no interface {interface!r}; allowed: {known}")
     arguments: dict[str, Any] = {"interface": interface, "channel": channel}
     if interface == "slcan":  # its own channels end in the serial port's speed
         arguments["bitrate"] = int(default_bitrate)

@@ -9,6 +9,12 @@ from hil.errors import ConfigError
 from hil.transport.can_bus import parse_bus
 
 
+_MISSING = (
+    "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
+    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL"
+)
+
+
 def bus_arguments(
     bus: str | None,
     interface: str | None,
@@ -32,12 +38,10 @@ def bus_arguments(
             config={key: value for key, value in given.items() if value is not None}
         )
     except (can.CanError, ValueError, OSError) as error:
-        raise ConfigError(f"python-can's configuration: {error}") from error
+        named = f" (python-can says: {error})" if interface is not None else ""
+        raise ConfigError(_MISSING + named) from error
     if not found.get("interface") or found.get("channel") is None:
-        raise ConfigError(
-            "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or "
-            "python-can's own -i and -c, can.conf or CAN_INTERFACE and CAN_CHANNEL"
-        )
+        raise ConfigError(_MISSING)
     if found["interface"] == "udp_multicast":
         found.setdefault("hop_limit", 0)
     return dict(found)
