@@ -23,6 +23,14 @@ def mix(x: int) -> int:
 
 
 @compilable
+def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
+    """Normal noise of that standard deviation; none costs nothing."""
+    if deviation == 0.0:
+        return 0.0
+    return deviation * gaussian(seed, tick, channel)
+
+
+@compilable
 def gaussian(seed: int, tick: int, channel: int) -> float:
     """A standard normal number for that tick and channel."""
     key = mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)

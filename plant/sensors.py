@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 from plant.compiler import compilable
 from plant.dynamics import DriveState, Inputs, Outputs, Plant, State
 from plant.gate import GRAVITY
-from plant.noise import gaussian
+from plant.noise import disturbance
 from plant.quantity import Quantity
 
 
@@ -110,7 +110,7 @@ def sensed_current(
     if sensors.current_filter > 0.0:
         current = filtered + (current - filtered) * (1.0 - math.exp(-step / sensors.current_filter))
     reading = sensors.current_gain * current + sensors.current_offset
-    reading += sensors.current_noise * noise
+    reading += noise
     reading = quantised(reading, sensors.current_resolution)
     return current, min(max(reading, -sensors.current_limit), sensors.current_limit)
 
@@ -150,10 +150,18 @@ def sense(
     load = inputs.load
     degrees = 180.0 / math.pi
     filtered_l, current_l = sensed_current(
-        sensors, state.left, memory.left_current, gaussian(seed, tick, 0), step
+        sensors,
+        state.left,
+        memory.left_current,
+        disturbance(sensors.current_noise, seed, tick, 0),
+        step,
     )
     filtered_r, current_r = sensed_current(
-        sensors, state.right, memory.right_current, gaussian(seed, tick, 1), step
+        sensors,
+        state.right,
+        memory.right_current,
+        disturbance(sensors.current_noise, seed, tick, 1),
+        step,
     )
     count_l = hall_count(sensors, state.left.position)
     count_r = hall_count(sensors, state.right.position)
@@ -161,13 +169,13 @@ def sense(
     hall_l = hall_step(memory.left_hall, count_l, tick % period == 0)
     hall_r = hall_step(memory.right_hall, count_r, tick % period == 0)
     angle = (state.gate_angle + sensors.angle_offset) * degrees
-    angle += sensors.angle_noise * degrees * gaussian(seed, tick, 2)
-    slope = load.road_slope + sensors.slope_offset + sensors.slope_noise * gaussian(seed, tick, 3)
+    angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
+    slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
     acceleration = (
         sensors.acceleration_distance * outputs.gate_acceleration
         + weight
-        + sensors.acceleration_noise * gaussian(seed, tick, 4)
+        + disturbance(sensors.acceleration_noise, seed, tick, 4)
     )
     return (
         SensorState(filtered_l, filtered_r, hall_l, hall_r),
@@ -181,7 +189,7 @@ def sense(
             quantised(angle, sensors.angle_resolution * degrees),
             slope * degrees,
             acceleration,
-            outputs.terminal_voltage + sensors.voltage_noise * gaussian(seed, tick, 5),
+            outputs.terminal_voltage + disturbance(sensors.voltage_noise, seed, tick, 5),
             load.ambient_temperature + sensors.temperature_offset,
             state.left.winding_temperature + sensors.temperature_offset,
             state.right.winding_temperature + sensors.temperature_offset,

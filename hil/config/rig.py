@@ -131,7 +131,7 @@ class _Collector(logging.Handler):
 
 
 def _load_messages(faults: Faults, path: Path) -> dict[str, Message]:
-    import cantools
+    from hil.python_can import cantools
 
     # cantools only logs what makes a database ambiguous; here that is a fault.
     handler = _Collector()

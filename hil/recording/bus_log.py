@@ -4,9 +4,12 @@ python-can writes is made from it at the end.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames
+from hil.errors import TransportError
 from hil.loop.tick import Snapshot
 
 CONVERTED = (".asc", ".blf", ".mf4", ".trc")
@@ -77,10 +80,13 @@ class ConvertedRecorder:
 
 
 def convert(source: Path, target: Path) -> None:
-    """Turn one bus log into another; the suffixes say the formats."""
-    import can
-
-    with can.LogReader(source) as reader, can.Logger(target) as logger:
-        for message in reader:
-            message.channel = 0  # BLF and ASC number their channels
-            logger.on_message_received(message)
+    """Turn one bus log into another; the suffixes say the formats. Raises TransportError, and keeps the log."""
+    done = subprocess.run(
+        [sys.executable, "-m", "can.logconvert", str(source), str(target)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        why = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        raise TransportError(f"{target}: not written, the recording is in {source}: {why}")

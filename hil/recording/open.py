@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
 from hil.errors import ConfigError
@@ -20,13 +21,10 @@ def check_record(name: str) -> Path:
         )
     if not path.parent.is_dir():
         raise ConfigError(f"--record {name}: no folder {path.parent}; allowed: one that exists")
-    if path.suffix == ".mf4":
-        try:
-            import asammdf  # noqa: F401
-        except ImportError as error:
-            raise ConfigError(
-                f"--record {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
-            ) from error
+    if path.suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
+        raise ConfigError(
+            f"--record {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+        )
     return path
 
 

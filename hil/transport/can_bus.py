@@ -34,7 +34,7 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
             f"--bus {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
             "virtual:bench, udp_multicast:239.74.163.2, pcan:PCAN_USBBUS1@500000"
         )
-    import can
+    from hil.python_can import can
 
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
@@ -82,7 +82,7 @@ class CanTransport:
     """A python-can bus. Raises TransportError where it cannot be opened."""
 
     def __init__(self, arguments: dict[str, Any], is_fd: bool = False) -> None:
-        import can
+        from hil.python_can import can
 
         self._can = can
         self._is_fd = is_fd

@@ -8,7 +8,6 @@ from hil.config.rig import Rig
 from hil.errors import ConfigError
 from hil.transport.can_bus import parse_bus
 
-
 _MISSING = (
     "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL"
@@ -30,7 +29,7 @@ def bus_arguments(
         if interface is not None or channel is not None:
             raise ConfigError("--bus and -i/-c: allowed: one or the other")
         return parse_bus(bus, bitrate or rig.bitrate)
-    import can
+    from hil.python_can import can
 
     given: dict[str, Any] = {"interface": interface, "channel": channel, "bitrate": bitrate}
     try:

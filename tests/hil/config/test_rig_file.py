@@ -233,9 +233,8 @@ def test_a_table_name_that_is_too_large_a_number_is_a_fault(tmp_path: Path):
         DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (x,0)"),
         DATABASE.replace("48|16@1+", "56|16@1+"),  # beyond the message's end
         DATABASE.replace("36|4@1+", "30|9@1+"),  # over another signal
-        DATABASE.rstrip()[:-1],
     ],
-    ids=["text", "empty", "binary", "xml", "no number", "too long", "overlap", "cut off"],
+    ids=["text", "empty", "binary", "xml", "no number", "too long", "overlap"],
 )
 def test_a_database_that_is_none_is_a_fault_of_dbc(tmp_path: Path, database: str):
     assert keys_of(faults_of(tmp_path, RIG, database))[0] in ("dbc", "inputs.left_duty")

@@ -150,7 +150,7 @@ def test_every_format_opens_in_python_can_with_the_same_frames(
 def test_error_and_remote_frames_do_not_break_a_conversion(tmp_path: Path, suffix: str):
     path = tmp_path / f"bus{suffix}"
     recorder = ConvertedRecorder(path, "bench", 0.0)
-    rows = [(0x120, b"a"), (ERROR, b""), (0x121 | REMOTE, b""), (0x122, b"b")]
+    rows = [(0x120, b"a"), (ERROR | 0x80, bytes(8)), (0x121 | REMOTE, b""), (0x122, b"b")]
     recorder.write(0.0, SNAPSHOT, frames_of(rows), NOTHING)
     recorder.close()
     data = [key(m)[0] for m in messages_in(path) if not (m.is_error_frame or m.is_remote_frame)]
