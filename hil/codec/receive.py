@@ -65,6 +65,7 @@ def nothing_received(layout: Layout, quantities: int) -> Reception:
     )
 
 
+@compilable
 def rejected(counts: Counts) -> int:
     """Frames of ours that were refused."""
     return (
