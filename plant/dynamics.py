@@ -95,6 +95,22 @@ class Load(NamedTuple):
     obstacle: Obstacle
 
 
+@compilable
+def with_obstacle(load: Load, obstacle: Obstacle) -> Load:
+    """The same surroundings with another obstacle."""
+    return Load(
+        load.source_voltage,
+        load.road_slope,
+        load.ambient_temperature,
+        load.wind_pressure,
+        load.snow_mass,
+        load.hand_force,
+        load.measured_torque,
+        load.latch_released,
+        obstacle,
+    )
+
+
 class Inputs(NamedTuple):
     """All that acts on the plant during a step."""
 

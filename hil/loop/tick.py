@@ -26,6 +26,7 @@ from hil.codec.receive import (
     forget_stale,
     nothing_received,
     receive,
+    rejected,
 )
 from hil.codec.transmit import transmit
 from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present
@@ -294,15 +295,12 @@ def tick(
         if done - state.tick >= steps:
             break
     overruns = state.overruns + steps - 1
-    refused = (
-        counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
-    )
     values = bus_values(
         sensed,
         shown.pinch_force,
         overruns,
         timeouts,
-        refused,
+        rejected(counts),
         emulator_state(reception, timeouts, stop),
     )
     replies, sent = transmit(

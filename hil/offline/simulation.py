@@ -120,18 +120,7 @@ def block(
         time = (first + k) * step
         left, right, load = inputs_at(rows, k, program, base, time)
         presence, obstacle = present(presence, load.obstacle, state.gate_angle)
-        load = Load(
-            load.source_voltage,
-            load.road_slope,
-            load.ambient_temperature,
-            load.wind_pressure,
-            load.snow_mass,
-            load.hand_force,
-            load.measured_torque,
-            load.latch_released,
-            obstacle,
-        )
-        inputs = Inputs(left, right, load)
+        inputs = Inputs(left, right, dynamics.with_obstacle(load, obstacle))
         if (first + k) % every == 0:
             write_row(out, written, time, sensor, plant, state, inputs)
             written += 1
