@@ -26,12 +26,29 @@ def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
     return convert
 
 
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """An argparse type: a whole number within [low, high]."""
+
+    def convert(value: str) -> int:
+        try:
+            number = int(value)
+        except ValueError:
+            number = low - 1
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low} to {high}")
+        return number
+
+    return convert
+
+
 def add_bus(parser: argparse.ArgumentParser) -> None:
     """How to reach the bus."""
     parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
     parser.add_argument("-i", "--interface", help="python-can's own way to name the bus")
     parser.add_argument("-c", "--channel", help="python-can's own way to name the bus")
-    parser.add_argument("-b", "--bitrate", type=int, help="bit/s; default: the rig's")
+    parser.add_argument(
+        "-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's"
+    )
     parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
     parser.add_argument("--rig", default="liftgate", metavar="NAME|FILE", help="how it is wired")
 
@@ -78,7 +95,9 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="end with an error when the loop falls this far behind; default: 1",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise; default: 0")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
+    )
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:

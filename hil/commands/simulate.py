@@ -45,7 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--initial", default="closed", metavar="closed|open|ANGLE_deg", help="default: closed"
     )
     parser.add_argument(
-        "--every", type=_whole, default=1, metavar="N", help="write every N-th step; default: 1"
+        "--every",
+        type=options.whole(1, 10**9),
+        default=1,
+        metavar="N",
+        help="write every N-th step; default: 1",
     )
     parser.add_argument(
         "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
@@ -87,12 +91,6 @@ def run(args: argparse.Namespace) -> int:
     )
     write_rows(args.output, blocks, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
     return 0
-
-
-def _whole(text: str) -> int:
-    if not text.isdigit() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: a whole number from 1")
-    return int(text)
 
 
 def _angle(text: str, vehicle: Vehicle) -> float:
