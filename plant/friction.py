@@ -45,11 +45,16 @@ def soft_threshold(drive: float, limit: float) -> float:
 
 
 @compilable
-def reversal_bias(limit: float, start: float, end: float) -> float:
-    """Mean dry torque [N m] of a step in which the speed passes zero on a straight line."""
-    before = start / (start - end)
-    mean = limit * (2.0 * before - 1.0)
-    return mean if start > 0.0 else -mean
+def turns(limit: float, start: float, end: float) -> bool:
+    """Whether a body of momentum `start` that would have `end` without friction stops and turns back."""
+    return (start - end) * math.copysign(1.0, start) > max(limit, abs(start) - limit)
+
+
+@compilable
+def turning_bias(limit: float, start: float, end: float) -> float:
+    """Mean dry torque of a step in which the speed passes zero."""
+    before = abs(start) / (abs(start - end) + limit)
+    return math.copysign(limit, start) * (2.0 * before - 1.0)
 
 
 @compilable

@@ -94,11 +94,14 @@ def balance(
         start = along * (torque_constant * state.current - kappa * force)
         final = start - along * torque_constant * electric.transient.amplitude
         limit = friction.breakaway(limit, start, final, electric.transient.decay, step)
-    if state.speed * guess < 0.0:
-        constant -= friction.reversal_bias(limit, state.speed, guess)
-        limit = 0.0
+    own = inertia + viscous - torque_constant * response.mean_own + kappa * rho * push.slope
+    if state.speed != 0.0 and state.speed * guess <= 0.0:
+        momentum = constant + kappa * push.slope * lever * guess_rate - (own - inertia) * guess
+        if friction.turns(limit, inertia * state.speed, momentum):
+            constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
+            limit = 0.0
     return Balance(
-        inertia + viscous - torque_constant * response.mean_own + kappa * rho * push.slope,
+        own,
         constant,
         kappa * push.slope * lever,
         limit,
@@ -300,13 +303,18 @@ def new_speeds(
     constant = inertia / step * rate + middle.torque + others.constant
     constant += r * (push_l.constant + push_r.constant)
     limit = plant.hinge.coulomb
-    if rate * guess.rate < 0.0:
-        constant -= friction.reversal_bias(limit, rate, guess.rate)
-        limit = 0.0
+    carry = inertia / step * rate
+    own = inertia / step + r * r * (push_l.slope + push_r.slope) - others.slope
+    if rate != 0.0 and rate * guess.rate <= 0.0:
+        momentum = constant + left.to_gate * guess.left + right.to_gate * guess.right
+        momentum -= (own - inertia / step) * guess.rate
+        if friction.turns(limit, carry, momentum):
+            constant -= friction.turning_bias(limit, carry, momentum)
+            limit = 0.0
     return solve_speeds(
         left,
         right,
-        inertia / step + r * r * (push_l.slope + push_r.slope) - others.slope,
+        own,
         constant,
         limit,
         held,
