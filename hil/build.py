@@ -42,6 +42,7 @@ def bench_of(vehicle: Vehicle, rig: Rig, program: Program, rate: float, seed: in
         outputs=rig.output_layout(),
         signed_left=int("left_direction" not in mapped),
         signed_right=int("right_direction" not in mapped),
+        latch_mapped=int("latch_release" in mapped),
         obstacle_distance=vehicle.gate.length,
         step=1.0 / rate,
         step_ns=round(NS / rate),

@@ -18,6 +18,7 @@ from hil.requests import Request
 from hil.transport.base import Transport
 
 _SIDES = ("left", "right")
+_HOME_DEG = 0.0
 _OPEN, _CLOSE, _BRAKE, _COAST = 1.0, 2.0, 3.0, 0.0
 
 
@@ -39,6 +40,7 @@ class EcuNode:
         self._requests = list(requests)
         self._inputs: Layout = rig.output_layout(sending=False)
         self._outputs: Layout = rig.input_layout(sending=False)
+        self._has_latch = "latch_state" in {wire.quantity for wire in rig.outputs}
         self._signed = "left_direction" not in {wire.quantity for wire in rig.inputs}
         self._commands = _command_rows(rig, self._outputs)
         self._reception = nothing_received(self._inputs, len(OUTPUTS))
@@ -78,11 +80,18 @@ class EcuNode:
     def _feedback(self) -> Feedback | None:
         currents = [self._value(f"{side}_current") for side in self._sides]
         counts = [self._value(f"{side}_hall_count") for side in self._sides]
-        latched = self._value("latch_state")
+        latched = self._latched()
         if any(math.isnan(value) for value in (*currents, *counts, latched)):
             return None
         voltage = self._value("terminal_voltage")
         return Feedback(currents, counts, latched > 0.5, 12.0 if math.isnan(voltage) else voltage)
+
+    def _latched(self) -> float:
+        """The latch switch; a rig without one has the angle say when the gate is home."""
+        if self._has_latch:
+            return self._value("latch_state")
+        angle = self._value("gate_angle")
+        return float(angle <= _HOME_DEG)  # an angle that is not there is not home
 
     def _send(self, command: DriveCommand) -> None:
         values = np.full(len(INPUTS), np.nan)

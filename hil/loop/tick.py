@@ -55,6 +55,7 @@ class Bench(NamedTuple):
     outputs: Layout
     signed_left: int  # 1: the duty's sign is the direction
     signed_right: int
+    latch_mapped: int  # 0: nobody releases the latch, so opening drives do
     obstacle_distance: float  # m, of the panel's obstacle from the hinge
     step: float  # s
     step_ns: int
@@ -138,7 +139,12 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 @compilable
 def surroundings(
-    bench: Bench, values: NDArray[np.float64], time: float, presence: Presence, angle: float
+    bench: Bench,
+    values: NDArray[np.float64],
+    opening: bool,
+    time: float,
+    presence: Presence,
+    angle: float,
 ) -> tuple[Presence, Load]:
     """The scenario's surroundings, replaced by what a test bench's panel says."""
     load = load_at(bench.program, bench.load, time)
@@ -156,6 +162,8 @@ def surroundings(
     voltage = values[SUPPLY_VOLTAGE]
     hand = values[HAND_FORCE]
     released = values[LATCH_RELEASE]
+    if bench.latch_mapped == 0:
+        released = 1.0 if opening else 0.0
     presence, obstacle = present(presence, obstacle, angle)
     return presence, Load(
         load.source_voltage if np.isnan(voltage) else float(voltage),
@@ -281,9 +289,10 @@ def tick(
         reception, stale = forget_stale(bench.inputs, reception, done * bench.step_ns)
         timeouts += stale
         left, right = command(bench, reception.values, stop)
-        presence, load = surroundings(
-            bench, reception.values, done * bench.step, presence, plant_state.gate_angle
-        )
+        opening = left.duty > 0.0 or right.duty > 0.0
+        angle = plant_state.gate_angle
+        time = done * bench.step
+        presence, load = surroundings(bench, reception.values, opening, time, presence, angle)
         inputs = Inputs(left, right, load)
         plant_state = integrate.step(bench.plant, plant_state, inputs, bench.step)
         done += 1

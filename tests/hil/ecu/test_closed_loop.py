@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil import build
+from hil.data import find_config
 from hil.ecu.controller import Controller, GateState
 from hil.ecu.node import EcuNode
 from hil.loop.run import Loop, run_free
@@ -39,9 +41,10 @@ class Run:
         seconds: float,
         program: Program | None = None,
         settings: Sequence[str] = (),
+        rig_name: str = "liftgate",
     ) -> None:
         vehicle = build.vehicle_from(vehicle_name, settings)
-        rig = build.rig_from("liftgate")
+        rig = build.rig_from(rig_name)
         wire = {"interface": "virtual", "channel": f"closed-loop-{next(_channels)}"}
         ours, theirs = CanTransport(wire), CanTransport(wire)
         self.controller = Controller(vehicle.drives)
@@ -147,6 +150,16 @@ def test_soft_stop_meets_the_learned_end_slowly() -> None:
     assert run.controller.state is GateState.OPEN
     assert run.column("left_speed_rps")[arriving].max() < 40.0
     assert run.column("left_current_a")[arriving].max() < 4.0  # it does not run into the stop
+
+
+def test_a_rig_without_latch_signals_opens_and_latches_too(tmp_path: Path) -> None:
+    shipped = find_config("rigs", "liftgate").read_text()
+    rig = tmp_path / "no-latch.toml"
+    lines = [line for line in shipped.splitlines() if not line.startswith("latch_")]
+    rig.write_text("\n".join(lines))
+    run = Run("suv", [(0.5, "open"), (12.0, "close")], 26.0, rig_name=str(rig))
+    assert run.texts() == ["opening", "open", "closing", "closed and latched"]
+    assert run.column("latched")[-1] == 1.0
 
 
 def test_the_driver_can_stop_and_go_on() -> None:
