@@ -21,7 +21,7 @@ class Spring(NamedTuple):
 
     stiffness: Annotated[float, Quantity("k", "N/m", 0.0, 1e6, "coil")]
     preload: Annotated[float, Quantity("F_F0", "N", 0.0, 1e5, "coil's force when extended")]
-    stop_stiffness: Annotated[float, Quantity("k_3", "N/m", 1.0, 1e12, "both end stops")]
+    stop_stiffness: Annotated[float, Quantity("k_3", "N/m", 0.0, 1e12, "both end stops")]
     stop_damping: Annotated[float, Quantity("c_3", "N s/m", 0.0, 1e9, "both end stops")]
     gas_force: Annotated[float, Quantity("F_1", "N", 0.0, 1e5, "gas spring, extended, 20 °C")] = 0.0
     gas_progression: Annotated[

@@ -39,7 +39,7 @@ class Spindle(NamedTuple):
 class Mechanism(NamedTuple):
     """Table `[mechanism]`: brackets, rods and ball joints between spindle and gate."""
 
-    stiffness: Annotated[float, Quantity("k_m", "N/m", 1.0, 1e12, "of one drive's mechanism")]
+    stiffness: Annotated[float, Quantity("k_m", "N/m", 0.0, 1e12, "of one drive's mechanism")]
     damping: Annotated[float, Quantity("c_m", "N s/m", 0.0, 1e9, "of one drive's mechanism")]
 
 
