@@ -8,6 +8,9 @@ For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_
     J_L φ̈      = Σ_d (F_d + F_F,d − F_open,d + F_closed,d) r_AP(φ)          spring, gate
                  − M_W(φ) + M_2(l_S) + F_o r_o − τ_hinge + τ_external       gate, seal, obstacle, environment
 
+Departure: (4.13) as printed mixes its units. Here drive and gate are bodies of their own; rigidly joined they
+have the inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.
+
 `integrate.step` solves them over a fixed step.
 """
 

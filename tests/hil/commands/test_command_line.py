@@ -83,9 +83,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
 ):
     first = arguments if not arguments[0].startswith("--") else []
     rest = [] if first else arguments
-    lines = complaint(
-        capsys, *first, "--bus", bus, "--clock", "free", "--duration", "0.01", *rest
-    )
+    lines = complaint(capsys, *first, "--bus", bus, "--clock", "free", "--duration", "0.01", *rest)
     assert len(lines) == 1
     assert said in lines[0]
     assert lines[0].startswith("liftgate-hil")
@@ -167,9 +165,7 @@ def test_one_file_cannot_take_two_recordings(
     assert "a.log" in lines[0]
 
 
-def test_the_summary_is_json_and_nothing_else(
-    capsys: pytest.CaptureFixture[str], bus: str
-):
+def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str], bus: str):
     assert call("--bus", bus, "--clock", "free", "--duration", "0.25", "--json") == 0
     captured = capsys.readouterr()
     summary = json.loads(captured.out)

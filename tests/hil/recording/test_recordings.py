@@ -139,7 +139,9 @@ def test_every_format_opens_in_python_can_with_the_same_frames(
         recorder.write(0.001 * number, SNAPSHOT, NOTHING, frames_of([row]))
     recorder.close()
     messages = messages_in(path)
-    assert [(m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages] == many()
+    assert [
+        (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
+    ] == many()
     times = [message.timestamp - messages[0].timestamp for message in messages]
     assert times == pytest.approx([0.001 * number for number in range(300)], abs=2e-4)
     assert os.listdir(tmp_path) == [path.name]  # noqa: PTH208

@@ -54,7 +54,8 @@ def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: d
 
 
 @pytest.mark.parametrize(
-    "text", ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"]
+    "text",
+    ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"],
 )
 def test_a_bus_that_is_none_is_told_with_examples(text: str):
     with pytest.raises(ConfigError, match="--bus"):
@@ -129,9 +130,7 @@ def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]
     transport, other = pair
     for row in range(len(ROWS)):
         other.send(message_of(can, frames_of(ROWS), row, is_fd=len(ROWS[row][1]) > 8))
-    other.send(
-        can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5)
-    )
+    other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
     frames = transport.receive()
     assert rows_of(frames)[: len(ROWS)] == ROWS
     assert int(frames.identifiers[len(ROWS)]) == 0x55 | REMOTE
@@ -154,9 +153,7 @@ def test_frames_leave_as_they_are(pair: tuple[CanTransport, can.BusABC]):
 
 
 @CALM
-@given(
-    st.integers(0, 0x1FFFFFFF), st.booleans(), st.binary(max_size=8)
-)
+@given(st.integers(0, 0x1FFFFFFF), st.booleans(), st.binary(max_size=8))
 def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, payload: bytes):
     identifier = number | EXTENDED if extended else number & 0x7FF
     message = message_of(can, frames_of([(identifier, payload)]), 0)
