@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from plant.compiler import compilable
 
+# From k h²/m = 1.2 on a contact is too stiff to be followed through the step.
+STIFF = 1.2
+
 
 class Window(NamedTuple):
     """The part of a step during which a contact pushes: from `start` to `end`, as fractions of the step."""
@@ -45,14 +48,31 @@ def positive_part(start: float, end: float) -> tuple[float, float]:
 
 
 @compilable
+def is_stiff(stiffness: float, mobility: float, step: float) -> bool:
+    """Whether the contact's own swing is too fast for the step."""
+    return stiffness * mobility * step * step > STIFF
+
+
+@compilable
 def window(
-    stiffness: float, damping: float, depth: float, rate: float, rate_end: float, step: float
+    stiffness: float,
+    damping: float,
+    depth: float,
+    rate: float,
+    rate_end: float,
+    mobility: float,
+    step: float,
 ) -> Window:
     """When during a step of `step` seconds the contact pushes.
 
     Depth and force are taken as straight lines in time between their values at both ends, so the contact
-    closes where the depth crosses zero and opens where the force does (with damping: before the depth).
+    closes where the depth crosses zero and opens where the force does (with damping: before the depth). A
+    stiff contact pushes all the time or not at all, as the step's end has it. `mobility` is 1/m [1/kg] of
+    what the contact moves.
     """
+    if is_stiff(stiffness, mobility, step):
+        pushes = stiffness * (depth + step * rate_end) + damping * rate_end
+        return Window(0.0, 1.0 if pushes > 0.0 else 0.0)
     depth_end = depth + 0.5 * step * (rate + rate_end)
     a, b = positive_part(depth, depth_end)
     c, d = positive_part(
@@ -75,17 +95,17 @@ def push(
     """The mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
 
     With a rate on a straight line the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the
-    window weighs v1 with θ (a² + a b + b²), θ = 1/6. That is Newmark's method, stable while
-    (1/4 − θ) k h²/m ≤ 1. `mobility` is 1/m [1/kg] of what the contact moves; a stiff contact gets the θ that
-    leaves 0.1 of this bound, so ten contacts at once are stable at any stiffness and step.
+    window [a, b] weighs v1 with (a² + a b + b²)/6: Newmark's method with β = 1/6, stable while the sum of
+    k h²/m over all contacts is below 12. A stiff contact takes the force at the step's end instead, k δ1 + c v1
+    with δ1 = δ0 + h v1: first order, and stable at any stiffness.
     """
     a, b = when
     if b <= a:
         return Push(0.0, 0.0)
+    if is_stiff(stiffness, mobility, step):
+        return Push(stiffness * depth, stiffness * step + damping)
     width, centre = b - a, 0.5 * (a + b)
-    number = stiffness * mobility * step * step
-    theta = 1.0 / 6.0 if number < 1.2 else 0.25 - 0.1 / number
-    bend = theta * (a * a + a * b + b * b)
+    bend = (a * a + a * b + b * b) / 6.0
     constant = stiffness * (depth + step * (centre - bend) * rate) + damping * (1.0 - centre) * rate
     slope = stiffness * step * bend + damping * centre
     return Push(width * constant, width * slope)

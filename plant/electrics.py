@@ -21,7 +21,7 @@ class Electric(NamedTuple):
     torque_constant: float  # N m/A, at the present temperature
 
 
-NO_TRANSIENT = Transient(0.0, 1.0, 0.0)
+NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
 NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -2,7 +2,7 @@
 
 The winding (62 µs) is solved in closed form for a speed that changes on a straight line; its mean torque is
 then linear in the drive's new speed n1. Every contact's mean force over the step is linear in n1 and in the
-gate's new rate ω1 (`contact.push`, the trapezoidal rule over the time the contact is closed). So momentum
+gate's new rate ω1 (`contact.push`, over the part of the step in which the contact is closed). So momentum
 over the step reads, for each drive and for the gate,
 
     A_d n1 = R_d + B_d ω1 − τ_d Sgn(n1)
@@ -169,8 +169,10 @@ def gate_contact(
     """Mean torque of a contact on the gate, linear in ω1: its depth shrinks by lever · ω, its arm is `arm`."""
     if stiffness == 0.0:
         return Push(0.0, 0.0)
-    when = contact.window(stiffness, damping, depth, -lever * rate, -lever * rate_end, step)
     mobility = lever * arm / inertia
+    when = contact.window(
+        stiffness, damping, depth, -lever * rate, -lever * rate_end, mobility, step
+    )
     push = contact.push(stiffness, damping, depth, -lever * rate, mobility, step, when)
     return Push(arm * push.constant, -arm * lever * push.slope)
 
@@ -345,10 +347,13 @@ def next_drive(
         electric.resistance * mean * mean,
         step,
     )
+    way = 0.5 * step * (state.speed + speed)
+    if way != 0.0:  # a held shaft stays exactly where it is
+        way += step * electric.transient.drift
     return DriveState(
         electrics.final_current(electric, state, coast, speed, other),
         speed,
-        state.position + 0.5 * step * (state.speed + speed),
+        state.position + way,
         winding,
         housing,
     )

@@ -167,6 +167,7 @@ class Transient(NamedTuple):
     amplitude: float  # D, A
     decay: float  # a, 1/s
     lag: float  # what it adds to the step's mean current, A
+    drift: float  # what it adds to the step's mean speed, rev/s
 
 
 @compilable
@@ -176,7 +177,7 @@ def transient_of(
     """The transient in a step, whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
 
     While it dies away (a = R/L) the speed leaves its straight line by
-    δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a h)) t/h), and the EMF with it: that is the lag.
+    δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a h)) t/h). Its mean is the drift, what its EMF does the lag.
     `torque_per_inertia` is c1Φ/2πJ.
     """
     decay = winding.resistance / winding.inductance
@@ -188,4 +189,5 @@ def transient_of(
         -fall / (z * phi1),
         decay,
         -winding.speed_constant * deviation * step * phi2 / winding.inductance,
+        deviation,
     )

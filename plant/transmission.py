@@ -107,9 +107,9 @@ def mechanism_push(
 ) -> contact.Push:
     """The mean force on the gate over a step, linear in the extension's rate at its end."""
     depth = extension - half_play
-    when = contact.window(stiffness, damping, depth, rate, rate_end, step)
+    when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
     pushing = contact.push(stiffness, damping, depth, rate, mobility, step, when)
     depth = -extension - half_play
-    when = contact.window(stiffness, damping, depth, -rate, -rate_end, step)
+    when = contact.window(stiffness, damping, depth, -rate, -rate_end, mobility, step)
     pulling = contact.push(stiffness, damping, depth, -rate, mobility, step, when)
     return contact.Push(pushing.constant - pulling.constant, pushing.slope + pulling.slope)

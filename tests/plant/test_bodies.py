@@ -245,7 +245,7 @@ def test_the_mechanism_pushes_only_beyond_the_play(extension, rate, expected) ->
 def test_the_mean_force_of_a_contact_is_its_integral(depth, rate, change, damping, step) -> None:
     stiffness = 5e5
     end = rate + change
-    when = contact.window(stiffness, damping, depth, rate, end, step)
+    when = contact.window(stiffness, damping, depth, rate, end, 1e-6, step)
     push = contact.push(stiffness, damping, depth, rate, 1e-6, step, when)
     mean = push.constant + push.slope * end
 
