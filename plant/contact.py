@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from plant.compiler import compilable
 
-# From k h²/m = 1.2 on a contact is too stiff to be followed through the step.
+# From k h²/m + c h/2m = 1.2 on a contact is too stiff to be followed through the step.
 STIFF = 1.2
 
 
@@ -48,9 +48,9 @@ def positive_part(start: float, end: float) -> tuple[float, float]:
 
 
 @compilable
-def is_stiff(stiffness: float, mobility: float, step: float) -> bool:
-    """Whether the contact's own swing is too fast for the step."""
-    return stiffness * mobility * step * step > STIFF
+def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> bool:
+    """Whether the contact's own motion is too fast for the step."""
+    return mobility * step * (stiffness * step + 0.5 * damping) > STIFF
 
 
 @compilable
@@ -70,9 +70,10 @@ def window(
     stiff contact pushes all the time or not at all, as the step's end has it. `mobility` is 1/m [1/kg] of
     what the contact moves.
     """
-    if is_stiff(stiffness, mobility, step):
-        pushes = stiffness * (depth + step * rate_end) + damping * rate_end
-        return Window(0.0, 1.0 if pushes > 0.0 else 0.0)
+    if is_stiff(stiffness, damping, mobility, step):
+        depth_end = depth + step * rate_end
+        pushes = depth_end > 0.0 and stiffness * depth_end + damping * rate_end > 0.0
+        return Window(0.0, 1.0 if pushes else 0.0)
     depth_end = depth + 0.5 * step * (rate + rate_end)
     a, b = positive_part(depth, depth_end)
     c, d = positive_part(
@@ -102,7 +103,7 @@ def push(
     a, b = when
     if b <= a:
         return Push(0.0, 0.0)
-    if is_stiff(stiffness, mobility, step):
+    if is_stiff(stiffness, damping, mobility, step):
         return Push(stiffness * depth, stiffness * step + damping)
     width, centre = b - a, 0.5 * (a + b)
     bend = (a * a + a * b + b * b) / 6.0
