@@ -19,6 +19,7 @@ class BusQuantity(NamedTuple):
 
 
 DIRECTIONS = ("coast", "open", "close", "brake")
+LATCH_COMMANDS = ("hold", "release")
 LATCH_STATES = ("open", "latched")
 EMULATOR_STATES = ("waiting", "running", "timeout", "stopped")
 
@@ -29,7 +30,7 @@ INPUTS: dict[str, BusQuantity] = {
     "right_duty": BusQuantity("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped"),
     "left_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
     "right_direction": BusQuantity("", 0.0, 3.0, "bridge state", DIRECTIONS),
-    "latch_release": BusQuantity("", 0.0, 1.0, "1 drives the latch open"),
+    "latch_release": BusQuantity("", 0.0, 1.0, "drives the latch open", LATCH_COMMANDS),
     "obstacle_angle": BusQuantity(
         "deg", -10.0, 180.0, "where the gate meets the obstacle, closing"
     ),
