@@ -54,8 +54,8 @@ class Signals(NamedTuple):
 
     quantity: Ints  # (n,) index into the quantities
     place: Ints  # (n, 5) Place
-    select: Ints  # (n, 5) Place of the multiplexer, length 0: none
-    select_value: Ints  # (n,)
+    select: Ints  # (n, 10) Places of the multiplexer and of that one's own, length 0: none
+    select_value: Ints  # (n, 2)
     factor: Floats  # (n,) physical = factor raw + offset
     offset: Floats
     scale: Floats  # (n,) quantity = scale physical + bias
@@ -111,9 +111,10 @@ def raw_range(signal: Signal) -> tuple[float, float]:
     if signal.is_float:
         top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
         return -top, top
-    if signal.is_signed:
-        return -(2.0 ** (signal.length - 1)), 2.0 ** (signal.length - 1) - 1.0
-    return 0.0, 2.0**signal.length - 1.0
+    bits = signal.length - int(signal.is_signed)
+    # From 54 bits on the largest value is no double: the next one below it.
+    top = 2.0**bits - 1.0 if bits <= 53 else float(np.nextafter(2.0**bits, 0.0))
+    return (-(2.0**bits) if signal.is_signed else 0.0), top
 
 
 def physical_range(signal: Signal) -> tuple[float, float]:
@@ -156,12 +157,13 @@ def build_layout(
             row |= {"names_first": len(ours) if pairs else -1, "names_count": len(pairs)}
             ours += [pair[0] for pair in pairs]
             theirs += [pair[1] for pair in pairs]
-            for select, value in _selectors(message, signal):
-                rows.append(row | {"select": select, "select_value": value})
+            for selectors in _selectors(message, signal):
+                rows.append(row | {"selectors": selectors})
         head = _message_row(message, options.get(name, MessageOptions()), faults)
         head |= {"first": first, "count": len(rows) - first}
         _put_selectors(head["start"], rows[first:], name, faults if sending else None)
         heads.append(head)
+    _fill_selectors(rows, faults)
     return Layout(
         Messages(**{field: _column(heads, field, Messages) for field in Messages._fields}),
         Signals(
@@ -180,6 +182,8 @@ def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity, index: int) -
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
+    bits = raw_range(signal)
+    slack = [1e-9 * max(1.0, abs(end)) for end in raw]  # of the way there and back
     return {
         "quantity": index,
         "place": place_of(signal),
@@ -190,8 +194,8 @@ def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity, index: int) -
         # Half a quantum of slack: a limit need not be a multiple of the factor.
         "low": low - 0.5 * abs(factor) * (not signal.is_float),
         "high": high + 0.5 * abs(factor) * (not signal.is_float),
-        "raw_low": raw[0] if signal.is_float else float(np.ceil(raw[0] - 1e-9)),
-        "raw_high": raw[1] if signal.is_float else float(np.floor(raw[1] + 1e-9)),
+        "raw_low": raw[0] if signal.is_float else max(np.ceil(raw[0] - slack[0]), bits[0]),
+        "raw_high": raw[1] if signal.is_float else min(np.floor(raw[1] + slack[1]), bits[1]),
         "quantity_low": quantity.low,
         "quantity_high": quantity.high,
     }
@@ -220,17 +224,26 @@ def _enumeration(
     return pairs
 
 
-def _selectors(message: Message, signal: Signal) -> list[tuple[Place, int]]:
-    """Under which values of which multiplexer the signal is in the frame."""
+_NOWHERE = Place(0, 0, 0, 1, 0)
+Selector = tuple[Place, int]
+
+
+def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
+    """Under which values of which multiplexers the signal is in the frame: alternatives, each a chain."""
     if signal.multiplexer_signal is None or not signal.multiplexer_ids:
-        return [(Place(0, 0, 0, 1, 0), 0)]
-    place = place_of(message.get_signal_by_name(signal.multiplexer_signal))
-    return [(place, int(value)) for value in signal.multiplexer_ids]
+        return [()]
+    multiplexer = message.get_signal_by_name(signal.multiplexer_signal)
+    place = place_of(multiplexer)
+    return [
+        ((place, int(value)), *above)
+        for value in signal.multiplexer_ids
+        for above in _selectors(message, multiplexer)
+    ]
 
 
 def _message_row(message: Message, options: MessageOptions, faults: Faults) -> dict[str, Any]:
     cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
-    counter = Place(0, 0, 0, 1, 0)
+    counter = _NOWHERE
     kind, checksum_byte = checksum.NONE, -1
     if options.counter is not None:
         counter = place_of(message.get_signal_by_name(options.counter))
@@ -273,11 +286,22 @@ def _put_selectors(
     start: NDArray[np.uint8], rows: Sequence[dict[str, Any]], name: str, faults: Faults | None
 ) -> None:
     """Write the multiplexer's value into a sent message; it can have only one."""
-    chosen = {(row["select"], row["select_value"]) for row in rows if row["select"].length}
+    chosen = {selector for row in rows for selector in row["selectors"]}
     for place, value in chosen:
         write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
-    if faults is not None and len(chosen) > 1:
+    if faults is not None and len({place for place, _ in chosen}) < len(chosen):
         faults.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
+
+
+def _fill_selectors(rows: Sequence[dict[str, Any]], faults: Faults) -> None:
+    """The chains of selectors as columns of two."""
+    for row in rows:
+        chain = row["selectors"]
+        if len(chain) > 2:
+            faults.add("multiplexing", "three levels deep; allowed: two")
+        padded = [*chain, (_NOWHERE, 0), (_NOWHERE, 0)][:2]
+        row["select"] = [number for place, _ in padded for number in place]
+        row["select_value"] = [value for _, value in padded]
 
 
 def _column(rows: Sequence[Mapping[str, Any]], field: str, table: type) -> Any:
@@ -287,7 +311,7 @@ def _column(rows: Sequence[Mapping[str, Any]], field: str, table: type) -> Any:
         "raw_low", "raw_high", "quantity_low", "quantity_high",
     }  # fmt: skip
     dtype = kinds.get(field, np.float64 if field in floats else np.int64)
-    widths = {"place": 5, "select": 5, "counter": 5, "start": MAX_BYTES}
+    widths = {"place": 5, "select": 10, "select_value": 2, "counter": 5, "start": MAX_BYTES}
     column = np.array([row[field] for row in rows], dtype=dtype)
     if field in widths:
         column = column.reshape(len(rows), widths[field])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.bits import extract, place_at, read_number
+from hil.codec.bits import Place, extract, place_at, read_number
 from hil.codec.checksum import checksum
 from hil.codec.frames import ERROR, REMOTE, Frames
 from hil.codec.layout import Layout
@@ -106,10 +106,19 @@ def quantity_of(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -
 @compilable
 def selected(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether a multiplexed signal is in this frame."""
-    place = place_at(layout.signals.select, row)
-    if place.length == 0:
-        return True
-    return bool(read_number(data, frame, place) == layout.signals.select_value[row])
+    select = layout.signals.select
+    for level in range(2):
+        k = 5 * level
+        length = int(select[row, k + 2])
+        if length == 0:
+            return True
+        place = Place(
+            int(select[row, k]), int(select[row, k + 1]), length,
+            int(select[row, k + 3]), int(select[row, k + 4]),
+        )  # fmt: skip
+        if read_number(data, frame, place) != layout.signals.select_value[row, level]:
+            return False
+    return True
 
 
 @compilable
@@ -173,6 +182,8 @@ def receive(
         if cause == ACCEPTED:
             values[:] = taken
             seen[message] = now_ns
+        # A frame that came in whole but said something that is not allowed is not a lost one.
+        if cause in (ACCEPTED, OUT_OF_RANGE):
             tally[8] += lost
             place = place_at(layout.messages.counter, message)
             if place.length:

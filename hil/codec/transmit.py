@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,9 +23,10 @@ def raw_of(layout: Layout, row: int, value: float) -> float:
             if signals.ours[name] == value:
                 physical = signals.theirs[name]
     raw = (physical - signals.offset[row]) / signals.factor[row]
+    raw = min(max(raw, signals.raw_low[row]), signals.raw_high[row])
     if signals.place[row, 4] < FLOAT32:
-        raw = math.floor(raw + 0.5)
-    return float(min(max(raw, signals.raw_low[row]), signals.raw_high[row]))
+        raw = np.floor(raw + 0.5)
+    return float(min(raw, signals.raw_high[row]))
 
 
 @compilable

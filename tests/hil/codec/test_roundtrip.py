@@ -282,7 +282,7 @@ def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(
     payload = put(codec, layout_for(message, sending=True), [500.0])
     assert message.decode(payload)["S0"] == pytest.approx(20.0 if there else 500.0)
     over = (201).to_bytes(2, "little", signed=True) + bytes(6)
-    values, counts = take(codec, layout_for(message), 1, over)
+    _values, counts = take(codec, layout_for(message), 1, over)
     assert counts == NO_COUNTS._replace(**{"out_of_range" if there else "accepted": 1})
     limit = (200).to_bytes(2, "little", signed=True) + bytes(6)
     assert take(codec, layout_for(message), 1, limit)[1].accepted == 1
@@ -326,7 +326,7 @@ def colour_layout(values: dict[str, float | str]) -> tuple[Message, Layout]:
 
 
 def test_enumerations_are_mapped_by_label_and_by_physical_number(codec: Codec):
-    message, layout = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
+    _message, layout = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
     for raw, ours in ((3, 0.0), (7, 2.0), (20, 3.0)):
         values, counts = take(codec, layout, 1, bytes([raw, *bytes(7)]))
         assert counts.accepted == 1

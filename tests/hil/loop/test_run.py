@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -209,7 +211,10 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
     assert [row for rows in notes.sent for row in rows] == transport.sent
     summary = loop.summary("free")
     assert summary.frames_sent == len(transport.sent)
-    bits = sum(47 + 8 * len(payload) for _, payload in (*transport.sent, *sum(batches, [])))
+    bits = sum(
+        47 + 8 * len(payload)
+        for _, payload in (*transport.sent, *functools.reduce(operator.iadd, batches, []))
+    )
     assert summary.bus_load_percent == pytest.approx(100.0 * bits / (500_000 * 0.1))
 
 
@@ -432,7 +437,7 @@ def test_ten_thousand_bad_frames_are_each_counted_once_and_survived(rig: Rig, se
 
 @pytest.fixture
 def channel() -> Iterator[str]:
-    yield str(uuid.uuid4())
+    return str(uuid.uuid4())
 
 
 def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survived(

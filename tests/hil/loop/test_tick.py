@@ -391,7 +391,7 @@ def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
     start = open_at(rig, fast_tick, some, 45.0)
     ends = {}
     for direction in (COAST, OPEN, CLOSE, BRAKE):
-        state, snapshots, _ = run(
+        _state, snapshots, _ = run(
             fast_tick, some, start, 100, driving(rig, **both(70.0, direction))
         )
         ends[direction] = snapshots[-1]

@@ -30,9 +30,25 @@ from hil.recording.open import check_record, open_recorder
 from hil.recording.table import CsvRecorder
 
 NOTHING = empty_frames(0)
-COLUMNS = """time_s left_voltage_v left_current_a left_speed_rps left_position_rev left_hall_count
-left_force_n right_voltage_v right_current_a right_speed_rps right_position_rev right_hall_count
-right_force_n gate_angle_deg gate_rate_degps pinch_force_n terminal_voltage_v""".split()
+COLUMNS = [
+    "time_s",
+    "left_voltage_v",
+    "left_current_a",
+    "left_speed_rps",
+    "left_position_rev",
+    "left_hall_count",
+    "left_force_n",
+    "right_voltage_v",
+    "right_current_a",
+    "right_speed_rps",
+    "right_position_rev",
+    "right_hall_count",
+    "right_force_n",
+    "gate_angle_deg",
+    "gate_rate_degps",
+    "pinch_force_n",
+    "terminal_voltage_v",
+]
 
 SNAPSHOT = Snapshot(*(0.1 * number for number in range(len(Snapshot._fields))))
 

@@ -160,7 +160,9 @@ def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, paylo
     assert message.arbitration_id == identifier & 0x1FFFFFFF
     assert message.is_extended_id is extended
     assert bytes(message.data) == payload
-    assert not (message.is_fd or message.is_remote_frame or message.is_error_frame)
+    assert not (message.is_fd)
+    assert not (message.is_remote_frame)
+    assert not (message.is_error_frame)
     message._check()
 
 
