@@ -88,28 +88,40 @@ def obstacle_at(program: Program, default: Obstacle, time: float) -> Obstacle:
 
 
 class Presence(NamedTuple):
-    """Whether an obstacle is there, and whether the gate has been clear of it since it appeared."""
+    """The obstacle as it was last, and whether the gate has been clear of it since it was put there."""
 
-    there: float
+    obstacle: Obstacle
     clear: float
 
 
-NOT_PRESENT = Presence(0.0, 0.0)
+NOT_PRESENT = Presence(NO_OBSTACLE, 0.0)
+
+
+@compilable
+def is_same_place(a: Obstacle, b: Obstacle) -> bool:
+    """Whether an obstacle has stayed where it was."""
+    return (
+        a.stiffness > 0.0
+        and a.angle == b.angle
+        and a.distance == b.distance
+        and a.gap == b.gap
+        and a.direction == b.direction
+    )
 
 
 @compilable
 def present(presence: Presence, obstacle: Obstacle, angle: float) -> tuple[Presence, Obstacle]:
-    """The obstacle as the gate can meet it: one that appears where the gate is already past it (a rod put
-    under the closed gate) is not in the way before the gate has been clear of it.
+    """The obstacle as the gate can meet it: one that is put where the gate already is (a rod under the
+    closed gate) is not in the way before the gate has been clear of it.
     """
     if obstacle.stiffness == 0.0:
-        return Presence(0.0, 0.0), obstacle
-    clear = presence.clear if presence.there > 0.0 else 0.0
+        return Presence(obstacle, 0.0), obstacle
+    clear = presence.clear if is_same_place(presence.obstacle, obstacle) else 0.0
     if depth(obstacle, angle) <= 0.0:
         clear = 1.0
     if clear == 0.0:
-        return Presence(1.0, 0.0), NO_OBSTACLE
-    return Presence(1.0, 1.0), obstacle
+        return Presence(obstacle, 0.0), NO_OBSTACLE
+    return Presence(obstacle, 1.0), obstacle
 
 
 @compilable

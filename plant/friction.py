@@ -37,11 +37,9 @@ def level(law: DryFriction, speed: float) -> float:
 @compilable
 def soft_threshold(drive: float, limit: float) -> float:
     """What is left of a driving torque after dry friction of that limit: exactly 0 within it."""
-    if drive > limit:
-        return drive - limit
-    if drive < -limit:
-        return drive + limit
-    return 0.0
+    if -limit <= drive <= limit:
+        return 0.0
+    return drive - math.copysign(limit, drive)  # NaN stays NaN
 
 
 @compilable

@@ -1,6 +1,7 @@
 """Frames as arrays, so that compiled code can read and write them.
 
-The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error.
+The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error; and above
+them one of our own, bit 32 for a CAN FD frame.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+FD = 0x100000000
 MAX_BYTES = 64  # CAN FD
 
 

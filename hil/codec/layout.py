@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from hil.codec import checksum
 from hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place, write_number
-from hil.codec.frames import EXTENDED, MAX_BYTES
-from hil.codec.quantities import BusQuantity
+from hil.codec.frames import EXTENDED, FD, MAX_BYTES
+from hil.codec.quantities import PANEL, BusQuantity
 from hil.config.toml import Faults
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ class Messages(NamedTuple):
     """Rows of messages; m of them."""
 
     identifier: Ints  # (m,) with the EXTENDED flag
+    fd: Ints  # (m,) FD or 0
     length: Ints  # (m,) bytes
     first: Ints  # (m,) rows in Signals
     count: Ints  # type: ignore[assignment]  # shadows tuple.count
@@ -152,7 +153,9 @@ def build_layout(
         first = len(rows)
         for wire in (wire for wire in wires if wire.message == name):
             signal = message.get_signal_by_name(wire.signal)
-            pairs = _enumeration(wire, signal, quantities[wire.quantity], faults)
+            if not _is_usable(wire, signal, faults):
+                continue
+            pairs = _enumeration(wire, signal, quantities[wire.quantity], faults, sending)
             row = _signal_row(wire, signal, quantities[wire.quantity], names.index(wire.quantity))
             row |= {"names_first": len(ours) if pairs else -1, "names_count": len(pairs)}
             ours += [pair[0] for pair in pairs]
@@ -160,7 +163,11 @@ def build_layout(
             for selectors in _selectors(message, signal):
                 rows.append(row | {"selectors": selectors})
         head = _message_row(message, options.get(name, MessageOptions()), faults)
+        if all(wire.quantity in PANEL for wire in wires if wire.message == name):
+            head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(rows) - first}
+        if sending:
+            _check_overlap(name, [wire for wire in wires if wire.message == name], options, faults)
         _put_selectors(head["start"], rows[first:], name, faults if sending else None)
         heads.append(head)
     _fill_selectors(rows, faults)
@@ -176,6 +183,33 @@ def build_layout(
 
 def _conversion(signal: Signal) -> tuple[float, float]:
     return float(signal.scale), float(signal.offset)
+
+
+def _is_usable(wire: Wire, signal: Signal, faults: Faults) -> bool:
+    """Whether the signal can carry a number at all."""
+    name = f"{wire.message}.{wire.signal}"
+    if signal.is_float and signal.length not in (32, 64):
+        faults.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
+        return False
+    if float(signal.scale) == 0.0:
+        faults.add(wire.quantity, f"{name}: factor 0 in the database; allowed: anything else")
+        return False
+    return True
+
+
+def _check_overlap(
+    name: str, wires: Sequence[Wire], options: Mapping[str, MessageOptions], faults: Faults
+) -> None:
+    """No two quantities, and no quantity and protection, may be sent in one signal."""
+    own = options.get(name, MessageOptions())
+    taken = {own.counter: "the counter", own.checksum: "the checksum"}
+    for wire in wires:
+        if wire.signal in taken:
+            faults.add(
+                wire.quantity,
+                f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one per signal",
+            )
+        taken[wire.signal] = wire.quantity
 
 
 def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity, index: int) -> dict[str, Any]:
@@ -202,7 +236,7 @@ def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity, index: int) -
 
 
 def _enumeration(
-    wire: Wire, signal: Signal, quantity: BusQuantity, faults: Faults
+    wire: Wire, signal: Signal, quantity: BusQuantity, faults: Faults, sending: bool
 ) -> list[tuple[float, float]]:
     """Pairs of our value and their physical value, where the wire names them."""
     if wire.values is None:
@@ -218,9 +252,12 @@ def _enumeration(
         elif isinstance(value, str) and value not in labels:
             allowed = ", ".join(labels) or "numbers, the signal has no value table"
             faults.add(key, f"{name} = {value!r}: allowed: {allowed}")
-        else:
+        elif isinstance(value, str) or abs(value) <= 1e15:
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
             pairs.append((float(quantity.names.index(name)), physical))
+    missing = [name for name in quantity.names if name not in wire.values]
+    if sending and missing:
+        faults.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
     return pairs
 
 
@@ -260,6 +297,7 @@ def _message_row(message: Message, options: MessageOptions, faults: Faults) -> d
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {
         "identifier": identifier,
+        "fd": FD if message.is_fd else 0,
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),

@@ -40,6 +40,9 @@ INPUTS: dict[str, BusQuantity] = {
     "hand_force": BusQuantity("N", -5e3, 5e3, "positive opens"),
 }
 
+# The inputs that a test bench's panel moves, not the ECU.
+PANEL = ("obstacle_angle", "obstacle_rate", "road_slope", "supply_voltage", "hand_force")
+
 OUTPUTS: dict[str, BusQuantity] = {
     "left_current": BusQuantity("A", -_ANY, _ANY, "motor current"),
     "right_current": BusQuantity("A", -_ANY, _ANY, "motor current"),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hil.codec.bits import Place, extract, place_at, read_number
 from hil.codec.checksum import checksum
-from hil.codec.frames import ERROR, REMOTE, Frames
+from hil.codec.frames import ERROR, FD, REMOTE, Frames
 from hil.codec.layout import Layout
 from plant.compiler import compilable
 
@@ -126,7 +126,7 @@ def judge(
     layout: Layout, reception: Reception, frames: Frames, frame: int, taken: NDArray[np.float64]
 ) -> tuple[int, int, int]:
     """(cause, message, frames lost before it); the quantities of a sound frame go to `taken`."""
-    identifier = int(frames.identifiers[frame])
+    identifier = int(frames.identifiers[frame]) & ~FD
     if identifier & ERROR:
         return ERROR_FRAME, -1, 0
     message = find_message(layout, identifier & ~REMOTE)

@@ -40,7 +40,7 @@ def encode(
 ) -> None:
     """Write one message into a row of `frames`; a quantity that is NaN keeps its start value."""
     table = layout.messages
-    frames.identifiers[row] = table.identifier[message]
+    frames.identifiers[row] = table.identifier[message] | table.fd[message]
     frames.lengths[row] = table.length[message]
     frames.data[row, :] = table.start[message]
     first = int(table.first[message])

@@ -74,10 +74,9 @@ def emulate(
         bench = build.bench_of(vehicle, rig, scenario.program, args.rate, args.seed)
         # Only wall time has an epoch; the other clocks' recordings are the same every time.
         epoch = time.time() if args.clock == "realtime" else 0.0
-        fd = rig.is_fd or args.fd
         recorders = []
         for path in records:
-            recorder = open_recorder(path, vehicle.drives, transport.name, epoch, fd)
+            recorder = open_recorder(path, vehicle.drives, transport.name, epoch)
             stack.callback(recorder.close)
             recorders.append(recorder)
         state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))

@@ -187,9 +187,8 @@ def _wire(
     if values is not None:
         values = table(faults, f"{key}.values", values)
         for label, each in values.items():
-            if isinstance(each, bool) or not isinstance(each, int | float | str):
-                faults.add(f"{key}.values.{label}", f"{show(each)}; allowed: a number or a label")
-                return None
+            if not isinstance(each, str):
+                number(faults, f"{key}.values.{label}", each, -1e15, 1e15)
     message, dot, signal = name.partition(".")
     if not dot or message not in messages:
         allowed = ", ".join(sorted(messages)[:20])

@@ -22,7 +22,9 @@ class Faults:
 
     def add(self, key: str, message: str) -> None:
         """Note a fault of a key."""
-        self.lines.append(f"{self.source}: {key}: {message}")
+        line = f"{self.source}: {key}: {message}"
+        if line not in self.lines:
+            self.lines.append(line)
 
     def raise_if_any(self) -> None:
         """Raise ConfigError with all that was noted."""
@@ -37,8 +39,8 @@ def read_toml(path: Path) -> Table:
             return tomllib.load(stream)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are such
+        raise ConfigError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
 
 
 def number(
@@ -49,7 +51,7 @@ def number(
     if isinstance(value, bool) or not isinstance(value, int | float):
         faults.add(key, f"{show(value)} is not a number; allowed: {allowed}")
         return math.nan
-    if not math.isfinite(value) or not low <= value <= high:
+    if not low <= value <= high:  # NaN is not; whole numbers may be too large for a float
         faults.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)
@@ -58,7 +60,7 @@ def number(
 def text(faults: Faults, key: str, value: object, allowed: Iterable[str] = ()) -> str:
     """`value` as a string, one of `allowed` where that is given; a fault and "" where it is not."""
     choices = list(allowed)
-    if not isinstance(value, str) or (choices and value not in choices):
+    if not isinstance(value, str) or not value or (choices and value not in choices):
         said = f"one of {', '.join(choices)}" if choices else "a text"
         faults.add(key, f"{show(value)}; allowed: {said}")
         return ""
@@ -84,5 +86,8 @@ def known_keys(faults: Faults, prefix: str, given: Mapping[str, Any], known: Ite
 
 def show(value: object) -> str:
     """A value as it may stand in a message: short, on one line."""
-    said = repr(value)
+    try:
+        said = repr(value)
+    except ValueError:  # Python refuses to write out thousands of digits
+        return "a number of thousands of digits"
     return said if len(said) <= 60 else said[:57] + "..."

@@ -87,7 +87,7 @@ def apply_setting(raw: Table, setting: str) -> None:
     key, equals, value = setting.partition("=")
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # TOMLDecodeError is one
         parsed = value
     names = key.strip().split(".")
     if not equals or not all(names):
@@ -113,8 +113,7 @@ def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, 
         shared = shared if isinstance(shared, dict) else {}
         # Faults of the shared table are told once, with the left drive.
         silent = Faults(faults.source) if side == "right" and not mine else faults
-        prefix = f"{side}.{name}" if mine else name
-        result[name] = _fields(silent, prefix, {**shared, **mine}, kind)
+        result[name] = _fields(silent, name, {**shared, **mine}, kind, side, mine)
     return result
 
 
@@ -123,18 +122,21 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 
-def _fields(faults: Faults, prefix: str, given: Table, kind: type) -> dict[str, Any]:
-    """The fields of one table, converted to SI and radians."""
+def _fields(
+    faults: Faults, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
+) -> dict[str, Any]:
+    """The fields of one table, converted to SI and radians; keys in `own` were given for one side."""
     hints = _hints(kind)
     defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
     keys = {}
     for field, hint in hints.items():
         quantity: Quantity = hint.__metadata__[0]
         keys[field + quantity.suffix] = (field, quantity, hint.__origin__)
-    known_keys(faults, prefix, given, keys)
+    known_keys(faults, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
+    known_keys(faults, f"{side}.{prefix}", own or {}, keys)
     result: dict[str, Any] = {}
     for key, (field, quantity, origin) in keys.items():
-        dotted = f"{prefix}.{key}"
+        dotted = f"{side}.{prefix}.{key}" if own and key in own else f"{prefix}.{key}"
         if key not in given:
             if field in defaults:
                 result[field] = defaults[field]

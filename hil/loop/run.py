@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from hil.codec.frames import Frames, empty_frames
+from hil.codec.frames import FD, Frames, empty_frames
 from hil.errors import PlantDivergedError
 from hil.loop.clock import Clock, FreeClock
 from hil.loop.statistics import BusLoad, Lateness, Summary
@@ -61,7 +61,7 @@ class Loop:
             self.watch(snapshot)
         for peer in self.peers:
             peer.poll(self.state.tick * self.bench.step_ns)
-        if not math.isfinite(snapshot.gate_angle_deg + snapshot.left_current_a):
+        if not math.isfinite(sum(snapshot)):
             raise PlantDivergedError(
                 f"the plant diverged at {snapshot.time_s:.3f} s (angle {snapshot.gate_angle_deg}, "
                 f"current {snapshot.left_current_a}); allowed: a higher --rate, a saner vehicle"
@@ -122,9 +122,9 @@ def run_lockstep(
             if not _ends_with(frames, command_identifier):
                 waiting[0] = join(frames, waiting[0])
                 continue
-            loop.advance(frames, 1)
-            for _ in range(ticks_per_command - 1):
-                loop.advance(empty_frames(0), 1)
+            for step in range(ticks_per_command):
+                if ticks is None or loop.state.tick < ticks:
+                    loop.advance(frames if step == 0 else empty_frames(0), 1)
 
 
 def split_after(frames: Frames, identifier: int) -> list[Frames]:
@@ -132,7 +132,7 @@ def split_after(frames: Frames, identifier: int) -> list[Frames]:
     pieces = []
     start = 0
     for row in range(frames.count):
-        if int(frames.identifiers[row]) == identifier:
+        if int(frames.identifiers[row]) & ~FD == identifier:
             pieces.append(_slice(frames, start, row + 1))
             start = row + 1
     if start < frames.count:
@@ -162,4 +162,4 @@ def _slice(frames: Frames, start: int, end: int) -> Frames:
 
 
 def _ends_with(frames: Frames, identifier: int) -> bool:
-    return frames.count > 0 and int(frames.identifiers[frames.count - 1]) == identifier
+    return frames.count > 0 and int(frames.identifiers[frames.count - 1]) & ~FD == identifier

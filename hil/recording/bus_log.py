@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames
+from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames
 from hil.errors import TransportError
 from hil.loop.tick import Snapshot
 
@@ -16,12 +16,13 @@ CONVERTED = (".asc", ".blf", ".mf4", ".trc")
 _FLUSH_FRAMES = 100
 
 
-def candump_line(time: float, channel: str, frames: Frames, row: int, is_fd: bool) -> str:
+def candump_line(time: float, channel: str, frames: Frames, row: int) -> str:
     """One frame in the log format of can-utils."""
     identifier = int(frames.identifiers[row])
     length = int(frames.lengths[row])
     if identifier & ERROR:
-        name = f"{identifier & 0x3FFFFFFF:08X}"
+        # python-can writes and knows an error frame by its class bus error (linux/can/error.h, 0x80).
+        name = f"{identifier & 0x3FFFFFFF | 0x80:08X}"
     elif identifier & EXTENDED:
         name = f"{identifier & 0x1FFFFFFF:08X}"
     else:
@@ -30,17 +31,17 @@ def candump_line(time: float, channel: str, frames: Frames, row: int, is_fd: boo
         payload = f"R{length}" if length else "R"
     else:
         payload = frames.data[row, :length].tobytes().hex().upper()
-    mark = "##0" if is_fd else "#"
+    mark = "##0" if identifier & FD and not identifier & REMOTE else "#"
     return f"({time:017.6f}) {channel} {name}{mark}{payload}\n"
 
 
 class CandumpRecorder:
     """See Recorder; `epoch` is the wall clock [s] at the run's start."""
 
-    def __init__(self, path: Path, channel: str, epoch: float, is_fd: bool = False) -> None:
-        self._channel = "".join(channel.split()) or "can0"
+    def __init__(self, path: Path, channel: str, epoch: float) -> None:
+        plain = channel.encode("ascii", "replace").decode("ascii")
+        self._channel = "".join(plain.split()) or "can0"
         self._epoch = epoch
-        self._is_fd = is_fd
         self._stream = path.open("w", encoding="ascii", newline="")
         self._frames = 0
 
@@ -49,7 +50,7 @@ class CandumpRecorder:
         stamp = self._epoch + time
         for frames in (received, sent):
             for row in range(frames.count):
-                line = candump_line(stamp, self._channel, frames, row, self._is_fd)
+                line = candump_line(stamp, self._channel, frames, row)
                 self._stream.write(line)
                 self._frames += 1
                 if self._frames % _FLUSH_FRAMES == 0:
@@ -63,10 +64,10 @@ class CandumpRecorder:
 class ConvertedRecorder:
     """A candump log beside the wanted file, turned into it at the end; the log goes once that worked."""
 
-    def __init__(self, path: Path, channel: str, epoch: float, is_fd: bool = False) -> None:
+    def __init__(self, path: Path, channel: str, epoch: float) -> None:
         self._path = path
         self._log = path.with_name(path.name + ".log")
-        self._live = CandumpRecorder(self._log, channel, epoch, is_fd)
+        self._live = CandumpRecorder(self._log, channel, epoch)
 
     def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
         """See Recorder."""

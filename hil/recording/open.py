@@ -19,6 +19,8 @@ def check_record(name: str) -> Path:
         raise ConfigError(
             f"--record {name}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
         )
+    if path.is_dir():
+        raise ConfigError(f"--record {name}: is a folder; allowed: a file")
     if not path.parent.is_dir():
         raise ConfigError(f"--record {name}: no folder {path.parent}; allowed: one that exists")
     if path.suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
@@ -28,13 +30,13 @@ def check_record(name: str) -> Path:
     return path
 
 
-def open_recorder(path: Path, drives: int, channel: str, epoch: float, is_fd: bool) -> Recorder:
+def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> Recorder:
     """The recorder whose format the suffix says. Raises ConfigError where the file cannot be written."""
     try:
         if path.suffix == ".csv":
             return CsvRecorder(path, drives)
         if path.suffix == ".log":
-            return CandumpRecorder(path, channel, epoch, is_fd)
-        return ConvertedRecorder(path, channel, epoch, is_fd)
+            return CandumpRecorder(path, channel, epoch)
+        return ConvertedRecorder(path, channel, epoch)
     except OSError as error:
         raise ConfigError(f"--record {path}: cannot be written: {error.strerror}") from error

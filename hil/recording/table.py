@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from hil.codec.frames import Frames
 from hil.loop.tick import Snapshot
@@ -14,6 +15,11 @@ _FLUSH_ROWS = 200
 def columns(fields: Sequence[str], drives: int) -> list[int]:
     """Which fields a gate of so many drives has."""
     return [i for i, name in enumerate(fields) if drives == 2 or not name.startswith("right_")]
+
+
+def plain(value: Any) -> str:
+    """A number with all its digits, whether Python's or numpy's."""
+    return repr(value if type(value) in (float, int) else value.item())
 
 
 class CsvRecorder:
@@ -27,7 +33,9 @@ class CsvRecorder:
 
     def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
         """See Recorder."""
-        self._stream.write(",".join([repr(snapshot[i]) for i in self._keep]) + "\n")
+        # Without the compiler some fields are numpy's, which write themselves otherwise.
+        cells = [plain(snapshot[i]) for i in self._keep]
+        self._stream.write(",".join(cells) + "\n")
         self._rows += 1
         if self._rows % _FLUSH_ROWS == 0:
             self._stream.flush()

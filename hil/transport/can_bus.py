@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames, empty_frames
+from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from hil.errors import ConfigError, TransportError
 from hil.transport.base import LinkCounts
 
@@ -45,6 +45,8 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
         return arguments
     name, at, rate = channel.rpartition("@")
     if at:
+        if not name:
+            raise ConfigError(f"--bus {text}: no channel before the @; allowed: one")
         if not rate.isdigit() or int(rate) == 0:
             raise ConfigError(f"--bus {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
         arguments |= {"channel": name, "bitrate": int(rate)}
@@ -85,7 +87,6 @@ class CanTransport:
         from hil.python_can import can
 
         self._can = can
-        self._is_fd = is_fd
         self.name = str(arguments.get("channel", ""))
         interface = str(arguments.get("interface", ""))
         label = f"{interface}:{self.name}"
@@ -128,7 +129,7 @@ class CanTransport:
     def send(self, frames: Frames) -> None:
         """See Transport."""
         for row in range(frames.count):
-            message = message_of(self._can, frames, row, self._is_fd)
+            message = message_of(self._can, frames, row)
             try:
                 self._bus.send(message)
                 if self._echoes is not None:
@@ -153,6 +154,8 @@ def _pack(message: can.Message, frames: Frames, row: int) -> None:
         flags |= REMOTE
     if message.is_error_frame:
         flags |= ERROR
+    if message.is_fd:
+        flags |= FD
     frames.identifiers[row] = message.arbitration_id | flags
     data = message.data
     length = min(len(data), frames.data.shape[1])
@@ -160,7 +163,7 @@ def _pack(message: can.Message, frames: Frames, row: int) -> None:
     frames.data[row, :length] = np.frombuffer(bytes(data[:length]), dtype=np.uint8)
 
 
-def message_of(can_module: Any, frames: Frames, row: int, is_fd: bool = False) -> can.Message:
+def message_of(can_module: Any, frames: Frames, row: int) -> can.Message:
     """A frame as python-can has it."""
     identifier = int(frames.identifiers[row])
     length = int(frames.lengths[row])
@@ -170,7 +173,7 @@ def message_of(can_module: Any, frames: Frames, row: int, is_fd: bool = False) -
         is_extended_id=bool(identifier & EXTENDED),
         is_remote_frame=remote,
         is_error_frame=bool(identifier & ERROR),
-        is_fd=is_fd and not remote,
+        is_fd=bool(identifier & FD) and not remote,
         dlc=length,
         data=None if remote else frames.data[row, :length].tobytes(),
     )

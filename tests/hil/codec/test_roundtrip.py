@@ -15,7 +15,7 @@ from hil_support import CALM, FREE, frames_of, j1850, layout_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hil.codec.frames import EXTENDED, empty_frames
+from hil.codec.frames import EXTENDED, FD, empty_frames
 from hil.codec.layout import Layout, MessageOptions, Wire, raw_range
 from hil.codec.quantities import BusQuantity
 from hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
@@ -430,7 +430,7 @@ def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checks
     frames = empty_frames(1)
     encode(layout, 0, np.array([513.0]), 35, frames, 0)
     payload = frames.data[0].tobytes()
-    assert frames.identifiers[0] == 0x1ABCDEF0 | EXTENDED
+    assert frames.identifiers[0] == 0x1ABCDEF0 | EXTENDED | FD
     assert frames.lengths[0] == 64
     assert message.decode(payload) == {
         "Value": 513,

@@ -21,7 +21,7 @@ from hil_support import (
     start_of,
 )
 
-from hil.codec.frames import ERROR, REMOTE, Frames, empty_frames
+from hil.codec.frames import ERROR, FD, REMOTE, Frames, empty_frames
 from hil.config.rig import Rig
 from hil.errors import ConfigError
 from hil.loop.tick import Snapshot, tick
@@ -81,7 +81,7 @@ def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
     ],
 )
 def test_a_line_is_candumps(identifier: int, payload: bytes, expected: str):
-    assert candump_line(12.5, "can0", frames_of([(identifier, payload)]), 0, False) == expected
+    assert candump_line(12.5, "can0", frames_of([(identifier, payload)]), 0) == expected
 
 
 def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path):
@@ -113,8 +113,8 @@ def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path):
 
 def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path):
     path = tmp_path / "bus.log"
-    recorder = CandumpRecorder(path, "bench", 0.0, is_fd=True)
-    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of([(0x120, bytes(range(64)))]))
+    recorder = CandumpRecorder(path, "bench", 0.0)
+    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of([(0x120 | FD, bytes(range(64)))]))
     recorder.close()
     (message,) = messages_in(path)
     assert message.is_fd
@@ -123,7 +123,7 @@ def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path):
 
 def test_a_remote_frame_beside_can_fd_frames_stays_one(tmp_path: Path):
     # There are no remote frames in the CAN FD format: theirs is candump's classic line.
-    line = candump_line(0.0, "can0", frames_of([(0x120 | REMOTE, b"")]), 0, is_fd=True)
+    line = candump_line(0.0, "can0", frames_of([(0x120 | REMOTE | FD, b"")]), 0)
     assert line == "(0000000000.000000) can0 120#R\n"
 
 
@@ -150,7 +150,7 @@ def test_every_format_opens_in_python_can_with_the_same_frames(
     tmp_path: Path, suffix: str, epoch: float
 ):
     path = tmp_path / f"bus{suffix}"
-    recorder = open_recorder(path, 2, "bench", epoch, False)
+    recorder = open_recorder(path, 2, "bench", epoch)
     for number, row in enumerate(many()):
         recorder.write(0.001 * number, SNAPSHOT, NOTHING, frames_of([row]))
     recorder.close()
@@ -284,14 +284,14 @@ def test_a_folder_in_the_place_of_the_file_is_told(tmp_path: Path):
         path = tmp_path / f"taken{suffix}"
         path.mkdir()
         with pytest.raises(ConfigError, match="--record"):
-            open_recorder(check_record(str(path)), 2, "x", 0.0, False)
+            open_recorder(check_record(str(path)), 2, "x", 0.0)
 
 
 def test_a_folder_in_the_place_of_a_converted_file_is_told_before_the_run(tmp_path: Path):
     path = tmp_path / "taken.blf"
     path.mkdir()
     with pytest.raises(ConfigError, match="--record"):
-        open_recorder(check_record(str(path)), 2, "x", 0.0, False)
+        open_recorder(check_record(str(path)), 2, "x", 0.0)
 
 
 def test_mf4_without_asammdf_is_told_with_what_to_install(

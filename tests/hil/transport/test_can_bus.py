@@ -14,7 +14,7 @@ from hil_support import CALM, EXTENDED, bench, frames_of, rig_of, rows_of, start
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.codec.frames import ERROR, REMOTE, empty_frames
+from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from hil.config.rig import Rig
 from hil.errors import ConfigError, TransportError
 from hil.loop.run import Loop, run_free
@@ -121,7 +121,7 @@ ROWS = [
     (0x7FF, b"12345678"),
     (0x123 | EXTENDED, b"abc"),
     (0x1FFFFFFF | EXTENDED, bytes(range(8))),
-    (0x321, bytes(range(64))),
+    (0x321 | FD, bytes(range(64))),
     (0x123 | ERROR, b""),
 ]
 
@@ -129,7 +129,7 @@ ROWS = [
 def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     for row in range(len(ROWS)):
-        other.send(message_of(can, frames_of(ROWS), row, is_fd=len(ROWS[row][1]) > 8))
+        other.send(message_of(can, frames_of(ROWS), row))
     other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
     frames = transport.receive()
     assert rows_of(frames)[: len(ROWS)] == ROWS
