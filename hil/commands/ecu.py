@@ -6,6 +6,7 @@ It does what the scenario's [[request]] tables ask (default: the demo's), or --r
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -45,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
     rig = load_rig(find_config("rigs", args.rig))
     scenario = load_scenario(find_config("scenarios", args.scenario))
-    requests = _requests(args.request) if args.request else list(scenario.requests)
     duration = args.duration if args.duration is not None else scenario.duration
+    requests = _requests(args.request) if args.request else list(scenario.requests)
     arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
     transport = CanTransport(arguments, rig.is_fd or args.fd)
     controller = Controller(args.drives)
@@ -56,8 +57,11 @@ def run(args: argparse.Namespace) -> int:
     told = 0
     try:
         while not stop():
-            node.poll(time.monotonic_ns() - start)
-            if duration is not None and node.elapsed >= duration:
+            now = time.monotonic_ns() - start
+            node.poll(now)
+            # The flag counts from the start, a scenario from when the gate is first heard.
+            spent = node.elapsed if args.duration is None else now * 1e-9
+            if duration is not None and spent >= duration:
                 break
             for event in controller.events[told:]:
                 if not args.quiet:
@@ -78,8 +82,11 @@ def _requests(given: list[str]) -> list[Request]:
     for text in given:
         when, _, action = text.partition(":")
         try:
-            requests.append(Request(float(when), action))
+            time_s = float(when)
         except ValueError:
+            time_s = math.nan
+        requests.append(Request(time_s, action))
+        if not 0.0 <= time_s <= 1e6:
             action = ""
         if action not in REQUESTS:
             raise ConfigError(

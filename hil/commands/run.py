@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from hil.commands import options
+from hil.errors import ConfigError
 
 if TYPE_CHECKING:
     from hil.config.rig import Rig
@@ -71,6 +72,8 @@ def emulate(
     with contextlib.ExitStack() as stack:
         stack.callback(transport.close)
         records = [check_record(name) for name in args.record]
+        if len({path.resolve() for path in records}) < len(records):
+            raise ConfigError(f"--record {', '.join(args.record)}: allowed: a file once")
         bench = build.bench_of(vehicle, rig, scenario.program, args.rate, args.seed)
         # Only wall time has an epoch; the other clocks' recordings are the same every time.
         epoch = time.time() if args.clock == "realtime" else 0.0

@@ -100,7 +100,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
         (["ecu", "--bus", "virtual:x", "--request", "1"], "SECONDS:ACTION"),
         (["ecu", "--bus", "virtual:x", "--request", "now:open"], "SECONDS:ACTION"),
         (["ecu", "--bus", "virtual:x", "--duration", "0.1", "--request", "nan:open"], "nan:open"),
-        (["ecu", "--bus", "virtual:x", "--duration", "0.1", "--request", "-5:open"], "-5:open"),
+        (["ecu", "--bus", "virtual:x", "--duration", "0.1", "--request=-5:open"], "-5:open"),
         (["ecu", "--bus", "virtual:x", "--drives", "3"], "--drives"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
