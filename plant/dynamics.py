@@ -28,7 +28,7 @@ from plant.motor import Motor
 from plant.obstacle import Obstacle
 from plant.seal import Seal
 from plant.spring import Spring
-from plant.thermal import Thermal
+from plant.thermal import Thermal, flux_factor
 from plant.transmission import Mechanism
 
 
@@ -228,7 +228,8 @@ def motor_voltage(
         return -limit
     if state.current < 0.0:
         return limit
-    return drive.motor.speed_constant * state.speed
+    flux = flux_factor(drive.thermal, state.housing_temperature)
+    return drive.motor.speed_constant * flux * state.speed
 
 
 @compilable
