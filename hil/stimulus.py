@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,50 +25,63 @@ CHANNELS: dict[str, float] = {
 }
 
 
+CHANNEL = np.dtype(
+    [
+        ("first", "i8"),  # row of the first knot
+        ("count", "i8"),  # knots; 0: the vehicle file's value holds
+        ("linear", "i8"),  # 1: straight lines between knots, 0: held
+    ]
+)
+
+
 class Program(NamedTuple):
     """Profiles, a row a channel, and obstacles; SI, times in seconds."""
 
-    first: NDArray[np.int64]  # (channels,) first knot
-    count: NDArray[np.int64]  # type: ignore[assignment]  # (channels,) knots; 0: the vehicle file's value holds
-    linear: NDArray[np.int64]  # (channels,) 1: straight lines between knots, 0: held
-    times: NDArray[np.float64]  # (knots,)
-    values: NDArray[np.float64]  # (knots,)
+    channels: Any  # (channels,) CHANNEL
+    knots: NDArray[np.float64]  # (knots, 2): time, value
     obstacles: NDArray[np.float64]  # (obstacles, 8): start, end, then Obstacle's fields
+
+
+def program_of(
+    channels: Sequence[tuple[int, int, int]],
+    knots: Sequence[tuple[float, float]],
+    obstacles: Sequence[Sequence[float]],
+) -> Program:
+    """The tables of these rows."""
+    return Program(
+        np.array(channels, dtype=CHANNEL).view(np.recarray),
+        np.array(knots, dtype=np.float64).reshape(-1, 2),
+        np.array(obstacles, dtype=np.float64).reshape(-1, 8),
+    )
 
 
 def no_program() -> Program:
     """Nothing moves."""
-    channels = len(CHANNELS)
-    return Program(
-        np.zeros(channels, dtype=np.int64),
-        np.zeros(channels, dtype=np.int64),
-        np.zeros(channels, dtype=np.int64),
-        np.zeros(0),
-        np.zeros(0),
-        np.zeros((0, 8)),
-    )
+    return program_of([(0, 0, 0)] * len(CHANNELS), [], [])
 
 
 @compilable
 def value_at(program: Program, channel: int, default: float, time: float) -> float:
     """A channel's value; before its first knot the default, after its last knot the last value."""
-    first = int(program.first[channel])
-    last = first + int(program.count[channel]) - 1
-    if last < first or time < program.times[first]:
+    profile = program.channels[channel]
+    if profile.count == 0:
         return default
-    if time >= program.times[last]:
-        return float(program.values[last])
-    low, high = first, last
+    knots = program.knots
+    low, high = profile.first, profile.first + profile.count - 1
+    if time < knots[low, 0]:
+        return default
+    if time >= knots[high, 0]:
+        return float(knots[high, 1])
     while high - low > 1:
         half = (low + high) // 2
-        if program.times[half] <= time:
+        if knots[half, 0] <= time:
             low = half
         else:
             high = half
-    if program.linear[channel] == 0:
-        return float(program.values[low])
-    share = (time - program.times[low]) / (program.times[high] - program.times[low])
-    return float(program.values[low] + share * (program.values[high] - program.values[low]))
+    if profile.linear == 0:
+        return float(knots[low, 1])
+    share = (time - knots[low, 0]) / (knots[high, 0] - knots[low, 0])
+    return float(knots[low, 1] + share * (knots[high, 1] - knots[low, 1]))
 
 
 @compilable

@@ -8,7 +8,7 @@ which keeps the arithmetic the same in Python's integers and in the machine's.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,10 @@ class Place(NamedTuple):
 
 
 @compilable
-def place_at(places: NDArray[np.int64], row: int) -> Place:
+def place_at(places: Any, row: int) -> Place:
     """A row of a table of places."""
-    return Place(
-        int(places[row, 0]),
-        int(places[row, 1]),
-        int(places[row, 2]),
-        int(places[row, 3]),
-        int(places[row, 4]),
-    )
+    place = places[row]
+    return Place(place.byte, place.shift, place.length, place.stride, place.kind)
 
 
 @compilable

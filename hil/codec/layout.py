@@ -7,7 +7,7 @@ a rig's inputs and sends its outputs, an ECU the other way round.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,9 +21,6 @@ from hil.config.toml import Faults
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,50 +46,66 @@ class MessageOptions:
     checksum_kind: str = "crc8-sae-j1850"
 
 
-class Signals(NamedTuple):
-    """Rows of mapped signals; n of them, ordered by message."""
+# The tables are arrays of records: few of them, so that passing a layout on costs compiled code little.
 
-    quantity: Ints  # (n,) index into the quantities
-    place: Ints  # (n, 5) Place
-    select: Ints  # (n, 10) Places of the multiplexer and of that one's own, length 0: none
-    select_value: Ints  # (n, 2)
-    factor: Floats  # (n,) physical = factor raw + offset
-    offset: Floats
-    scale: Floats  # (n,) quantity = scale physical + bias
-    bias: Floats
-    low: Floats  # (n,) allowed physical values
-    high: Floats
-    raw_low: Floats  # (n,) what fits into the bits and the range
-    raw_high: Floats
-    quantity_low: Floats  # (n,) allowed values of the quantity
-    quantity_high: Floats
-    names_first: Ints  # (n,) rows in `ours` and `theirs`, none: -1
-    names_count: Ints
-    ours: Floats  # enumeration values of ours, and their physical values
-    theirs: Floats
+# Where a signal's bits lie; the fields of `Place`.
+PLACE = np.dtype(
+    [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
+)
 
+# A mapped signal, under one value of each multiplexer above it.
+SIGNAL = np.dtype(
+    [
+        ("quantity", "i8"),  # index into the quantities
+        ("place", "i8"),  # row in `places`
+        ("selectors_first", "i8"),  # rows in `selectors`, all of which must hold
+        ("selectors_count", "i8"),
+        ("names_first", "i8"),  # rows in `names`
+        ("names_count", "i8"),
+        ("factor", "f8"),  # physical = factor raw + offset
+        ("offset", "f8"),
+        ("scale", "f8"),  # quantity = scale physical + bias
+        ("bias", "f8"),
+        ("low", "f8"),  # allowed physical values
+        ("high", "f8"),
+        ("raw_low", "f8"),  # what fits into the bits and the range
+        ("raw_high", "f8"),
+        ("quantity_low", "f8"),  # allowed values of the quantity
+        ("quantity_high", "f8"),
+    ]
+)
 
-class Messages(NamedTuple):
-    """Rows of messages; m of them."""
+# A multiplexer's value under which a signal is in the frame.
+SELECTOR = np.dtype([("place", "i8"), ("value", "f8")])
 
-    identifier: Ints  # (m,) with the EXTENDED flag
-    fd: Ints  # (m,) FD or 0
-    length: Ints  # (m,) bytes
-    first: Ints  # (m,) rows in Signals
-    count: Ints  # type: ignore[assignment]  # shadows tuple.count
-    cycle_ns: Ints  # (m,) 0: not cyclic
-    timeout_ns: Ints  # (m,) 0: never goes stale
-    counter: Ints  # (m, 5) Place of the alive counter, length 0: none
-    checksum_kind: Ints  # (m,)
-    checksum_byte: Ints  # (m,)
-    start: NDArray[np.uint8]  # (m, 64) payload with start values
+# An enumeration's value of ours, and its physical value.
+NAME = np.dtype([("ours", "f8"), ("theirs", "f8")])
+
+MESSAGE = np.dtype(
+    [
+        ("identifier", "i8"),  # with the EXTENDED flag
+        ("fd", "i8"),  # FD or 0
+        ("length", "i8"),  # bytes
+        ("first", "i8"),  # rows in `signals`
+        ("count", "i8"),
+        ("cycle_ns", "i8"),  # 0: not cyclic
+        ("timeout_ns", "i8"),  # 0: never goes stale
+        ("counter", "i8"),  # row in `places` of the alive counter; -1: none
+        ("checksum_kind", "i8"),
+        ("checksum_byte", "i8"),
+    ]
+)
 
 
 class Layout(NamedTuple):
-    """All that is received, or all that is sent."""
+    """All that is received, or all that is sent: m messages, n signals, ordered by message."""
 
-    messages: Messages
-    signals: Signals
+    messages: Any  # (m,) MESSAGE
+    signals: Any  # (n,) SIGNAL
+    places: Any  # PLACE
+    selectors: Any  # SELECTOR
+    names: Any  # NAME
+    start: NDArray[np.uint8]  # (m, 64) payloads with start values
 
 
 def place_of(signal: Signal) -> Place:
@@ -142,43 +155,84 @@ def build_layout(
     sending: bool,
 ) -> Layout:
     """The tables for these wires; what cannot be laid out is noted in `faults`."""
-    names = list(quantities)
-    rows: list[dict[str, Any]] = []
-    ours: list[float] = []
-    theirs: list[float] = []
+    tables = _Tables()
     order = list(dict.fromkeys(wire.message for wire in wires))
-    heads: list[dict[str, Any]] = []
     for name in order:
         message = messages[name]
-        first = len(rows)
-        for wire in (wire for wire in wires if wire.message == name):
+        own = [wire for wire in wires if wire.message == name]
+        if message.length > MAX_BYTES:
+            faults.add(
+                name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
+            )
+            continue
+        start = start_payload(message)
+        first = len(tables.signals)
+        chosen: set[Selector] = set()
+        for wire in own:
             signal = message.get_signal_by_name(wire.signal)
+            quantity = quantities[wire.quantity]
             if not _is_usable(wire, signal, faults):
                 continue
-            pairs = _enumeration(wire, signal, quantities[wire.quantity], faults, sending)
-            row = _signal_row(wire, signal, quantities[wire.quantity], names.index(wire.quantity))
-            row |= {"names_first": len(ours) if pairs else -1, "names_count": len(pairs)}
-            ours += [pair[0] for pair in pairs]
-            theirs += [pair[1] for pair in pairs]
-            for selectors in _selectors(message, signal):
-                rows.append(row | {"selectors": selectors})
-        head = _message_row(message, options.get(name, MessageOptions()), faults)
-        if all(wire.quantity in PANEL for wire in wires if wire.message == name):
+            pairs = _enumeration(wire, signal, quantity, faults, sending)
+            row = _signal_row(wire, signal, quantity)
+            row["quantity"] = list(quantities).index(wire.quantity)
+            row["place"] = tables.add_place(place_of(signal))
+            row |= {"names_first": len(tables.names), "names_count": len(pairs)}
+            tables.names += pairs
+            for chain in _selectors(message, signal):
+                chosen |= set(chain)
+                row |= {"selectors_first": len(tables.selectors), "selectors_count": len(chain)}
+                tables.selectors += [(tables.add_place(place), value) for place, value in chain]
+                tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
+        options_of = options.get(name, MessageOptions())
+        head = _message_row(message, options_of, tables, faults)
+        if all(wire.quantity in PANEL for wire in own):
             head["timeout_ns"] = 0  # a panel speaks when something changes
-        head |= {"first": first, "count": len(rows) - first}
+        head |= {"first": first, "count": len(tables.signals) - first}
         if sending:
-            _check_overlap(name, [wire for wire in wires if wire.message == name], options, faults)
-        _put_selectors(head["start"], rows[first:], name, faults if sending else None)
-        heads.append(head)
-    _fill_selectors(rows, faults)
-    return Layout(
-        Messages(**{field: _column(heads, field, Messages) for field in Messages._fields}),
-        Signals(
-            **{field: _column(rows, field, Signals) for field in Signals._fields[:-2]},
-            ours=np.array(ours, dtype=np.float64),
-            theirs=np.array(theirs, dtype=np.float64),
-        ),
-    )
+            _check_overlap(name, own, options_of, faults)
+            if len({place for place, _ in chosen}) < len(chosen):
+                faults.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
+        for place, value in chosen:
+            write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
+        tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
+        tables.start.append(start)
+    return tables.layout()
+
+
+Selector = tuple[Place, int]
+
+
+@dataclass
+class _Tables:
+    """The rows so far."""
+
+    messages: list[tuple[float, ...]] = field(default_factory=list)
+    signals: list[tuple[float, ...]] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
+    selectors: list[tuple[float, ...]] = field(default_factory=list)
+    names: list[tuple[float, float]] = field(default_factory=list)
+    start: list[NDArray[np.uint8]] = field(default_factory=list)
+
+    def add_place(self, place: Place) -> int:
+        """The place's row."""
+        self.places.append(place)
+        return len(self.places) - 1
+
+    def layout(self) -> Layout:
+        """The rows as arrays."""
+
+        def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
+            return np.array(rows, dtype=kind).view(np.recarray)
+
+        return Layout(
+            table(self.messages, MESSAGE),
+            table(self.signals, SIGNAL),
+            table(self.places, PLACE),
+            table(self.selectors, SELECTOR),
+            table(self.names, NAME),
+            np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
+        )
 
 
 def _conversion(signal: Signal) -> tuple[float, float]:
@@ -197,11 +251,8 @@ def _is_usable(wire: Wire, signal: Signal, faults: Faults) -> bool:
     return True
 
 
-def _check_overlap(
-    name: str, wires: Sequence[Wire], options: Mapping[str, MessageOptions], faults: Faults
-) -> None:
+def _check_overlap(name: str, wires: Sequence[Wire], own: MessageOptions, faults: Faults) -> None:
     """No two quantities, and no quantity and protection, may be sent in one signal."""
-    own = options.get(name, MessageOptions())
     taken = {own.counter: "the counter", own.checksum: "the checksum"}
     for wire in wires:
         if wire.signal in taken:
@@ -212,15 +263,14 @@ def _check_overlap(
         taken[wire.signal] = wire.quantity
 
 
-def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity, index: int) -> dict[str, Any]:
+def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity) -> dict[str, Any]:
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
     bits = raw_range(signal)
-    slack = [1e-9 * max(1.0, abs(end)) for end in raw]  # of the way there and back
+    # Rounding on the way there and back; of long signals never a quantum.
+    slack = [min(1e-9 * max(1.0, abs(end)), 0.25) for end in raw]
     return {
-        "quantity": index,
-        "place": place_of(signal),
         "factor": factor,
         "offset": offset,
         "scale": wire.scale,
@@ -261,10 +311,6 @@ def _enumeration(
     return pairs
 
 
-_NOWHERE = Place(0, 0, 0, 1, 0)
-Selector = tuple[Place, int]
-
-
 def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
     """Under which values of which multiplexers the signal is in the frame: alternatives, each a chain."""
     if signal.multiplexer_signal is None or not signal.multiplexer_ids:
@@ -278,13 +324,16 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
     ]
 
 
-def _message_row(message: Message, options: MessageOptions, faults: Faults) -> dict[str, Any]:
+def _message_row(
+    message: Message, options: MessageOptions, tables: _Tables, faults: Faults
+) -> dict[str, Any]:
     cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
-    counter = _NOWHERE
+    counter = -1
     kind, checksum_byte = checksum.NONE, -1
     if options.counter is not None:
-        counter = place_of(message.get_signal_by_name(options.counter))
-        if counter.length > 32:
+        place = place_of(message.get_signal_by_name(options.counter))
+        counter = tables.add_place(place)
+        if place.length > 32:
             faults.add(f"messages.{message.name}.counter", "allowed: a signal of up to 32 bits")
     if options.checksum is not None:
         place = place_of(message.get_signal_by_name(options.checksum))
@@ -297,15 +346,19 @@ def _message_row(message: Message, options: MessageOptions, faults: Faults) -> d
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {
         "identifier": identifier,
-        "fd": FD if message.is_fd else 0,
+        "fd": FD if needs_fd(message) else 0,
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
         "counter": counter,
         "checksum_kind": kind,
         "checksum_byte": checksum_byte,
-        "start": start_payload(message),
     }
+
+
+def needs_fd(message: Message) -> bool:
+    """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
+    return bool(message.is_fd) or message.length > 8
 
 
 def start_payload(message: Message) -> NDArray[np.uint8]:
@@ -318,39 +371,3 @@ def start_payload(message: Message) -> NDArray[np.uint8]:
             write_number(data, 0, place_of(signal), min(max(float(raw), low), high))
     payload: NDArray[np.uint8] = data[0]
     return payload
-
-
-def _put_selectors(
-    start: NDArray[np.uint8], rows: Sequence[dict[str, Any]], name: str, faults: Faults | None
-) -> None:
-    """Write the multiplexer's value into a sent message; it can have only one."""
-    chosen = {selector for row in rows for selector in row["selectors"]}
-    for place, value in chosen:
-        write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
-    if faults is not None and len({place for place, _ in chosen}) < len(chosen):
-        faults.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
-
-
-def _fill_selectors(rows: Sequence[dict[str, Any]], faults: Faults) -> None:
-    """The chains of selectors as columns of two."""
-    for row in rows:
-        chain = row["selectors"]
-        if len(chain) > 2:
-            faults.add("multiplexing", "three levels deep; allowed: two")
-        padded = [*chain, (_NOWHERE, 0), (_NOWHERE, 0)][:2]
-        row["select"] = [number for place, _ in padded for number in place]
-        row["select_value"] = [value for _, value in padded]
-
-
-def _column(rows: Sequence[Mapping[str, Any]], field: str, table: type) -> Any:
-    kinds = {"identifier": np.int64, "start": np.uint8}
-    floats = {
-        "factor", "offset", "scale", "bias", "low", "high",
-        "raw_low", "raw_high", "quantity_low", "quantity_high",
-    }  # fmt: skip
-    dtype = kinds.get(field, np.float64 if field in floats else np.int64)
-    widths = {"place": 5, "select": 10, "select_value": 2, "counter": 5, "start": MAX_BYTES}
-    column = np.array([row[field] for row in rows], dtype=dtype)
-    if field in widths:
-        column = column.reshape(len(rows), widths[field])
-    return column

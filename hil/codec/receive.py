@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.bits import Place, extract, place_at, read_number
+from hil.codec.bits import extract, place_at, read_number
 from hil.codec.checksum import checksum
 from hil.codec.frames import ERROR, FD, REMOTE, Frames
 from hil.codec.layout import Layout
@@ -57,7 +57,7 @@ class Reception(NamedTuple):
 
 def nothing_received(layout: Layout, quantities: int) -> Reception:
     """Before the first frame."""
-    messages = len(layout.messages.identifier)
+    messages = len(layout.messages)
     return Reception(
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
@@ -76,8 +76,8 @@ def rejected(counts: Counts) -> int:
 @compilable
 def find_message(layout: Layout, identifier: int) -> int:
     """The message's row, or -1."""
-    for row in range(len(layout.messages.identifier)):
-        if layout.messages.identifier[row] == identifier:
+    for row in range(len(layout.messages)):
+        if layout.messages[row].identifier == identifier:
             return row
     return -1
 
@@ -85,40 +85,38 @@ def find_message(layout: Layout, identifier: int) -> int:
 @compilable
 def quantity_of(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> float:
     """A signal's value in our unit; NaN where it is not allowed."""
-    signals = layout.signals
-    raw = read_number(data, frame, place_at(signals.place, row))
-    physical = raw * signals.factor[row] + signals.offset[row]
-    if not (signals.low[row] <= physical <= signals.high[row]):
+    signal = layout.signals[row]
+    raw = read_number(data, frame, place_at(layout.places, signal.place))
+    physical = raw * signal.factor + signal.offset
+    if not (signal.low <= physical <= signal.high):
         return np.nan
-    value = np.nan
-    if signals.names_first[row] >= 0:
-        first = signals.names_first[row]
-        for name in range(first, first + signals.names_count[row]):
-            if abs(signals.theirs[name] - physical) <= 1e-9 * (1.0 + abs(physical)):
-                value = signals.ours[name]
-    else:
-        value = signals.scale[row] * physical + signals.bias[row]
-    if signals.quantity_low[row] <= value <= signals.quantity_high[row]:
-        return value
+    value = signal.scale * physical + signal.bias
+    if signal.names_count > 0:
+        value = np.nan
+        for name in range(signal.names_first, signal.names_first + signal.names_count):
+            if abs(layout.names[name].theirs - physical) <= 1e-9 * (1.0 + abs(physical)):
+                value = layout.names[name].ours
+    if signal.quantity_low <= value <= signal.quantity_high:
+        return float(value)
     return np.nan
 
 
 @compilable
 def selected(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether a multiplexed signal is in this frame."""
-    select = layout.signals.select
-    for level in range(2):
-        k = 5 * level
-        length = int(select[row, k + 2])
-        if length == 0:
-            return True
-        place = Place(
-            int(select[row, k]), int(select[row, k + 1]), length,
-            int(select[row, k + 3]), int(select[row, k + 4]),
-        )  # fmt: skip
-        if read_number(data, frame, place) != layout.signals.select_value[row, level]:
+    signal = layout.signals[row]
+    for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
+        selector = layout.selectors[level]
+        if read_number(data, frame, place_at(layout.places, selector.place)) != selector.value:
             return False
     return True
+
+
+@compilable
+def counter_of(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> int:
+    """The alive counter in a frame."""
+    place = place_at(layout.places, layout.messages[message].counter)
+    return extract(data, frame, place.byte, place.shift, place.length, place.stride)
 
 
 @compilable
@@ -134,32 +132,28 @@ def judge(
         return FOREIGN, -1, 0
     if identifier & REMOTE:
         return REMOTE_FRAME, message, 0
-    table = layout.messages
-    length = int(table.length[message])
-    if frames.lengths[frame] != length:
+    table = layout.messages[message]
+    if frames.lengths[frame] != table.length:
         return WRONG_LENGTH, message, 0
-    kind = int(table.checksum_kind[message])
+    kind, skip = table.checksum_kind, table.checksum_byte
     if kind:
-        skip = int(table.checksum_byte[message])
-        sum_ = checksum(kind, identifier, frames.data, frame, length, skip)
+        sum_ = checksum(kind, identifier, frames.data, frame, table.length, skip)
         if sum_ != frames.data[frame, skip]:
             return BAD_CHECKSUM, message, 0
     lost = 0
-    place = place_at(table.counter, message)
-    if place.length:
-        counter = extract(frames.data, frame, place.byte, place.shift, place.length, place.stride)
+    if table.counter >= 0:
+        counter = counter_of(layout, message, frames.data, frame)
         last = int(reception.counter[message])
         if counter == last:
             return BAD_COUNTER, message, 0
         if last >= 0:
-            lost = (counter - last - 1) & ((1 << place.length) - 1)
-    first = int(table.first[message])
-    for row in range(first, first + int(table.count[message])):
+            lost = (counter - last - 1) & ((1 << layout.places[table.counter].length) - 1)
+    for row in range(table.first, table.first + table.count):
         if selected(layout, row, frames.data, frame):
             value = quantity_of(layout, row, frames.data, frame)
             if np.isnan(value):
-                return OUT_OF_RANGE, message, 0
-            taken[layout.signals.quantity[row]] = value
+                return OUT_OF_RANGE, message, lost
+            taken[layout.signals[row].quantity] = value
     return ACCEPTED, message, lost
 
 
@@ -185,11 +179,8 @@ def receive(
         # A frame that came in whole but said something that is not allowed is not a lost one.
         if cause in (ACCEPTED, OUT_OF_RANGE):
             tally[8] += lost
-            place = place_at(layout.messages.counter, message)
-            if place.length:
-                counters[message] = extract(
-                    frames.data, frame, place.byte, place.shift, place.length, place.stride
-                )
+            if layout.messages[message].counter >= 0:
+                counters[message] = counter_of(layout, message, frames.data, frame)
     return current, Counts(
         counts.accepted + int(tally[0]),
         counts.foreign + int(tally[1]),
@@ -206,10 +197,9 @@ def receive(
 @compilable
 def forget_stale(layout: Layout, reception: Reception, now_ns: int) -> tuple[Reception, int]:
     """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
-    table = layout.messages
     stale = 0
-    for message in range(len(table.identifier)):
-        limit = table.timeout_ns[message]
+    for message in range(len(layout.messages)):
+        limit = layout.messages[message].timeout_ns
         if limit > 0 and 0 <= reception.seen_ns[message] <= now_ns - limit:
             stale += 1
     if stale == 0:
@@ -217,12 +207,11 @@ def forget_stale(layout: Layout, reception: Reception, now_ns: int) -> tuple[Rec
     values = reception.values.copy()
     seen = reception.seen_ns.copy()
     counters = reception.counter.copy()
-    for message in range(len(table.identifier)):
-        limit = table.timeout_ns[message]
-        if limit > 0 and 0 <= seen[message] <= now_ns - limit:
+    for message in range(len(layout.messages)):
+        table = layout.messages[message]
+        if table.timeout_ns > 0 and 0 <= seen[message] <= now_ns - table.timeout_ns:
             seen[message] = -1
             counters[message] = -1
-            first = int(table.first[message])
-            for row in range(first, first + int(table.count[message])):
-                values[layout.signals.quantity[row]] = np.nan
+            for row in range(table.first, table.first + table.count):
+                values[layout.signals[row].quantity] = np.nan
     return Reception(values, seen, counters), stale

@@ -15,18 +15,16 @@ from plant.compiler import compilable
 @compilable
 def raw_of(layout: Layout, row: int, value: float) -> float:
     """The raw value nearest to a quantity's value; out of range it is the nearest limit."""
-    signals = layout.signals
-    physical = (value - signals.bias[row]) / signals.scale[row]
-    if signals.names_first[row] >= 0:
-        first = signals.names_first[row]
-        for name in range(first, first + signals.names_count[row]):
-            if signals.ours[name] == value:
-                physical = signals.theirs[name]
-    raw = (physical - signals.offset[row]) / signals.factor[row]
-    raw = min(max(raw, signals.raw_low[row]), signals.raw_high[row])
-    if signals.place[row, 4] < FLOAT32:
+    signal = layout.signals[row]
+    physical = (value - signal.bias) / signal.scale
+    for name in range(signal.names_first, signal.names_first + signal.names_count):
+        if layout.names[name].ours == value:
+            physical = layout.names[name].theirs
+    raw = (physical - signal.offset) / signal.factor
+    raw = min(max(raw, signal.raw_low), signal.raw_high)
+    if layout.places[signal.place].kind < FLOAT32:
         raw = np.floor(raw + 0.5)
-    return float(min(raw, signals.raw_high[row]))
+    return float(min(raw, signal.raw_high))
 
 
 @compilable
@@ -39,29 +37,24 @@ def encode(
     row: int,
 ) -> None:
     """Write one message into a row of `frames`; a quantity that is NaN keeps its start value."""
-    table = layout.messages
-    frames.identifiers[row] = table.identifier[message] | table.fd[message]
-    frames.lengths[row] = table.length[message]
-    frames.data[row, :] = table.start[message]
-    first = int(table.first[message])
-    for signal in range(first, first + int(table.count[message])):
-        value = values[layout.signals.quantity[signal]]
+    table = layout.messages[message]
+    frames.identifiers[row] = table.identifier | table.fd
+    frames.lengths[row] = table.length
+    frames.data[row, :] = layout.start[message]
+    for index in range(table.first, table.first + table.count):
+        signal = layout.signals[index]
+        value = values[signal.quantity]
         if not np.isnan(value):
-            write_number(
-                frames.data,
-                row,
-                place_at(layout.signals.place, signal),
-                raw_of(layout, signal, value),
-            )
-    place = place_at(table.counter, message)
-    if place.length:
+            place = place_at(layout.places, signal.place)
+            write_number(frames.data, row, place, raw_of(layout, index, value))
+    if table.counter >= 0:
+        place = place_at(layout.places, table.counter)
         turn = counter & ((1 << place.length) - 1)
         insert(frames.data, row, place.byte, place.shift, place.length, place.stride, turn)
-    kind = int(table.checksum_kind[message])
+    kind, skip = table.checksum_kind, table.checksum_byte
     if kind:
-        skip = int(table.checksum_byte[message])
         frames.data[row, skip] = checksum(
-            kind, int(table.identifier[message]), frames.data, row, int(table.length[message]), skip
+            kind, table.identifier, frames.data, row, table.length, skip
         )
 
 
@@ -78,8 +71,7 @@ def transmit(
 
     A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate.
     """
-    table = layout.messages
-    capacity = len(table.identifier)
+    capacity = len(layout.messages)
     frames = Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
@@ -89,7 +81,7 @@ def transmit(
     after = counters.copy()
     count = 0
     for message in range(capacity):
-        cycle = int(table.cycle_ns[message])
+        cycle = layout.messages[message].cycle_ns
         due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
         if due:
             encode(layout, message, values, int(after[message]), frames, count)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hil.codec.checksum import KINDS
 from hil.codec.frames import EXTENDED
-from hil.codec.layout import Layout, MessageOptions, Wire, build_layout
+from hil.codec.layout import Layout, MessageOptions, Wire, build_layout, needs_fd
 from hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
 from hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
 from hil.data import data_root
@@ -88,7 +88,7 @@ def load_rig(path: Path) -> Rig:
         tuple(inputs),
         tuple(outputs),
         options,
-        any(messages[wire.message].is_fd for wire in (*inputs, *outputs)),
+        any(needs_fd(messages[wire.message]) for wire in (*inputs, *outputs)),
         str(path),
     )
     _check_whole(faults, rig)

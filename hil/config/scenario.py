@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
 from hil.requests import REQUESTS, Request
-from hil.stimulus import CHANNELS, Program, no_program
+from hil.stimulus import CHANNELS, Program, no_program, program_of
 
 _RANGES = {
     "supply_voltage_v": (0.0, 60.0),
@@ -144,21 +142,9 @@ def _request(faults: Faults, key: str, given: Table) -> Request:
 
 
 def _program(profiles: list[Profile], obstacles: list[tuple[float, ...]]) -> Program:
-    empty = no_program()
-    first, count, linear = empty.first, empty.count, empty.linear
-    times: list[float] = []
-    values: list[float] = []
-    names = list(CHANNELS)
+    channels = [(0, 0, 0)] * len(CHANNELS)
+    knots: list[tuple[float, float]] = []
     for name, is_linear, points in profiles:
-        row = names.index(name)
-        first[row], count[row], linear[row] = len(times), len(points), int(is_linear)
-        times += [time for time, _ in points]
-        values += [value * CHANNELS[name] for _, value in points]
-    return Program(
-        first,
-        count,
-        linear,
-        np.array(times, dtype=np.float64),
-        np.array(values, dtype=np.float64),
-        np.array(obstacles, dtype=np.float64).reshape(len(obstacles), 8),
-    )
+        channels[list(CHANNELS).index(name)] = (len(knots), len(points), int(is_linear))
+        knots += [(time, value * CHANNELS[name]) for time, value in points]
+    return program_of(channels, knots, obstacles)

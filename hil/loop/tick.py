@@ -116,7 +116,7 @@ def initial_loop(bench: Bench, plant_state: State) -> LoopState:
         NOT_PRESENT,
         nothing_received(bench.inputs, len(INPUTS)),
         NO_COUNTS,
-        np.zeros(len(bench.outputs.messages.identifier), dtype=np.int64),
+        np.zeros(len(bench.outputs.messages), dtype=np.int64),
         0,
         0,
         0,

@@ -245,6 +245,17 @@ def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, layout: Layout, 
     assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
 
 
+def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, layout: Layout, fresh: Reception):
+    _, counts = take(
+        layout,
+        fresh,
+        command_frame(rig, 1),
+        command_frame(rig, 4, LeftDuty=102.3),  # 2 and 3 never came
+        command_frame(rig, 5),
+    )
+    assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1, lost=2)
+
+
 def test_after_a_time_out_any_counter_is_welcome(rig: Rig, layout: Layout, fresh: Reception):
     reception, counts = take(layout, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
     reception, stale = forget_stale(layout, reception, 30 * MS)

@@ -288,6 +288,20 @@ def test_the_databases_range_holds_both_ways_and_an_empty_one_is_none(
     assert take(codec, layout_for(message), 1, limit)[1].accepted == 1
 
 
+@pytest.mark.parametrize("length", [24, 32, 40, 48])
+@pytest.mark.parametrize("signed", [False, True])
+def test_a_long_signals_range_is_kept_to_the_last_quantum(codec: Codec, length: int, signed: bool):
+    limit = 2 ** (length - 2)
+    low = -limit if signed else 0
+    signal = Signal("S0", 0, length, "little_endian", is_signed=signed, minimum=low, maximum=limit)
+    message = Message(1, "M", 8, [signal])
+    layout = layout_for(message, sending=True)
+    assert message.decode(put(codec, layout, [1e15]))["S0"] == limit
+    assert message.decode(put(codec, layout, [-1e15]))["S0"] == low
+    # What is sent, a receiver with the same database takes.
+    assert take(codec, layout_for(message), 1, put(codec, layout, [1e15]))[1].accepted == 1
+
+
 @pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
 @pytest.mark.parametrize("length", [32, 64])
 def test_floats_that_are_no_numbers_are_refused(codec: Codec, length: int, bad: float):

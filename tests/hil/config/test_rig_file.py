@@ -9,6 +9,7 @@ import pytest
 from hil_support import EXTENDED, rig_of, write_rig
 
 from hil import build
+from hil.codec.frames import FD
 from hil.config.rig import Rig, load_rig
 from hil.errors import ConfigError
 
@@ -250,6 +251,34 @@ def test_an_ambiguous_database_is_a_fault(tmp_path: Path, extra: str):
     database = DATABASE.replace("BO_ 768 Slow", extra + "BO_ 768 Slow")
     faults = faults_of(tmp_path, RIG, database)
     assert any("ambiguous" in fault for fault in faults)
+
+
+@pytest.mark.parametrize("name", ["Cmd", "Out"])
+@pytest.mark.parametrize("length", [65, 1785])
+def test_a_message_longer_than_any_frame_is_a_fault(tmp_path: Path, name: str, length: int):
+    # J1939 databases have such; they go over several frames. Frames are read and written without a check.
+    database = DATABASE.replace(f" {name}: 8 ", f" {name}: {length} ")
+    if name == "Out":
+        database = database.replace("7|16@0- (0.01,0)", "511|16@0- (0.01,0)")
+    faults = faults_of(tmp_path, RIG, database)
+    assert any(name in fault and "64" in fault for fault in faults)
+
+
+def test_a_message_longer_than_any_frame_that_nobody_wires_is_none_of_our_business(
+    tmp_path: Path,
+):
+    rig_of(tmp_path, DATABASE.replace(" Slow: 8 ", " Slow: 1785 "), RIG)
+
+
+def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: Path):
+    database = DATABASE.replace(" Out: 8 ", " Out: 24 ")  # and no VFrameFormat
+    try:
+        rig = rig_of(tmp_path, database, RIG)
+    except ConfigError as error:
+        assert "Out" in str(error)  # noqa: PT017
+    else:
+        assert rig.is_fd
+        assert rig.output_layout().messages.fd.tolist() == [FD]
 
 
 def test_a_factor_of_zero_is_a_fault(tmp_path: Path):

@@ -34,7 +34,8 @@ from hil_support import (
     start_of,
 )
 
-from hil.codec.frames import ERROR, EXTENDED, REMOTE, Frames, empty_frames
+from hil import build
+from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from hil.codec.receive import NO_COUNTS
 from hil.config.rig import Rig
 from hil.config.scenario import Request
@@ -306,6 +307,21 @@ def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
     all_, _ = lockstep(rig, [rows, []])
     assert one.state.plant == all_.state.plant
     assert one.state.tick == all_.state.tick == 300
+
+
+def test_lockstep_goes_on_can_fd_commands_too():
+    rig = build.rig_from(str(Path(__file__).parents[2] / "system/foreign/foreign.toml"))
+    message = rig.messages["KlappeSoll"]
+    payload = message.encode(
+        {"SpannungLinks": 0.5, "SpannungRechts": 0.5, "BrueckeLinks": 5, "BrueckeRechts": 5,
+         "Schloss": 12}
+    )  # fmt: skip
+    transport = Memory([[(rig.command_identifier() | FD, payload)]] * 4 + [[]])
+    loop = loop_of(transport, bench(rig=rig))
+    run_lockstep(loop, rig.command_identifier(), 10, None, lambda: not transport.batches)
+    assert loop.state.tick == 40
+    assert loop.state.counts == NO_COUNTS._replace(accepted=4)
+    assert loop.state.plant.left.speed > 0.0
 
 
 def test_splitting_and_joining_loses_no_frame(rig: Rig):

@@ -1,0 +1,166 @@
+"""Files that are wrong in ways nobody thought of: a ConfigError or a good result, never anything else."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import logging
+import random
+import re
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.config import rig as rig_file
+from hil.config.rig import load_rig
+from hil.config.scenario import load_scenario
+from hil.config.vehicle import load_vehicle
+from hil.errors import ConfigError
+
+ROOT = Path(__file__).parents[3]
+FOREIGN = ROOT / "tests/system/foreign"
+
+REMOVE = object()
+ODD: list[Any] = [
+    REMOVE, True, -1, 0, 1, 2.5, float("nan"), float("inf"), 10**400, "", "x", "open", "ä\n",
+    "DriveCommand.LeftDuty", "KlappeIst.Riegel", [], [1], [[1, 2]], [[0, 1], [1, 2]], [{}], {},
+    {"a": 1}, {"signal": "Gate.Angle"}, {"signal": "KlappeIst.Winkel", "values": {"open": 1}},
+    1e300, -1e300, 1e-300,
+]  # fmt: skip
+
+
+def literal(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        quoted = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{quoted}"'
+    if isinstance(value, list):
+        return "[" + ", ".join(map(literal, value)) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{literal(k)} = {literal(v)}" for k, v in value.items()) + "}"
+    return repr(value)
+
+
+def document(content: dict[str, Any]) -> str:
+    return "".join(f"{literal(key)} = {literal(value)}\n" for key, value in content.items())
+
+
+def slots(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every place in a tree where a value stands."""
+    if isinstance(value, dict | list):
+        for key in list(value) if isinstance(value, dict) else range(len(value)):
+            yield value, key
+            yield from slots(value[key])
+
+
+def mutated(chance: random.Random, content: dict[str, Any]) -> dict[str, Any]:
+    content = copy.deepcopy(content)
+    for _ in range(chance.randint(1, 4)):
+        places = list(slots(content))
+        if not places:
+            break
+        container, key = chance.choice(places)
+        other, at = chance.choice(places)
+        value = chance.choice([*ODD, *[other[at]] * 8])
+        if value is REMOVE:
+            del container[key]
+        elif isinstance(container, dict) and chance.random() < 0.15:
+            container[chance.choice(["x", "", "a.b", "signal", "values"])] = copy.deepcopy(value)
+        else:
+            container[key] = copy.deepcopy(value)
+    return content
+
+
+@pytest.mark.parametrize(
+    ("source", "load"),
+    [
+        ("configs/vehicles/suv.toml", load_vehicle),
+        ("configs/scenarios/demo.toml", load_scenario),
+        ("configs/rigs/liftgate.toml", load_rig),
+        ("tests/system/foreign/foreign.toml", load_rig),
+    ],
+)
+def test_a_mangled_file_is_told_or_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, load: Callable[[Path], Any]
+):
+    known: dict[Path, Any] = {}
+    read = rig_file._load_messages
+
+    def once(faults: Any, path: Path) -> Any:
+        if path not in known:
+            known[path] = read(faults, path)
+        return known[path]
+
+    monkeypatch.setattr(rig_file, "_load_messages", once)
+    (tmp_path / "foreign.dbc").write_bytes((FOREIGN / "foreign.dbc").read_bytes())
+    content = tomllib.loads((ROOT / source).read_text(encoding="utf-8"))
+    path = tmp_path / "file.toml"
+    chance = random.Random(1)
+    refused = 0
+    for _ in range(400):
+        path.write_text(document(mutated(chance, content)), encoding="utf-8")
+        try:
+            load(path)
+        except ConfigError as error:
+            refused += 1
+            for fault in error.faults:
+                assert fault.startswith(str(path))
+                assert "\n" not in fault
+    assert refused > 200
+
+
+NUMBERS = ("0", "1", "7", "8", "64", "65", "-1", "1e400", "nan")
+SIGNS = '0123456789-+|@()[]",. MmZ:;xé'
+
+
+def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[str]:
+    lines = list(lines)
+    for _ in range(chance.randint(1, 3)):
+        at = chance.randrange(len(lines))
+        line = lines[at]
+        kind = chance.randrange(5)
+        if kind == 0:
+            del lines[at]
+        elif kind == 1:
+            lines.insert(at, chance.choice(lines))
+        elif kind == 2 and line:
+            place = chance.randrange(len(line))
+            lines[at] = line[:place] + chance.choice(SIGNS) + line[place + 1 :]
+        elif kind == 3 and (digits := re.findall(r"\d+", line)):
+            lines[at] = line.replace(chance.choice(digits), chance.choice(NUMBERS), 1)
+        elif kind == 4 and (names := re.findall(r"\w+", line)):
+            lines[at] = line.replace(chance.choice(names), chance.choice(words), 1)
+    return lines
+
+
+@pytest.mark.parametrize(
+    ("database", "rig"),
+    [
+        ("dbc/liftgate.dbc", "configs/rigs/liftgate.toml"),
+        ("tests/system/foreign/foreign.dbc", "tests/system/foreign/foreign.toml"),
+    ],
+)
+def test_a_mangled_database_is_told_or_taken(tmp_path: Path, database: str, rig: str):
+    text = (ROOT / database).read_text(encoding="utf-8")
+    lines, words = text.splitlines(), re.findall(r"\w+", text)
+    path = tmp_path / "rig.toml"
+    path.write_bytes((ROOT / rig).read_bytes())
+    chance = random.Random(2)
+    taken = 0
+    logging.disable(logging.CRITICAL)
+    try:
+        for _ in range(200):
+            (tmp_path / Path(database).name).write_text(
+                "\n".join(mangled(chance, lines, words)) + "\n", encoding="cp1252"
+            )
+            with contextlib.suppress(ConfigError):
+                load_rig(path)
+                taken += 1
+    finally:
+        logging.disable(logging.NOTSET)
+    assert 20 < taken < 180

@@ -1,0 +1,47 @@
+"""A run in real time that is ended by a signal: every recording is whole and tells the same."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import can
+import pytest
+
+PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
+
+
+@pytest.mark.filterwarnings("ignore")  # asammdf's own
+def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path):
+    names = ["run.log", "run.asc", "run.blf", "run.trc", "run.mf4", "run.csv"]
+    records = [part for name in names for part in ("--record", str(tmp_path / name))]
+    arguments = [sys.executable, "-m", "hil", "--bus", "virtual:x", "--json", *records]
+    with subprocess.Popen(
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        deadline = time.monotonic() + PATIENCE
+        log = tmp_path / "run.log"
+        while not log.exists() or log.stat().st_size < 10_000:
+            assert time.monotonic() < deadline, "nothing was recorded"
+            time.sleep(0.05)
+        child.send_signal(signal.SIGTERM)
+        out, error = child.communicate(timeout=PATIENCE)
+    assert child.returncode == 0, error
+    summary = json.loads(out)
+    logs = {}
+    for name in names[:-1]:
+        with can.LogReader(tmp_path / name) as reader:
+            logs[name] = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in reader]
+    frames = logs.pop("run.log")
+    assert len(frames) == summary["frames_sent"] > 100
+    assert {identifier for identifier, _, _ in frames[-5:]} == {0x210, 0x211, 0x220, 0x230, 0x7E0}
+    assert [payload for identifier, _, payload in frames if identifier == 0x7E0][-1][7] & 3 == 3
+    for name, others in logs.items():
+        assert others == frames, name
+    rows = (tmp_path / "run.csv").read_text().splitlines()
+    assert len(rows) == 1 + summary["ticks"] - summary["overruns"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
