@@ -1,0 +1,235 @@
+"""The plant's C twin computes what the plant does, bit for bit, and its translator refuses what it cannot."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+from typing import NamedTuple
+
+import pytest
+
+from hil import build as vehicles
+from plant.bridge import DriveInput
+from plant.compiler import compiled
+from plant.dynamics import Inputs, initial_state
+from plant.obstacle import Obstacle
+from plant.vehicle import load_of, plant_of
+from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN
+from tools.twin.build import Point, build, compare, many_steps, points, source, twin_steps
+from tools.twin.translate import NotInSubsetError, translate
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+STEPS, PLAIN_STEPS = 2500, 40
+
+
+@pytest.fixture(scope="module")
+def library() -> ctypes.CDLL:
+    return build()
+
+
+def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
+    """Drives and surroundings, one after the other, that lead a gate through all that it can meet."""
+    rod = Obstacle(math.radians(25.0), 0.8, 20e3, 100.0, 0.01, 1.0)
+    free = {"latch_released": 1.0}
+    return [
+        (BRAKE, BRAKE, {}),
+        (OPEN, OPEN, free),
+        (DriveInput(0.4, 0.0, 0.0), OPEN, {**free, "ambient_temperature": -20.0}),
+        (COAST, COAST, free),
+        (BRAKE, COAST, {**free, "road_slope": math.radians(12.0), "snow_mass": 25.0}),
+        (CLOSE, CLOSE, {**free, "obstacle": rod}),
+        (CLOSE, CLOSE, {**free, "obstacle": rod, "hand_force": -50.0}),
+        (DriveInput(0.0, -9.0, 0.0), CLOSE, {**free, "source_voltage": 9.5}),
+        (CLOSE, CLOSE, free),
+        (CLOSE, CLOSE, free),
+        (CLOSE, CLOSE, {"wind_pressure": 30.0}),
+        (BRAKE, BRAKE, {}),
+        (OPEN, OPEN, {}),
+    ]
+
+
+@needs_gcc
+@pytest.mark.parametrize("step", [1e-3, 1e-4, 5e-3])
+@pytest.mark.parametrize("vehicle_name", ["suv", "heavy-suv", "compact"])
+def test_the_twin_equals_the_plant_bit_for_bit(
+    library: ctypes.CDLL, vehicle_name: str, step: float
+) -> None:
+    vehicle = vehicles.vehicle_from(vehicle_name)
+    plant = plant_of(vehicle)
+    state = initial_state(plant, 0.0, latched=True)
+    angles, latched = [], []
+    for left, right, changes in phases():
+        point = Point(plant, state, Inputs(left, right, load_of(vehicle)._replace(**changes)))
+        if step == 1e-3:
+            plain = many_steps(*point, step, PLAIN_STEPS)
+            assert twin_steps(library, point, step, PLAIN_STEPS) == plain
+        expected = compiled(many_steps)(*point, step, STEPS)
+        assert twin_steps(library, point, step, STEPS) == expected
+        state = expected
+        angles.append(state.gate_angle)
+        latched.append(state.latched)
+    if step == 1e-3:  # long enough for the whole way
+        assert max(angles) > 0.9
+        assert latched[0] == latched[-1] == 1.0
+        assert 0.0 in latched
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", points())
+def test_the_twin_equals_the_plant_where_both_are_timed(library: ctypes.CDLL, name: str) -> None:
+    point = points()[name]
+    assert twin_steps(library, point, 1e-3, 2000) == compiled(many_steps)(*point, 1e-3, 2000)
+
+
+@needs_gcc
+def test_the_comparison_has_a_ratio_for_every_point(library: ctypes.CDLL) -> None:
+    figures = compare(rounds=1, library=library)
+    assert figures.keys() == points().keys()
+    assert all(0.01 < f.lowest <= f.ratio <= f.highest for f in figures.values())
+
+
+def test_the_source_reads_as_c() -> None:
+    text = source()
+    assert "static double gate_lever(const Linkage *link, double angle)\n{" in text
+    assert "    const double s = link->body_radius;" in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float = 2.0
+
+
+ORIGIN = Pair(0.0, -1.5)
+CODES = 3
+
+
+def swapped(pair: Pair) -> tuple[float, float]:
+    a, b = pair
+    a, b = b, a
+    return a, b
+
+
+def everything(x: float, n: int, pair: Pair) -> Pair:
+    total, k = 0.0, 0
+    for i in range(n):
+        if i == 2:
+            continue
+        inner = x - (x - 1.0) - x if i in {1, CODES} else i / 2
+        total += inner
+    while k < 3 and not total > 1e9:
+        last = total
+        k = k + 1
+        total = max(last, min(x, 5.0), -x) * (-1.0 if 0.0 < x <= 1.0 else 1.5)
+    first, _ = swapped(Pair(total))
+    other = pair._replace(second=first + swapped(pair)[0])
+    return Pair(second=other.second + ORIGIN.second, first=abs(total) + float(k) + pair.first)
+
+
+def calls_everything(plant: Pair, state: Pair, inputs: Pair, step: float) -> Pair:
+    return everything(state.first + step, 5, Pair(state.second, plant.first - inputs.first))
+
+
+@needs_gcc
+@pytest.mark.parametrize("x", [-1.0, 0.3, 1.0, 7.5])
+def test_the_subset_means_in_c_what_it_means_in_python(
+    x: float, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, more = Pair(x, 1.0 / 3.0), Pair(0.1, 0.7)
+    text = translate(calls_everything)
+    loop = """
+    void step_many(const Pair *plant, Pair *state, const Pair *inputs, double step, int64_t count)
+    { *state = test_twin_calls_everything(plant, state, inputs, step); }
+    void restart_many(void) { }
+    """
+    monkeypatch.setattr("tools.twin.build.source", lambda: text + loop)
+    monkeypatch.setattr("tools.twin.build.State", Pair)
+    result = twin_steps(build(), Point(more, start, more), 0.25, 1)  # type: ignore[arg-type]
+    assert result == calls_everything(more, start, more, 0.25)
+
+
+def power(x: float) -> float:
+    return x**2
+
+
+def comprehension(x: float) -> float:
+    return sum([x])
+
+
+def unknown_call(x: float) -> float:
+    return math.gamma(x)
+
+
+def truth_of_a_number(x: float) -> float:
+    return 1.0 if x else 0.0
+
+
+def assigned_parameter(pair: Pair) -> Pair:
+    pair = Pair(1.0)
+    return pair
+
+
+def two_types(x: float) -> float:
+    y = 1
+    y = x
+    return y
+
+
+def after_the_loop(x: float) -> float:
+    for i in range(3):
+        x += i
+    return x + i
+
+
+def no_annotation(x) -> float:
+    return x
+
+
+def recursive(x: float) -> float:
+    return recursive(x)
+
+
+def calls(x: float) -> float:
+    return power(x)
+
+
+def mixed(x: float) -> float:
+    try:
+        x = 1.0
+    finally:
+        x = 2.0
+    return x
+
+
+def text(x: float) -> float:
+    name = "x"
+    return name
+
+
+@pytest.mark.parametrize(
+    ("function", "reason"),
+    [
+        (power, r"BinOp `x \*\* 2`"),
+        (comprehension, r"Call `sum\(\[x\]\)`"),
+        (unknown_call, r"Call `math.gamma\(x\)`"),
+        (truth_of_a_number, "`x` is no bool"),
+        (assigned_parameter, "a struct parameter that is assigned: pair"),
+        (two_types, "float.* where .*int.* is needed"),
+        (after_the_loop, "i has no value here"),
+        (no_annotation, "parameter x without annotation"),
+        (recursive, "a recursive call of recursive"),
+        (calls, r"BinOp `x \*\* 2`"),
+        (mixed, "Try"),
+        (text, "a constant of type str"),
+    ],
+)
+def test_what_is_not_in_the_subset_is_refused_with_its_place(function, reason: str) -> None:
+    with pytest.raises(NotInSubsetError, match=rf"test_twin.py:\d+: .*{reason}"):
+        translate(function)
+
+
+def test_the_place_is_the_line() -> None:
+    line = power.__code__.co_firstlineno + 1
+    with pytest.raises(NotInSubsetError, match=f"test_twin.py:{line}: "):
+        translate(calls)

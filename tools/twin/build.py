@@ -1,0 +1,214 @@
+"""The translated step as a library, and how the compiled step compares with it."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import math
+import statistics
+import subprocess
+import tempfile
+import time
+import typing
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil import build as vehicles
+from plant import integrate
+from plant.bridge import DriveInput
+from plant.compiler import compiled
+from plant.dynamics import Inputs, Plant, State, initial_state
+from plant.obstacle import Obstacle
+from plant.vehicle import load_of, plant_of
+from tools.twin.translate import fields_of, is_struct, translate
+
+STEP = 0.001
+COUNT = 2000  # steps from the initial state of an operating point
+RESTARTS = 10  # of them in a measurement
+ROUNDS = 15
+
+# Members are doubles only, so that an array of them in the order of the fields is the struct.
+LOOPS = """
+void step_many(const Plant *plant, State *state, const Inputs *inputs, double step, int64_t count)
+{
+    State now = *state;
+    for (int64_t k = 0; k < count; ++k) {
+        now = integrate_step(plant, &now, inputs, step);
+    }
+    *state = now;
+}
+
+void restart_many(const Plant *plant, State *state, const Inputs *inputs, double step,
+        int64_t count, int64_t restarts)
+{
+    const State start = *state;
+    for (int64_t k = 0; k < restarts; ++k) {
+        *state = start;
+        step_many(plant, state, inputs, step, count);
+    }
+}
+"""
+
+
+class Point(NamedTuple):
+    """An operating point: where a run starts and what acts on it."""
+
+    plant: Plant
+    state: State
+    inputs: Inputs
+
+
+class Figures(NamedTuple):
+    """Seconds per step of both, and the compiled step's time over the twin's."""
+
+    compiled: float
+    twin: float
+    ratio: float
+    lowest: float
+    highest: float
+
+
+def source() -> str:
+    """The step and its loops in C."""
+    for kind in (Plant, State, Inputs):
+        if any(leaf is not float for leaf in leaves_of(kind)):
+            raise TypeError(f"{kind.__name__} has members other than floats")
+    return translate(integrate.step) + LOOPS
+
+
+def leaves_of(kind: Any) -> Iterator[Any]:
+    """The types of a NamedTuple's scalars, in order."""
+    for member in fields_of(kind).values():
+        yield from leaves_of(member) if is_struct(member) else [member]
+
+
+def flat(value: Any) -> Iterator[float]:
+    """A NamedTuple's scalars, in order."""
+    for member in value:
+        yield from flat(member) if isinstance(member, tuple) else [member]
+
+
+def unflat(kind: Any, numbers: Iterator[float]) -> Any:
+    """The NamedTuple of these scalars."""
+    hints = typing.get_type_hints(kind)
+    return kind._make(
+        unflat(hints[name], numbers) if is_struct(hints[name]) else next(numbers)
+        for name in kind._fields
+    )
+
+
+def array(value: Any) -> ctypes.Array[ctypes.c_double]:
+    """A NamedTuple's scalars for C."""
+    numbers = tuple(flat(value))
+    return (ctypes.c_double * len(numbers))(*numbers)
+
+
+def build(
+    cc: str = "gcc", flags: Sequence[str] = ("-O2",), folder: Path | None = None
+) -> ctypes.CDLL:
+    """The library, built in a temporary folder (or in one that stays, to look at its code).
+
+    ISO C keeps gcc from contracting a * b + c where a target has the instruction for it.
+    """
+    with tempfile.TemporaryDirectory() as temporary:
+        place = folder or Path(temporary)
+        target = place / "twin.so"
+        (place / "twin.c").write_text(source(), encoding="utf-8")
+        command = [cc, "-std=c99", *flags, "-shared", "-fPIC", "-o", str(target)]
+        subprocess.run([*command, str(place / "twin.c"), "-lm"], check=True, timeout=120)
+        library = ctypes.CDLL(str(target))
+    numbers = ctypes.POINTER(ctypes.c_double)
+    common: list[Any] = [numbers, numbers, numbers, ctypes.c_double, ctypes.c_int64]
+    library.step_many.argtypes, library.step_many.restype = common, None
+    library.restart_many.argtypes, library.restart_many.restype = [*common, ctypes.c_int64], None
+    return library
+
+
+def twin_steps(library: ctypes.CDLL, point: Point, step: float, count: int) -> State:
+    """The state `count` steps later, by the twin."""
+    state = array(point.state)
+    library.step_many(array(point.plant), state, array(point.inputs), step, count)
+    result: State = unflat(State, iter(state))
+    return result
+
+
+def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: int) -> State:
+    """The state `count` steps later, by the plant."""
+    for _ in range(count):
+        state = integrate.step(plant, state, inputs, step)
+    return state
+
+
+def many_restarts(
+    plant: Plant, start: State, inputs: Inputs, step: float, count: int, restarts: int
+) -> State:
+    """`many_steps` again and again from the same state."""
+    state = start
+    for _ in range(restarts):
+        state = start
+        for _ in range(count):
+            state = integrate.step(plant, state, inputs, step)
+    return state
+
+
+def points() -> dict[str, Point]:
+    """Operating points of the reference SUV, each lasting for COUNT steps."""
+    vehicle = vehicles.vehicle_from("suv")
+    plant = plant_of(vehicle)
+    load = load_of(vehicle)
+    free = load._replace(latch_released=1.0)
+    rod = Obstacle(math.radians(40.0), 0.9, 20e3, 50.0, 0.0, 1.0)
+    opening, closing = DriveInput(0.6, 0.0, 0.0), DriveInput(-1.0, 0.0, 0.0)
+    brake, coast = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
+    closed = initial_state(plant, 0.0, latched=True)
+    half = initial_state(plant, math.radians(45.0))
+    # At the end stop and onto the rod: in contact from early on and until the end.
+    return {
+        "moving open": Point(plant, initial_state(plant, 0.1), Inputs(opening, opening, free)),
+        "at rest, latched": Point(plant, closed, Inputs(brake, brake, load)),
+        "closing onto a rod": Point(
+            plant, half, Inputs(closing, closing, free._replace(obstacle=rod))
+        ),
+        "at the open stop": Point(
+            plant, initial_state(plant, vehicle.gate.open_angle), Inputs(opening, opening, free)
+        ),
+        "coasting down": Point(plant, half, Inputs(coast, coast, free._replace(snow_mass=30.0))),
+    }
+
+
+def compare(rounds: int = ROUNDS, library: ctypes.CDLL | None = None) -> dict[str, Figures]:
+    """The compiled step against the twin, in turns; the ratio is the median of the rounds' ratios."""
+    library = library or build()
+    restarts = compiled(many_restarts)
+    return {name: _figures(point, library, restarts, rounds) for name, point in points().items()}
+
+
+def _figures(
+    point: Point, library: ctypes.CDLL, restarts: Callable[..., State], rounds: int
+) -> Figures:
+    arrays = [array(part) for part in point]
+
+    def by_twin() -> None:
+        library.restart_many(arrays[0], array(point.state), arrays[2], STEP, COUNT, RESTARTS)
+
+    def by_plant() -> None:
+        restarts(*point, STEP, COUNT, RESTARTS)
+
+    times: dict[Callable[[], None], list[float]] = {by_plant: [], by_twin: []}
+    by_plant()
+    by_twin()
+    for action in itertools.islice(
+        itertools.cycle((by_plant, by_twin, by_twin, by_plant)), 2 * rounds
+    ):
+        start = time.perf_counter()
+        action()
+        times[action].append((time.perf_counter() - start) / (COUNT * RESTARTS))
+    ratios = [a / b for a, b in zip(times[by_plant], times[by_twin], strict=True)]
+    return Figures(
+        statistics.median(times[by_plant]),
+        statistics.median(times[by_twin]),
+        statistics.median(ratios),
+        min(ratios),
+        max(ratios),
+    )
