@@ -23,6 +23,8 @@ _known_to_numba: set[Callable[..., Any]] = set()
 
 # IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy"}
+# A NamedTuple is passed as its scalars, over a hundred of them, so that a call may cost more than its callee.
+_HELPER_OPTIONS: dict[str, Any] = {"forceinline": True}
 
 
 def compilable(function: F) -> F:
@@ -58,7 +60,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
     for helper in _compilable:
         if helper not in _known_to_numba:
-            register_jitable(**_OPTIONS)(helper)
+            register_jitable(**_OPTIONS, **_HELPER_OPTIONS)(helper)
             _known_to_numba.add(helper)
     machine_code: Callable[..., Any] = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
     return machine_code
