@@ -51,6 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except LiftgateError as error:
         print(f"liftgate-hil: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:  # before there was anything to end in order
+        return 130
     except BrokenPipeError:
         # Whoever read our output has gone; Python would complain again while it flushes.
         sys.stdout = None

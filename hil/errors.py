@@ -4,6 +4,7 @@
     ├── ConfigError          a file, a flag or a value: all faults of one source at once, exit code 2
     ├── CodecError           a database or a mapping that cannot be encoded
     ├── TransportError       a bus that cannot be opened or is lost for good
+    ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
     └── PlantDivergedError   the plant's state is no longer finite
 
@@ -33,6 +34,10 @@ class CodecError(LiftgateError):
 
 class TransportError(LiftgateError):
     """A bus that cannot be opened, or is lost."""
+
+
+class RecordingError(LiftgateError):
+    """A recording ended early; the run did not."""
 
 
 class OverrunError(LiftgateError):

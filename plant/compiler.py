@@ -5,10 +5,13 @@ it can be debugged, covered and tested without a compiler. An entry point handed
 machine code that holds no interpreter lock, together with all compilable functions it calls.
 
 `LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
+
+A `System` is a function of the C library that both can call.
 """
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import os
@@ -47,6 +50,35 @@ def is_cached(function: Callable[..., Any]) -> bool:
     return any(cache_folder().rglob(f"*.{function.__qualname__}-*.nbi"))
 
 
+class System:
+    """A function of the C library for compilable code: numbers in, a number out.
+
+    `result` and `arguments` are "i" for int and "l" for long, size_t and addresses (`array.ctypes.data`).
+    """
+
+    def __init__(self, name: str, result: str, arguments: str) -> None:
+        self.name = name
+        self.result = result
+        self.arguments = arguments
+
+    @functools.cached_property
+    def _plain(self) -> Callable[..., int]:
+        kinds = {"i": ctypes.c_int, "l": ctypes.c_long}
+        function = getattr(ctypes.CDLL(None, use_errno=True), self.name)
+        function.restype = kinds[self.result]
+        function.argtypes = [kinds[kind] for kind in self.arguments]
+        return function  # type: ignore[no-any-return]
+
+    def __call__(self, *arguments: int) -> int:
+        """Call it from plain Python."""
+        return self._plain(*(int(argument) for argument in arguments))
+
+
+def last_error() -> int:
+    """The error number (errno) of this thread's last System call that failed."""
+    return ctypes.get_errno()
+
+
 def enabled() -> bool:
     """Whether `compiled` compiles."""
     return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
@@ -58,12 +90,35 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     import numba
     from numba.extending import register_jitable
 
+    _teach_system_calls()
     for helper in _compilable:
         if helper not in _known_to_numba:
             register_jitable(**_OPTIONS, **_HELPER_OPTIONS)(helper)
             _known_to_numba.add(helper)
     machine_code: Callable[..., Any] = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
     return machine_code
+
+
+@functools.cache
+def _teach_system_calls() -> None:
+    """Tell numba what a System is, and where errno lies."""
+    import numba
+    from numba.extending import overload, typeof_impl
+
+    types: Any = numba.types
+    carray: Any = numba.carray  # type: ignore[attr-defined]
+    kinds = {"i": types.int32, "l": types.int64}
+
+    @typeof_impl.register(System)
+    def type_of_system(value: System, context: Any) -> Any:
+        arguments = [kinds[kind] for kind in value.arguments]
+        return types.ExternalFunction(value.name, kinds[value.result](*arguments))
+
+    address = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+
+    @overload(last_error)
+    def error_number() -> Any:
+        return lambda: carray(address(), 1)[0]
 
 
 @functools.cache

@@ -25,6 +25,17 @@ class Frames(NamedTuple):
     data: NDArray[np.uint8]
 
 
+# A frame with its time, as it is kept.
+LOGGED = np.dtype(
+    [
+        ("time_ns", "i8"),  # since the run's start
+        ("identifier", "i8"),  # with flags
+        ("length", "i8"),
+        ("data", "u1", (MAX_BYTES,)),
+    ]
+)
+
+
 def empty_frames(capacity: int) -> Frames:
     """Room for frames; none in it."""
     return Frames(

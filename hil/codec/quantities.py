@@ -63,11 +63,25 @@ OUTPUTS: dict[str, BusQuantity] = {
     "command_timeouts": BusQuantity("", -_ANY, _ANY, "times the command went stale"),
     "rejected_frames": BusQuantity("", -_ANY, _ANY, "frames of ours that were refused"),
     "emulator_state": BusQuantity("", 0.0, 3.0, "of this program", EMULATOR_STATES),
+    "lateness_p50": BusQuantity("µs", -_ANY, _ANY, "median lateness of a tick"),
+    "lateness_p99": BusQuantity("µs", -_ANY, _ANY, "99 % of the ticks are not later"),
+    "lateness_p999": BusQuantity("µs", -_ANY, _ANY, "99.9 % of the ticks are not later"),
+    "lateness_max": BusQuantity("µs", -_ANY, _ANY, "of the latest tick"),
+    "execution_p50": BusQuantity("µs", -_ANY, _ANY, "median time that a tick takes"),
+    "execution_max": BusQuantity("µs", -_ANY, _ANY, "of the longest tick"),
+    "command_delay_p50": BusQuantity("µs", -_ANY, _ANY, "from command to feedback, median"),
+    "command_delay_max": BusQuantity("µs", -_ANY, _ANY, "from command to feedback, longest"),
+    "command_delay_force": BusQuantity("N", -_ANY, _ANY, "what that is on the 10 N/mm rod"),
     "left_hall_a": BusQuantity("", 0.0, 1.0, "square wave; leads B while opening"),
     "left_hall_b": BusQuantity("", 0.0, 1.0, "square wave"),
     "right_hall_a": BusQuantity("", 0.0, 1.0, "square wave; leads B while opening"),
     "right_hall_b": BusQuantity("", 0.0, 1.0, "square wave"),
 }
+
+# The outputs that tell how well the loop keeps time; not there (NaN) on a clock that is not real time.
+TIMING = tuple(
+    name for name in OUTPUTS if name.startswith(("lateness_", "execution_", "command_delay_"))
+)
 
 INPUT_INDEX = {name: index for index, name in enumerate(INPUTS)}
 OUTPUT_INDEX = {name: index for index, name in enumerate(OUTPUTS)}

@@ -59,6 +59,16 @@ def encode(
 
 
 @compilable
+def is_there(layout: Layout, message: int, values: NDArray[np.float64]) -> bool:
+    """Whether any quantity of a message is known."""
+    table = layout.messages[message]
+    for row in range(table.first, table.first + table.count):
+        if not np.isnan(values[layout.signals[row].quantity]):
+            return True
+    return False
+
+
+@compilable
 def transmit(
     layout: Layout,
     values: NDArray[np.float64],
@@ -69,7 +79,8 @@ def transmit(
 ) -> tuple[Frames, NDArray[np.int64]]:
     """The messages that fell due after `since_ns` and by `now_ns` (or all), and the new counters.
 
-    A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate.
+    A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
+    of which no quantity is there is not sent.
     """
     capacity = len(layout.messages)
     frames = Frames(
@@ -83,7 +94,7 @@ def transmit(
     for message in range(capacity):
         cycle = layout.messages[message].cycle_ns
         due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
-        if due:
+        if due and is_there(layout, message, values):
             encode(layout, message, values, int(after[message]), frames, count)
             after[message] += 1
             count += 1

@@ -19,7 +19,7 @@ from hil.commands import options
 from hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
-    from hil.loop.tick import Snapshot
+    from hil.snapshot import Snapshot
 
 _EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
 
@@ -57,8 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil import build
     from hil.commands.run import emulate, report, speaker
-    from hil.transport.can_bus import CanTransport
-    from hil.transport.find import bus_arguments
+    from hil.transport.find import bus_arguments, open_transport
 
     folder = Path(args.output)
     if not folder.is_dir():
@@ -71,21 +70,17 @@ def run(args: argparse.Namespace) -> int:
     rig = build.rig_from(args.rig)
     scenario = build.scenario_from(args.scenario)
     arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
-    fd = rig.is_fd or args.fd
     story = Story()
-    transport = CanTransport(arguments, fd)
     with contextlib.ExitStack() as stack:
-        if arguments.get("interface") == "virtual":
+        if arguments["interface"] == "virtual":
             from hil.ecu.controller import Controller
             from hil.ecu.node import EcuNode
 
-            wire = CanTransport(arguments, fd)
+            wire = open_transport(args, rig)
             stack.callback(wire.close)
             controller = Controller(vehicle.drives)
             node = EcuNode(rig, wire, controller, vehicle.drives, scenario.requests)
-            summary = emulate(
-                args, vehicle, rig, scenario, transport, [node], story.watch, speaker(args)
-            )
+            summary = emulate(args, vehicle, rig, scenario, [node], story.watch, speaker(args))
             events = [(event.time, event.text) for event in controller.events]
         else:
             if args.clock == "free":
@@ -93,9 +88,7 @@ def run(args: argparse.Namespace) -> int:
                     "--clock free: allowed with the ECU in a second process: realtime, lockstep"
                 )
             child = stack.enter_context(_ecu_process(args, vehicle.drives))
-            summary = emulate(
-                args, vehicle, rig, scenario, transport, (), story.watch, speaker(args)
-            )
+            summary = emulate(args, vehicle, rig, scenario, (), story.watch, speaker(args))
             child.terminate()
             events = _events_of(child)
     _tell(args, story, events, folder)

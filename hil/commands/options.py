@@ -96,6 +96,17 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         help="end with an error when the loop falls this far behind; default: 1",
     )
     parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help="ask for FIFO scheduling, locked memory and a CPU; what is refused is told",
+    )
+    parser.add_argument(
+        "--cpu",
+        type=whole(0, 1023),
+        metavar="N",
+        help="the CPU for --realtime; default: an isolated one, else the last",
+    )
+    parser.add_argument(
         "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
     )
 

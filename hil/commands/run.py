@@ -11,18 +11,20 @@ import math
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from hil.commands import options
-from hil.errors import ConfigError
+from hil.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from hil.config.rig import Rig
     from hil.config.scenario import Scenario
-    from hil.loop.run import Loop, Peer
+    from hil.loop.run import Peer
     from hil.loop.statistics import Summary
-    from hil.loop.tick import Snapshot
-    from hil.transport.base import Transport
+    from hil.loop.tick import Bench, LoopState
+    from hil.snapshot import Snapshot
     from plant.vehicle import Vehicle
 
 
@@ -37,15 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil import build
-    from hil.transport.can_bus import CanTransport
-    from hil.transport.find import bus_arguments
 
     vehicle = build.vehicle_from(args.vehicle, args.settings)
     rig = build.rig_from(args.rig)
     scenario = build.scenario_from(args.scenario)
-    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
-    transport = CanTransport(arguments, rig.is_fd or args.fd)
-    summary = emulate(args, vehicle, rig, scenario, transport, say=speaker(args))
+    summary = emulate(args, vehicle, rig, scenario, say=speaker(args))
     report(args, summary)
     return 0
 
@@ -55,70 +53,134 @@ def emulate(
     vehicle: Vehicle,
     rig: Rig,
     scenario: Scenario,
-    transport: Transport,
     peers: Sequence[Peer] = (),
     watch: Callable[[Snapshot], None] | None = None,
     say: Callable[[str], None] = print,
 ) -> Summary:
-    """Run the emulator on an open transport until it is over; closes everything it opened."""
+    """Run the emulator until it is over; closes everything it opened."""
     from hil import build
-    from hil.loop.run import Loop
-    from hil.loop.tick import initial_loop, tick
-    from hil.recording.open import check_record, open_recorder
-    from plant import compiler
+    from hil.loop.datagrams import POSSIBLE
+    from hil.loop.tick import initial_loop
+    from hil.recording.open import check_record
     from plant.dynamics import initial_state
 
     stop = options.StopSignals()
-    with contextlib.ExitStack() as stack:
-        stack.callback(transport.close)
-        records = [check_record(name) for name in args.record]
-        if len({path.resolve() for path in records}) < len(records):
-            raise ConfigError(f"--record {', '.join(args.record)}: allowed: a file once")
-        bench = build.bench_of(vehicle, rig, scenario.program, args.rate, args.seed)
-        # Only wall time has an epoch; the other clocks' recordings are the same every time.
-        epoch = time.time() if args.clock == "realtime" else 0.0
-        recorders = []
-        for path in records:
-            recorder = open_recorder(path, vehicle.drives, transport.name, epoch)
-            stack.callback(recorder.close)
-            recorders.append(recorder)
-        state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
-        loop = Loop(bench, state, transport, recorders, peers, watch, rig.bitrate)
-        if not compiler.is_cached(tick):
-            say("compiling the model (once for this version and machine) …")
-        loop.begin()
-        say(f"{args.vehicle} on {transport.name}, {args.rate:g} Hz, clock {args.clock}")
-        summary = _run(args, loop, rig, scenario, stop)
-    return summary
-
-
-def _run(
-    args: argparse.Namespace,
-    loop: Loop,
-    rig: Rig,
-    scenario: Scenario,
-    stop: Callable[[], bool],
-) -> Summary:
-    from hil.loop.clock import RealtimeClock
-    from hil.loop.run import run_clocked, run_free, run_lockstep
-
+    records = [check_record(name) for name in args.record]
+    if len({path.resolve() for path in records}) < len(records):
+        raise ConfigError(f"--record {', '.join(args.record)}: allowed: a file once")
+    bench = build.bench_of(vehicle, rig, scenario.program, args.rate, args.seed)
+    state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
     duration = args.duration if args.duration is not None else scenario.duration
     ticks = None if duration is None else max(1, math.ceil(duration * args.rate - 1e-9))
-    lateness = None
-    try:
-        if args.clock == "realtime":
-            clock = RealtimeClock(loop.bench.step_ns, round(args.overrun_limit * 1e9))
-            lateness = clock.lateness
-            run_clocked(loop, clock, ticks, stop)
-        elif args.clock == "free":
-            run_free(loop, ticks, stop)
-        else:
-            period = max(1, round(rig.command_cycle_ms() * 1e-3 * args.rate))
-            identifier = rig.command_identifier()
-            run_lockstep(loop, identifier, period, ticks, stop)
-    finally:
-        loop.finish()
-    return loop.summary(args.clock, lateness)
+    emulation = Emulation(args, bench, state, rig, vehicle.drives, records, ticks, stop, say)
+    if args.clock == "realtime" and POSSIBLE:
+        return emulation.hard(peers, watch)
+    return emulation.portable(peers, watch)
+
+
+class Emulation(NamedTuple):
+    """What both kinds of loop need."""
+
+    args: argparse.Namespace
+    bench: Bench
+    state: LoopState
+    rig: Rig
+    drives: int
+    records: Sequence[Path]
+    ticks: int | None
+    stop: Callable[[], bool]
+    say: Callable[[str], None]
+
+    def hard(self, peers: Sequence[Peer], watch: Callable[[Snapshot], None] | None) -> Summary:
+        """In real time, without the interpreter lock."""
+        from hil.loop.hard import run_hard
+        from hil.loop.priority import Realtime
+        from hil.loop.realtime import RealtimeRun, memory_for
+        from hil.recording.process import RecorderProcess
+        from hil.transport.find import open_line
+
+        args = self.args
+        with contextlib.ExitStack() as stack:
+            line = open_line(args, self.rig)
+            stack.callback(line.close)
+            memory = memory_for(args.rate)
+            stack.callback(memory.close)
+            recorder = None
+            if self.records:
+                recorder = RecorderProcess(
+                    self.records, memory, self.drives, line.name, time.time()
+                )
+                stack.callback(recorder.close)
+            loop = RealtimeRun(
+                self.bench,
+                self.state,
+                line,
+                memory,
+                self.rig,
+                round(args.overrun_limit * 1e9),
+                self.say,
+                peers,
+                watch,
+                realtime=Realtime(args.cpu) if args.realtime else None,
+            )
+            self._announce(run_hard, line.name)
+            loop.begin()
+            if recorder is not None:
+                recorder.wait_until_ready()
+            loop.run(self.ticks, self.stop)
+            # The counts of the line and the recorder are whole only when they are closed.
+            stack.close()
+            return loop.summary(recorder.lost_rows if recorder is not None else 0)
+
+    def portable(self, peers: Sequence[Peer], watch: Callable[[Snapshot], None] | None) -> Summary:
+        """On a clock that waits for nobody, or where the hard loop cannot be."""
+        from hil.loop.clock import RealtimeClock
+        from hil.loop.histogram import distribution
+        from hil.loop.run import Loop, run_clocked, run_free, run_lockstep
+        from hil.loop.statistics import Timing
+        from hil.loop.tick import tick
+        from hil.recording.open import open_recorder
+        from hil.transport.find import open_transport
+
+        args, rig = self.args, self.rig
+        with contextlib.ExitStack() as stack:
+            transport = open_transport(args, rig)
+            stack.callback(transport.close)
+            # Only wall time has an epoch; the other clocks' recordings are the same every time.
+            epoch = time.time() if args.clock == "realtime" else 0.0
+            recorders = []
+            for path in self.records:
+                recorder = open_recorder(path, self.drives, transport.name, epoch)
+                stack.callback(recorder.close)
+                recorders.append(recorder)
+            loop = Loop(self.bench, self.state, transport, recorders, peers, watch, rig.bitrate)
+            self._announce(tick, transport.name)
+            loop.begin()
+            timing = Timing()
+            try:
+                if args.clock == "realtime":
+                    clock = RealtimeClock(self.bench.step_ns, round(args.overrun_limit * 1e9))
+                    run_clocked(loop, clock, self.ticks, self.stop)
+                    timing = Timing(distribution(clock.lateness))
+                elif args.clock == "free":
+                    run_free(loop, self.ticks, self.stop)
+                else:
+                    period = max(1, round(rig.command_cycle_ms() * 1e-3 * args.rate))
+                    run_lockstep(loop, rig.command_identifier(), period, self.ticks, self.stop)
+            finally:
+                loop.finish()
+        failures = [recorder.failure for recorder in recorders if recorder.failure]
+        if failures:
+            raise RecordingError("; ".join(failures))
+        return loop.summary(args.clock, timing)
+
+    def _announce(self, entry: Callable[..., object], name: str) -> None:
+        from plant import compiler
+
+        args = self.args
+        if not compiler.is_cached(entry):
+            self.say("compiling the model (once for this version and machine) …")
+        self.say(f"{args.vehicle} on {name}, {args.rate:g} Hz, clock {args.clock}")
 
 
 def report(args: argparse.Namespace, summary: Summary) -> None:

@@ -11,14 +11,17 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hil.errors import OverrunError
-from hil.loop.statistics import Lateness
+from hil.loop.histogram import BINS, note
 
 
 class Clock(Protocol):
     """Tells the loop when to tick."""
 
-    lateness: Lateness
+    lateness: NDArray[np.int64]  # histogram
 
     def wait(self, tick: int) -> int:
         """Wait until the plant may make step number `tick`; return how many steps are due."""
@@ -28,7 +31,7 @@ class FreeClock:
     """No waiting."""
 
     def __init__(self) -> None:
-        self.lateness = Lateness()
+        self.lateness = np.zeros(BINS, dtype=np.int64)
 
     def wait(self, tick: int) -> int:
         """One step at a time."""
@@ -45,7 +48,7 @@ class RealtimeClock:
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.lateness = Lateness()
+        self.lateness = np.zeros(BINS, dtype=np.int64)
         self._period_ns = period_ns
         self._limit_ns = limit_ns
         self._now = now
@@ -60,7 +63,7 @@ class RealtimeClock:
         while (left := deadline - self._now()) > 0:
             self._sleep(left * 1e-9)
         late = -left
-        self.lateness.add(late)
+        note(self.lateness, late)
         if late > self._limit_ns:
             raise OverrunError(
                 f"the loop is {late / 1e6:.1f} ms behind, more than --overrun-limit "

@@ -10,9 +10,10 @@ from typing import Protocol
 from hil.codec.frames import FD, Frames, empty_frames
 from hil.errors import PlantDivergedError
 from hil.loop.clock import Clock, FreeClock
-from hil.loop.statistics import BusLoad, Lateness, Summary
-from hil.loop.tick import Bench, LoopState, Snapshot, tick
+from hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
+from hil.loop.tick import Bench, LoopState, tick
 from hil.recording.base import Recorder
+from hil.snapshot import Snapshot
 from hil.transport.base import Transport
 from plant.compiler import compiled
 
@@ -56,7 +57,9 @@ class Loop:
         self.load.add(frames)
         self.load.add(replies)
         for recorder in self.recorders:
-            recorder.write(snapshot.time_s, snapshot, frames, replies)
+            recorder.write_frames(frames, [snapshot.time_s] * frames.count)
+            recorder.write_frames(replies, [snapshot.time_s] * replies.count)
+            recorder.write_snapshot(snapshot)
         if self.watch is not None:
             self.watch(snapshot)
         for peer in self.peers:
@@ -72,18 +75,15 @@ class Loop:
         self.peers = ()
         self.advance(empty_frames(0), 1, stop=True)
 
-    def summary(self, clock: str, lateness: Lateness | None = None) -> Summary:
+    def summary(self, clock: str, timing: Timing = NO_TIMING) -> Summary:
         """The figures so far."""
         seconds = self.state.tick * self.bench.step
-        late = lateness or Lateness()
         return Summary(
             clock=clock,
             ticks=self.state.tick,
             model_time_s=seconds,
             overruns=self.state.overruns,
-            lateness_p50_us=late.quantile(0.5),
-            lateness_p99_us=late.quantile(0.99),
-            lateness_max_us=late.maximum_us,
+            timing=timing,
             bus_load_percent=self.load.percent(self.bitrate, seconds),
             frames_sent=self.frames_sent,
             command_timeouts=self.state.timeouts,

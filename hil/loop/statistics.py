@@ -2,40 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.codec.frames import EXTENDED, Frames
 from hil.codec.receive import NO_COUNTS, Counts, rejected
+from hil.loop.histogram import NOTHING, Distribution
 from hil.transport.base import LinkCounts
-
-_BINS = 100_000  # of 1 µs
-
-
-class Lateness:
-    """A histogram of 1 µs bins up to 100 ms, and the maximum."""
-
-    def __init__(self) -> None:
-        self._bins = [0] * (_BINS + 1)
-        self.count = 0
-        self.maximum_us = 0.0
-
-    def add(self, late_ns: int) -> None:
-        """Note one deadline that was met so many ns late."""
-        microseconds = late_ns / 1000.0
-        self._bins[min(int(microseconds), _BINS)] += 1
-        self.count += 1
-        self.maximum_us = max(self.maximum_us, microseconds)
-
-    def quantile(self, share: float) -> float:
-        """The lateness [µs] that a share of the deadlines did not exceed."""
-        target = share * self.count
-        seen = 0
-        for index, number in enumerate(self._bins):
-            seen += number
-            if seen >= target and number:
-                return self.maximum_us if index == _BINS else min(index + 1.0, self.maximum_us)
-        return 0.0
 
 
 class BusLoad:
@@ -57,6 +31,35 @@ class BusLoad:
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 
+EDGE_SPEED = 0.29  # m/s, of the gate's edge while closing (the reference vehicle)
+ROD_RATE = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
+
+
+def force_of(delay_us: float) -> float:
+    """The pinch force [N] on the rod that grows in a delay [µs]."""
+    return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
+
+
+class Timing(NamedTuple):
+    """How well a real-time loop kept time."""
+
+    lateness: Distribution = NOTHING  # of ticks
+    execution: Distribution = NOTHING  # of one tick
+    delay: Distribution = NOTHING  # from a command on the bus to the first feedback that shows it
+
+    def on_bus(self) -> list[float]:
+        """In the order of quantities.TIMING; NaN where there is no figure."""
+        late, took, delay = self
+        return [
+            late.p50_us, late.p99_us, late.p999_us, late.max_us,
+            took.p50_us, took.max_us,
+            delay.p50_us, delay.max_us, force_of(delay.max_us),
+        ]  # fmt: skip
+
+
+NO_TIMING = Timing()
+
+
 @dataclass
 class Summary:
     """The figures of a run."""
@@ -65,19 +68,26 @@ class Summary:
     ticks: int = 0
     model_time_s: float = 0.0
     overruns: int = 0
-    lateness_p50_us: float = 0.0
-    lateness_p99_us: float = 0.0
-    lateness_max_us: float = 0.0
+    timing: Timing = NO_TIMING
     bus_load_percent: float = 0.0
     frames_sent: int = 0
     command_timeouts: int = 0
     received: Counts = NO_COUNTS
     link: LinkCounts = field(default_factory=LinkCounts)
+    recording_lost_rows: int = 0  # that the recorder was too slow for
 
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
+        figures = asdict(self)
+        del figures["timing"]
+        for name, each in self.timing._asdict().items():
+            prefix = "command_delay" if name == "delay" else name
+            for key, value in each._asdict().items():
+                figures[f"{prefix}_{key}"] = None if math.isnan(value) else value
+        delay = self.timing.delay.max_us
+        figures["command_delay_force_n"] = None if math.isnan(delay) else force_of(delay)
         return {
-            **asdict(self),
+            **figures,
             "received": self.received._asdict(),
             "rejected_frames": rejected(self.received),
             "link": self.link._asdict(),
@@ -102,14 +112,33 @@ class Summary:
             f"command time-outs {self.command_timeouts}, bus load {self.bus_load_percent:.1f} %",
         ]
         if self.clock == "realtime":
-            lines.insert(
-                1,
-                f"overruns {self.overruns}, lateness p50 {self.lateness_p50_us:.0f} µs, p99 "
-                f"{self.lateness_p99_us:.0f} µs, max {self.lateness_max_us:.0f} µs",
+            lines[1:1] = [
+                f"overruns {self.overruns}, lateness {told(self.timing.lateness)}",
+                f"tick {told(self.timing.execution)}",
+            ]
+        delay = self.timing.delay
+        if delay.count:
+            lines.append(
+                f"command to feedback {told(delay)}: {force_of(delay.p50_us):.1f} N, at most "
+                f"{force_of(delay.max_us):.1f} N on the 10 N/mm rod"
             )
         if any(self.link):
+            link = self.link
             lines.append(
-                f"link: {self.link.send_failures} frames not sent, "
-                f"{self.link.receive_failures} receive errors"
+                f"link: lost {link.losses} times, {link.send_failures} frames not sent "
+                f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
+                f"receive errors, {link.dropped} received frames dropped"
             )
+        if self.recording_lost_rows:
+            lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
         return lines
+
+
+def told(times: Distribution) -> str:
+    """A distribution in words."""
+    if not times.count:
+        return "not known"
+    return (
+        f"p50 {times.p50_us:.1f} µs, p99 {times.p99_us:.1f} µs, p99.9 {times.p999_us:.1f} µs, "
+        f"max {times.max_us:.1f} µs"
+    )

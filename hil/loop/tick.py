@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hil.codec.frames import Frames
 from hil.codec.layout import Layout
-from hil.codec.quantities import INPUTS
+from hil.codec.quantities import INPUTS, TIMING
 from hil.codec.receive import (
     NO_COUNTS,
     Counts,
@@ -29,6 +29,7 @@ from hil.codec.receive import (
     rejected,
 )
 from hil.codec.transmit import transmit
+from hil.snapshot import Snapshot
 from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present
 from plant import dynamics, integrate, sensors
 from plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
@@ -74,38 +75,9 @@ class LoopState(NamedTuple):
     tick: int  # plant steps done
     overruns: int  # periods skipped
     timeouts: int  # times a command went stale
-
-
-class Snapshot(NamedTuple):
-    """What is recorded of a tick; the names are the columns of a recording."""
-
-    time_s: float
-    left_voltage_v: float
-    left_current_a: float
-    left_speed_rps: float
-    left_position_rev: float
-    left_hall_count: int
-    left_force_n: float
-    right_voltage_v: float
-    right_current_a: float
-    right_speed_rps: float
-    right_position_rev: float
-    right_hall_count: int
-    right_force_n: float
-    gate_angle_deg: float
-    gate_rate_degps: float
-    pinch_force_n: float
-    terminal_voltage_v: float
-    left_duty: float
-    right_duty: float
-    left_coast: int
-    right_coast: int
-    latched: int
-    supply_voltage_v: float
-    road_slope_deg: float
-    hand_force_n: float
-    left_winding_temperature_degc: float
-    right_winding_temperature_degc: float
+    timing: NDArray[
+        np.float64
+    ]  # what the clock around the tick says of itself, as in quantities.TIMING
 
 
 def initial_loop(bench: Bench, plant_state: State) -> LoopState:
@@ -120,6 +92,7 @@ def initial_loop(bench: Bench, plant_state: State) -> LoopState:
         0,
         0,
         0,
+        np.full(len(TIMING), np.nan),
     )
 
 
@@ -201,7 +174,13 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 
 @compilable
 def bus_values(
-    sensed: Sensed, pinch_force: float, overruns: int, timeouts: int, refused: int, state: int
+    sensed: Sensed,
+    pinch_force: float,
+    overruns: int,
+    timeouts: int,
+    refused: int,
+    state: int,
+    timing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """The outputs, in the order of quantities.OUTPUTS."""
     left_a, left_b = sensors.hall_signals(sensed.left_count)
@@ -227,6 +206,15 @@ def bus_values(
             float(timeouts),
             float(refused),
             float(state),
+            timing[0],
+            timing[1],
+            timing[2],
+            timing[3],
+            timing[4],
+            timing[5],
+            timing[6],
+            timing[7],
+            timing[8],
             float(left_a),
             float(left_b),
             float(right_a),
@@ -248,13 +236,13 @@ def snapshot_of(
         left.current,
         left.speed,
         left.position,
-        sensors.hall_count(bench.sensors, left.position),
+        float(sensors.hall_count(bench.sensors, left.position)),
         shown.left_force,
         shown.right_voltage,
         right.current,
         right.speed,
         right.position,
-        sensors.hall_count(bench.sensors, right.position),
+        float(sensors.hall_count(bench.sensors, right.position)),
         shown.right_force,
         state.gate_angle * degrees,
         state.gate_rate * degrees,
@@ -262,9 +250,9 @@ def snapshot_of(
         shown.terminal_voltage,
         inputs.left.duty,
         inputs.right.duty,
-        int(inputs.left.coast),
-        int(inputs.right.coast),
-        int(state.latched),
+        inputs.left.coast,
+        inputs.right.coast,
+        state.latched,
         load.source_voltage,
         load.road_slope * degrees,
         load.hand_force,
@@ -311,12 +299,22 @@ def tick(
         timeouts,
         rejected(counts),
         emulator_state(reception, timeouts, stop),
+        state.timing,
     )
     replies, sent = transmit(
         bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
     )
-    return (
-        LoopState(plant_state, memory, presence, reception, counts, sent, done, overruns, timeouts),
-        replies,
-        snapshot_of(bench, done * bench.step, plant_state, inputs, shown),
+    after = LoopState(
+        plant_state,
+        memory,
+        presence,
+        reception,
+        counts,
+        sent,
+        done,
+        overruns,
+        timeouts,
+        state.timing,
     )
+    shown_row = snapshot_of(bench, done * bench.step, plant_state, inputs, shown)
+    return after, replies, shown_row

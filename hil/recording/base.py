@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from hil.codec.frames import Frames
-from hil.loop.tick import Snapshot
+from hil.snapshot import Snapshot
 
 
 class Recorder(Protocol):
-    """Takes what happened in a tick. Closing it completes the file."""
+    """Takes what happened, a format what it can hold. Closing it completes the file."""
 
-    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
-        """One tick: its end [s since the run's start], and the frames either way."""
+    def write_snapshot(self, snapshot: Snapshot) -> None:
+        """A tick."""
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        """Frames on the bus, either way, with the time of each [s since the run's start]."""
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system, so that a kill loses nothing of it."""
 
     def close(self) -> None:
         """Complete the file."""

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames
 from hil.errors import TransportError
-from hil.loop.tick import Snapshot
+from hil.snapshot import Snapshot
 
 CONVERTED = (".asc", ".blf", ".mf4", ".trc")
-_FLUSH_FRAMES = 100
 
 
 def candump_line(time: float, channel: str, frames: Frames, row: int) -> str:
@@ -43,18 +43,19 @@ class CandumpRecorder:
         self._channel = "".join(plain.split()) or "can0"
         self._epoch = epoch
         self._stream = path.open("w", encoding="ascii", newline="")
-        self._frames = 0
 
-    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
+    def write_snapshot(self, snapshot: Snapshot) -> None:
         """See Recorder."""
-        stamp = self._epoch + time
-        for frames in (received, sent):
-            for row in range(frames.count):
-                line = candump_line(stamp, self._channel, frames, row)
-                self._stream.write(line)
-                self._frames += 1
-                if self._frames % _FLUSH_FRAMES == 0:
-                    self._stream.flush()
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        """See Recorder."""
+        for row in range(frames.count):
+            line = candump_line(self._epoch + times[row], self._channel, frames, row)
+            self._stream.write(line)
+
+    def flush(self) -> None:
+        """See Recorder."""
+        self._stream.flush()
 
     def close(self) -> None:
         """See Recorder."""
@@ -69,9 +70,16 @@ class ConvertedRecorder:
         self._log = path.with_name(path.name + ".log")
         self._live = CandumpRecorder(self._log, channel, epoch)
 
-    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
+    def write_snapshot(self, snapshot: Snapshot) -> None:
         """See Recorder."""
-        self._live.write(time, snapshot, received, sent)
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        """See Recorder."""
+        self._live.write_frames(frames, times)
+
+    def flush(self) -> None:
+        """See Recorder."""
+        self._live.flush()
 
     def close(self) -> None:
         """See Recorder."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hil.errors import ConfigError
+from hil.codec.frames import Frames
+from hil.errors import ConfigError, LiftgateError
 from hil.recording.base import Recorder
 from hil.recording.bus_log import CONVERTED, CandumpRecorder, ConvertedRecorder
 from hil.recording.table import CsvRecorder
+from hil.snapshot import Snapshot
 
 
 def check_record(name: str) -> Path:
@@ -30,13 +33,57 @@ def check_record(name: str) -> Path:
     return path
 
 
-def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> Recorder:
+class GuardedRecorder:
+    """A recorder whose faults don't end the run: after the first it writes no more, and `failure` tells."""
+
+    def __init__(self, path: Path, recorder: Recorder) -> None:
+        self._path = path
+        self._recorder = recorder
+        self.failure = ""
+
+    def write_snapshot(self, snapshot: Snapshot) -> None:
+        """See Recorder."""
+        self._try(self._recorder.write_snapshot, snapshot)
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        """See Recorder."""
+        self._try(self._recorder.write_frames, frames, times)
+
+    def flush(self) -> None:
+        """See Recorder."""
+        self._try(self._recorder.flush)
+
+    def close(self) -> None:
+        """See Recorder."""
+        failed = bool(self.failure)
+        try:
+            self._recorder.close()
+        except (OSError, LiftgateError) as error:
+            if not failed:
+                self._fail(error)
+
+    def _try(self, action: Callable[..., None], *arguments: object) -> None:
+        if not self.failure:
+            try:
+                action(*arguments)
+            except OSError as error:
+                self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        text = error.strerror if isinstance(error, OSError) else None
+        self.failure = f"--record {self._path}: recording ended: {text or error}"
+
+
+def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> GuardedRecorder:
     """The recorder whose format the suffix says. Raises ConfigError where the file cannot be written."""
+    recorder: Recorder
     try:
         if path.suffix == ".csv":
-            return CsvRecorder(path, drives)
-        if path.suffix == ".log":
-            return CandumpRecorder(path, channel, epoch)
-        return ConvertedRecorder(path, channel, epoch)
+            recorder = CsvRecorder(path, drives)
+        elif path.suffix == ".log":
+            recorder = CandumpRecorder(path, channel, epoch)
+        else:
+            recorder = ConvertedRecorder(path, channel, epoch)
+        return GuardedRecorder(path, recorder)
     except OSError as error:
         raise ConfigError(f"--record {path}: cannot be written: {error.strerror}") from error

@@ -1,4 +1,4 @@
-"""What the loop needs of a bus."""
+"""What the loops need of a bus."""
 
 from __future__ import annotations
 
@@ -11,13 +11,19 @@ class LinkCounts(NamedTuple):
     """What went wrong on the way to or from the wire."""
 
     send_failures: int = 0
+    send_queue_full: int = 0  # of these, because the queue was full
     receive_failures: int = 0
+    dropped: int = 0  # frames that came but were dropped before they were read
+    losses: int = 0  # times the link was lost
 
 
 class Transport(Protocol):
-    """Frames in and out. Faults of the wire are counted, not raised."""
+    """Frames in and out, for the loops that hold the interpreter lock. Faults of the wire are counted, not
+    raised; a link that was lost is taken up again by `receive`.
+    """
 
     name: str
+    is_up: bool
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """Frames that have come, at most `capacity` of them; waits up to `timeout` [s] for the first."""
@@ -30,3 +36,21 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Give the wire back."""
+
+
+class Line(Protocol):
+    """A wire as the hard loop has it: a socket that carries the kernel's CAN frames (`loop.datagrams`). The
+    descriptor's number stays the same as long as the line is open, whatever becomes of the wire.
+    """
+
+    name: str
+    descriptor: int
+
+    def watch(self) -> str | None:
+        """Look after the wire; called every 20 ms or so. What changed, if anything did."""
+
+    def counts(self) -> LinkCounts:
+        """Faults so far, besides those that the loop sees itself."""
+
+    def close(self) -> None:
+        """Give the wire back, once all that was sent is on it."""

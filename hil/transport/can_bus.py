@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
@@ -21,6 +23,8 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 # Interfaces on which python-can gives a node its own frames back.
 _ECHOING = ("udp_multicast",)
 _ECHOES = 256
+_LOST = 10  # failures in a row
+_RETRY = 0.1  # s between two attempts to open a bus that was lost
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
@@ -81,41 +85,84 @@ class Echoes:
 
 
 class CanTransport:
-    """A python-can bus. Raises TransportError where it cannot be opened."""
+    """A python-can bus. Raises TransportError where it cannot be opened.
+
+    A bus that fails while receiving is closed, and opened again as soon as it lets itself be opened.
+    """
 
     def __init__(self, arguments: dict[str, Any], is_fd: bool = False) -> None:
         from hil.python_can import can
 
         self._can = can
         self.name = str(arguments.get("channel", ""))
-        interface = str(arguments.get("interface", ""))
-        label = f"{interface}:{self.name}"
-        if is_fd and interface != "udp_multicast":
+        self._interface = str(arguments.get("interface", ""))
+        if is_fd and self._interface != "udp_multicast":
             arguments = {**arguments, "fd": True}
+        self._arguments = arguments
+        self._counts = LinkCounts()
+        self._echoes = Echoes() if self._interface in _ECHOING else None
+        self._retry = 0.0
+        self._failures = 0  # to receive, in a row
+        self._bus: can.BusABC = self._open()
+        self.is_up = True
+
+    def _open(self) -> can.BusABC:
         try:
-            self._bus: can.BusABC = can.Bus(**arguments)
+            return self._can.Bus(**self._arguments)
         except Exception as error:  # drivers raise what they like
             detail = " ".join(str(error).split()) or type(error).__name__
-            raise TransportError(f"{label}: cannot be opened: {detail}") from error
-        self._send_failures = 0
-        self._receive_failures = 0
-        self._echoes = Echoes() if interface in _ECHOING else None
+            raise TransportError(
+                f"{self._interface}:{self.name}: cannot be opened: {detail}"
+            ) from error
+
+    def _reopen(self, timeout: float) -> None:
+        """Try to open a lost bus again, now and then."""
+        now = time.monotonic()
+        if now >= self._retry:
+            self._retry = now + _RETRY
+            with contextlib.suppress(TransportError):
+                self._bus = self._open()
+                self.is_up = True
+                return
+        time.sleep(min(timeout, _RETRY))
+
+    def _fail(self, error: Exception) -> None:
+        """Count a failure to receive; the system's own error, or many of any kind, means that the bus is lost."""
+        self._counts = self._counts._replace(receive_failures=self._counts.receive_failures + 1)
+        self._failures += 1
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if not isinstance(cause, OSError) and self._failures < _LOST:
+            return
+        self.is_up = False
+        self._counts = self._counts._replace(losses=self._counts.losses + 1)
+        with contextlib.suppress(Exception):  # whatever a driver says of hardware that has gone
+            self._bus.shutdown()
+
+    def _recv(self, timeout: float) -> can.Message | None:
+        """BusABC.recv without its deadline on the wall clock, which a step of that makes wait for long."""
+        if type(self._bus).recv is self._can.BusABC.recv:
+            return self._bus._recv_internal(timeout)[0]
+        return self._bus.recv(timeout)
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """See Transport."""
         buffer = empty_frames(CAPACITY)
         count = 0
+        if not self.is_up:
+            self._reopen(timeout)
+            if not self.is_up:
+                return buffer
         deadline = time.monotonic() + timeout
         while count < CAPACITY:
-            # recv's own timeout follows the wall clock, so it only ever gets short ones.
             wait = 0.0
             if count == 0 and timeout > 0.0:
                 wait = min(max(deadline - time.monotonic(), 0.0), 0.05)
             try:
-                message = self._bus.recv(wait)
-            except (self._can.CanError, OSError, ValueError):
-                self._receive_failures += 1
+                message = self._recv(wait)
+            except (self._can.CanError, OSError, ValueError) as error:
+                self._fail(error)
                 break
+            self._failures = 0
             if message is None:
                 if count == 0 and time.monotonic() < deadline:
                     continue
@@ -134,16 +181,21 @@ class CanTransport:
                 self._bus.send(message)
                 if self._echoes is not None:
                     self._echoes.sent(message)
-            except (self._can.CanError, OSError):
-                self._send_failures += 1
+            except (self._can.CanError, OSError, ValueError) as error:
+                full = getattr(error, "error_code", None) == errno.ENOBUFS
+                self._counts = self._counts._replace(
+                    send_failures=self._counts.send_failures + 1,
+                    send_queue_full=self._counts.send_queue_full + full,
+                )
 
     def counts(self) -> LinkCounts:
         """See Transport."""
-        return LinkCounts(self._send_failures, self._receive_failures)
+        return self._counts
 
     def close(self) -> None:
         """See Transport."""
-        self._bus.shutdown()
+        if self.is_up:
+            self._bus.shutdown()
 
 
 def _pack(message: can.Message, frames: Frames, row: int) -> None:

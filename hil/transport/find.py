@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+import argparse
+from typing import TYPE_CHECKING, Any
 
 from hil.config.rig import Rig
 from hil.errors import ConfigError
 from hil.transport.can_bus import parse_bus
+
+if TYPE_CHECKING:
+    from hil.transport.base import Line
+    from hil.transport.can_bus import CanTransport
 
 _MISSING = (
     "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
@@ -44,3 +49,23 @@ def bus_arguments(
     if found["interface"] == "udp_multicast":
         found.setdefault("hop_limit", 0)
     return dict(found)
+
+
+def open_transport(args: argparse.Namespace, rig: Rig) -> CanTransport:
+    """The bus of the flags, for a loop in Python. Raises ConfigError, TransportError."""
+    from hil.transport.can_bus import CanTransport
+
+    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
+    return CanTransport(arguments, rig.is_fd or args.fd)
+
+
+def open_line(args: argparse.Namespace, rig: Rig) -> Line:
+    """The bus of the flags, for the hard loop. Raises ConfigError, TransportError."""
+    from hil.transport.pump import Pump
+
+    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
+    if arguments["interface"] == "socketcan":
+        from hil.transport.socketcan import SocketCan
+
+        return SocketCan(str(arguments["channel"]), rig.is_fd or args.fd)
+    return Pump(open_transport(args, rig))

@@ -152,7 +152,9 @@ def test_can_logger_records_and_cantools_decodes_every_frame(tmp_path: Path, gro
     assert len(decoded) == len(frames)
     assert not [line for line in decoded if "Unknown" in line or "wrong" in line]
     names = {line.split("::")[1].split("(")[0].strip() for line in decoded}
-    assert names == {"LeftDrive", "RightDrive", "Gate", "Sensors", "BenchStatus"}
+    assert names == {
+        "LeftDrive", "RightDrive", "Gate", "Sensors", "BenchStatus", "BenchTiming", "BenchDelay",
+    }  # fmt: skip
 
 
 def test_cantools_monitor_shows_the_gate(group: str) -> None:

@@ -218,6 +218,41 @@ def test_a_plant_that_diverges_is_one_line_and_exit_code_1(
     assert capsys.readouterr().err.splitlines() == ["liftgate-hil: the plant diverged at 0.001 s"]
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
+    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path, suffix: str
+):
+    path = tmp_path / f"run{suffix}"
+    (tmp_path / "run.blf.log" if suffix == ".blf" else path).symlink_to("/dev/full")
+    last = None
+    with can.Bus(interface="virtual", channel=bus.partition(":")[2]) as other:
+        code = call(
+            "--bus", bus, "--clock", "free", "--duration", "3", "--quiet", "--record", str(path)
+        )  # fmt: skip
+        while (message := other.recv(0)) is not None:
+            last = message if message.arbitration_id == 0x7E0 else last
+    assert code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(path) in line
+    assert last is not None
+    assert last.data[7] & 3 == 3  # stopped
+
+
+def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, bus: str
+):
+    def interrupted(args: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hil.commands.run.run", interrupted)
+    try:
+        code = call("--bus", bus)
+    except KeyboardInterrupt:  # it would end the tests, too
+        pytest.fail("left the command line as KeyboardInterrupt")
+    assert code in (0, 130)
+
+
 # As processes.
 
 

@@ -14,8 +14,9 @@ from hil.data import find_config
 from hil.ecu.controller import Controller, GateState
 from hil.ecu.node import EcuNode
 from hil.loop.run import Loop, run_free
-from hil.loop.tick import Snapshot, initial_loop
+from hil.loop.tick import initial_loop
 from hil.requests import Request
+from hil.snapshot import Snapshot
 from hil.stimulus import Program, no_program
 from hil.transport.can_bus import CanTransport
 from plant.dynamics import initial_state

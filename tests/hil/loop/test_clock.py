@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
+import math
 
+import numpy as np
 import pytest
 from hil_support import CALM, EXTENDED, frames_of
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from hil.codec.receive import NO_COUNTS
 from hil.errors import LiftgateError, OverrunError
 from hil.loop.clock import FreeClock, RealtimeClock
-from hil.loop.statistics import BusLoad, Lateness, Summary
+from hil.loop.histogram import BINS, NOTHING, bin_of, distribution, note, upper_end
+from hil.loop.statistics import BusLoad, Summary, Timing, force_of
 from hil.transport.base import LinkCounts
 
 MS = 1_000_000
@@ -50,7 +53,7 @@ def test_deadlines_are_absolute_so_that_small_delays_do_not_add_up():
         assert clock.wait(tick) == 1
         time.work(300_000)
     assert time.now - start == 10_000 * MS + 70_000 + 300_000
-    assert clock.lateness.maximum_us == 70.0
+    assert distribution(clock.lateness).max_us == pytest.approx(70.0, rel=1 / 64)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +119,7 @@ def test_the_clock_starts_with_its_first_tick_whatever_its_number():
     clock = clock_of(time)
     time.work(10_000 * MS)
     assert clock.wait(500) == 1
-    assert clock.lateness.maximum_us == 0.0
+    assert distribution(clock.lateness).max_us == 0.0
 
 
 def test_a_sleep_that_returns_early_is_continued():
@@ -135,49 +138,55 @@ def test_a_sleep_that_returns_early_is_continued():
 def test_the_free_clock_makes_one_step_at_a_time():
     clock = FreeClock()
     assert [clock.wait(tick) for tick in range(5)] == [1] * 5
-    assert clock.lateness.count == 0
+    assert clock.lateness.sum() == 0
 
 
 # Figures.
 
 
-def lateness_of(microseconds: list[float]) -> Lateness:
-    lateness = Lateness()
-    for each in microseconds:
-        lateness.add(round(each * 1000.0))
-    return lateness
+def histogram_of(nanoseconds: list[int]) -> NDArray[np.int64]:
+    histogram = np.zeros(BINS, dtype=np.int64)
+    for each in nanoseconds:
+        note(histogram, each)
+    return histogram
 
 
-def test_quantiles_are_exact_to_a_microsecond():
-    lateness = lateness_of([float(each) for each in range(1, 1001)])
-    assert lateness.quantile(0.5) == pytest.approx(500.0, abs=1.0)
-    assert lateness.quantile(0.99) == pytest.approx(990.0, abs=1.0)
-    assert lateness.quantile(1.0) == 1000.0
-    assert lateness.maximum_us == 1000.0
-    assert lateness.count == 1000
+def test_quantiles_are_within_a_bin():
+    times = distribution(histogram_of([1000 * each for each in range(1, 10_001)]))
+    assert times.count == 10_000
+    for got, wanted in ((times.p50_us, 5000.0), (times.p99_us, 9900.0), (times.p999_us, 9990.0)):
+        assert wanted <= got <= wanted * (1.0 + 1 / 64)
+    assert 10_000.0 <= times.max_us <= 10_000.0 * (1.0 + 1 / 64)
 
 
 @CALM
-@given(st.lists(st.integers(0, 300_000_000), min_size=1, max_size=60), st.floats(0.0, 1.0))
-def test_a_share_of_the_deadlines_does_not_exceed_its_quantile(late: list[int], share: float):
-    lateness = Lateness()
-    for each in late:
-        lateness.add(each)
-    quantile = lateness.quantile(share)
-    assert sum(each / 1000.0 <= quantile for each in late) >= share * len(late)
-    assert quantile <= lateness.maximum_us == max(late) / 1000.0
+@given(st.integers(0, 2**40))
+def test_a_bin_holds_its_durations_and_is_narrow(nanoseconds: int):
+    index = bin_of(nanoseconds)
+    assert upper_end(index - 1) < nanoseconds <= upper_end(index) if index else nanoseconds == 0
+    assert upper_end(index) <= nanoseconds * (1.0 + 1 / 64)
 
 
-def test_quantiles_never_fall():
-    lateness = lateness_of([5.0, 5.0, 7.3, 900_000.0, 150_000.0])
-    quantiles = [lateness.quantile(share / 20) for share in range(21)]
-    assert all(first <= second for first, second in itertools.pairwise(quantiles))
-    assert quantiles[-1] == 900_000.0
+def test_what_is_negative_or_endless_has_a_bin():
+    assert bin_of(-5) == 0
+    assert bin_of(2**62) == BINS - 1
 
 
-def test_no_deadline_has_no_lateness():
-    assert Lateness().quantile(0.99) == 0.0
-    assert Lateness().maximum_us == 0.0
+@CALM
+@given(st.lists(st.integers(0, 300_000_000), min_size=1, max_size=60))
+def test_quantiles_never_fall(late: list[int]):
+    times = distribution(histogram_of(late))
+    assert times.p50_us <= times.p99_us <= times.p999_us <= times.max_us
+    assert times.max_us >= max(late) * 1e-3
+
+
+def test_no_duration_has_no_quantile():
+    assert distribution(histogram_of([])) is NOTHING
+    assert Timing().on_bus() == pytest.approx([math.nan] * 9, nan_ok=True)
+
+
+def test_a_millisecond_of_delay_is_2_9_newtons():
+    assert force_of(1000.0) == pytest.approx(2.9)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +211,9 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         accepted=1, foreign=2, error=3, remote=4, wrong_length=5, out_of_range=6, checksum=7,
         counter=8, lost=9,
     )  # fmt: skip
-    summary = Summary(clock="free", received=received, link=LinkCounts(11, 12), command_timeouts=13)
+    summary = Summary(
+        clock="free", received=received, link=LinkCounts(11, 5, 12, 14, 15), command_timeouts=13
+    )
     text = "\n".join(summary.lines())
     for said in (
         "rejected 30",
@@ -215,11 +226,15 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "foreign 2",
         "error frames 3",
         "11 frames not sent",
+        "5 because the queue was full",
         "12 receive errors",
+        "14 received frames dropped",
+        "lost 15 times",
         "time-outs 13",
     ):
         assert said in text
     told = summary.as_dict()
     assert told["rejected_frames"] == 30
     assert told["received"]["wrong_length"] == 5
-    assert told["link"] == {"send_failures": 11, "receive_failures": 12}
+    assert told["link"]["send_failures"] == 11
+    assert told["link"]["receive_failures"] == 12

@@ -44,9 +44,10 @@ from hil.ecu.node import EcuNode
 from hil.errors import OverrunError, PlantDivergedError
 from hil.loop.clock import RealtimeClock
 from hil.loop.run import Loop, join, run_clocked, run_free, run_lockstep, split_after
-from hil.loop.tick import STOPPED, Bench, LoopState, Snapshot
+from hil.loop.tick import STOPPED, Bench, LoopState
 from hil.recording.bus_log import CandumpRecorder
 from hil.recording.table import CsvRecorder
+from hil.snapshot import Snapshot
 from hil.transport.base import LinkCounts
 from hil.transport.can_bus import CanTransport
 
@@ -57,6 +58,7 @@ class Memory:
     """A transport of lists: each read gets the next batch; what is sent is kept."""
 
     name = "memory"
+    is_up = True
 
     def __init__(self, batches: Sequence[Rows] = ()) -> None:
         self.batches = list(batches)
@@ -84,11 +86,17 @@ class Notes:
         self.received: list[Rows] = []
         self.sent: list[Rows] = []
 
-    def write(self, time: float, snapshot: Snapshot, received: Frames, sent: Frames) -> None:
-        assert snapshot.time_s == time
-        self.times.append(time)
-        self.received.append(rows_of(received))
-        self.sent.append(rows_of(sent))
+    def write_snapshot(self, snapshot: Snapshot) -> None:
+        self.times.append(snapshot.time_s)
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        assert len(times) == frames.count
+        # A tick gives what it received first, then what it sent.
+        ways = [self.received, self.sent]
+        ways[(len(self.received) + len(self.sent)) % 2].append(rows_of(frames))
+
+    def flush(self) -> None:
+        pass
 
     def close(self) -> None:
         pass

@@ -38,7 +38,8 @@ from hil_support import (
 from hil.codec.frames import EXTENDED, Frames, empty_frames
 from hil.config.rig import Rig, load_rig
 from hil.config.scenario import load_scenario
-from hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, Bench, LoopState, Snapshot, tick
+from hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, Bench, LoopState, tick
+from hil.snapshot import Snapshot
 from hil.stimulus import Program, load_at
 from plant.dynamics import initial_state
 

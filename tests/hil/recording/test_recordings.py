@@ -24,10 +24,12 @@ from hil_support import (
 from hil.codec.frames import ERROR, FD, REMOTE, Frames, empty_frames
 from hil.config.rig import Rig
 from hil.errors import ConfigError
-from hil.loop.tick import Snapshot, tick
+from hil.loop.tick import tick
+from hil.recording.base import Recorder
 from hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
 from hil.recording.open import check_record, open_recorder
 from hil.recording.table import CsvRecorder
+from hil.snapshot import WHOLE, Snapshot
 
 NOTHING = empty_frames(0)
 COLUMNS = [
@@ -50,7 +52,13 @@ COLUMNS = [
     "terminal_voltage_v",
 ]
 
-SNAPSHOT = Snapshot(*(0.1 * number for number in range(len(Snapshot._fields))))
+SNAPSHOT = Snapshot(
+    *(float(n) if name in WHOLE else 0.1 * n for n, name in enumerate(Snapshot._fields))
+)
+
+
+def record(recorder: Recorder, time: float, frames: Frames) -> None:
+    recorder.write_frames(frames, [time] * frames.count)
 
 
 def messages_in(path: Path) -> list[can.Message]:
@@ -96,7 +104,7 @@ def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path):
         (0x0 | ERROR, b""),
     ]
     recorder = CandumpRecorder(path, "bench", 1_700_000_000.0)
-    recorder.write(0.25, SNAPSHOT, frames_of(rows[:3]), frames_of(rows[3:]))
+    record(recorder, 0.25, frames_of(rows))
     recorder.close()
     messages = messages_in(path)
     assert [key(message) for message in messages] == [
@@ -114,7 +122,7 @@ def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path):
 def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path):
     path = tmp_path / "bus.log"
     recorder = CandumpRecorder(path, "bench", 0.0)
-    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of([(0x120 | FD, bytes(range(64)))]))
+    record(recorder, 0.0, frames_of([(0x120 | FD, bytes(range(64)))]))
     recorder.close()
     (message,) = messages_in(path)
     assert message.is_fd
@@ -131,7 +139,7 @@ def test_a_remote_frame_beside_can_fd_frames_stays_one(tmp_path: Path):
 def test_any_channel_name_gives_a_readable_log(tmp_path: Path, channel: str):
     path = tmp_path / "bus.log"
     recorder = CandumpRecorder(path, channel, 0.0)
-    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of([(0x120, b"a")]))
+    record(recorder, 0.0, frames_of([(0x120, b"a")]))
     recorder.close()
     assert [key(message)[0] for message in messages_in(path)] == [0x120]
 
@@ -152,7 +160,7 @@ def test_every_format_opens_in_python_can_with_the_same_frames(
     path = tmp_path / f"bus{suffix}"
     recorder = open_recorder(path, 2, "bench", epoch)
     for number, row in enumerate(many()):
-        recorder.write(0.001 * number, SNAPSHOT, NOTHING, frames_of([row]))
+        record(recorder, 0.001 * number, frames_of([row]))
     recorder.close()
     messages = messages_in(path)
     assert [
@@ -169,7 +177,7 @@ def test_error_and_remote_frames_do_not_break_a_conversion(tmp_path: Path, suffi
     path = tmp_path / f"bus{suffix}"
     recorder = ConvertedRecorder(path, "bench", 0.0)
     rows = [(0x120, b"a"), (ERROR | 0x80, bytes(8)), (0x121 | REMOTE, b""), (0x122, b"b")]
-    recorder.write(0.0, SNAPSHOT, frames_of(rows), NOTHING)
+    record(recorder, 0.0, frames_of(rows))
     recorder.close()
     data = [key(m)[0] for m in messages_in(path) if not (m.is_error_frame or m.is_remote_frame)]
     assert data == [0x120, 0x122]
@@ -185,7 +193,7 @@ def test_a_run_without_a_frame_still_closes(tmp_path: Path, suffix: str):
 def test_a_conversion_that_fails_leaves_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "bus.blf"
     recorder = ConvertedRecorder(path, "bench", 0.0)
-    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of([(0x120, b"a")]))
+    record(recorder, 0.0, frames_of([(0x120, b"a")]))
 
     def fail(source: Path, target: Path) -> None:
         raise OSError(28, "No space left on device")
@@ -199,7 +207,7 @@ def test_a_conversion_that_fails_leaves_the_log(tmp_path: Path, monkeypatch: pyt
 def test_a_log_converts_to_another_and_back(tmp_path: Path):
     first, second, third = (tmp_path / name for name in ("a.log", "b.blf", "c.log"))
     recorder = CandumpRecorder(first, "bench", 5.0)
-    recorder.write(0.0, SNAPSHOT, NOTHING, frames_of(many()))
+    record(recorder, 0.0, frames_of(many()))
     recorder.close()
     convert(first, second)
     convert(second, third)
@@ -224,7 +232,7 @@ def test_columns_are_those_that_are_promised():
 def test_a_gate_with_one_drive_has_no_right_columns(tmp_path: Path):
     path = tmp_path / "plant.csv"
     recorder = CsvRecorder(path, 1)
-    recorder.write(0.0, SNAPSHOT, NOTHING, NOTHING)
+    recorder.write_snapshot(SNAPSHOT)
     recorder.close()
     (row,) = read_csv(path)
     assert not any(name.startswith("right_") for name in row)
@@ -235,9 +243,11 @@ def test_a_gate_with_one_drive_has_no_right_columns(tmp_path: Path):
 def test_numbers_come_back_to_the_last_bit(tmp_path: Path):
     path = tmp_path / "plant.csv"
     values = [1.0 / 3.0, math.pi * 1e-300, -1e22, 5e-324, 0.1 + 0.2]
-    snapshot = Snapshot(*(values[number % 5] for number in range(len(Snapshot._fields))))
+    snapshot = Snapshot(
+        *(n if name in WHOLE else values[n % 5] for n, name in enumerate(Snapshot._fields))
+    )
     recorder = CsvRecorder(path, 2)
-    recorder.write(0.0, snapshot, NOTHING, NOTHING)
+    recorder.write_snapshot(snapshot)
     recorder.close()
     assert tuple(read_csv(path)[0].values()) == snapshot
 
@@ -254,7 +264,7 @@ def test_a_recorded_tick_is_plain_numbers(rig: Rig, fast_tick: object, tmp_path:
         rows = [command_frame(rig, number // 10, **both(50.0, OPEN, 1))] if number % 10 == 0 else []
         frames: Frames = frames_of(rows) if rows else NOTHING
         state, _, snapshot = call(some, state, frames, 1, False)
-        recorder.write(snapshot.time_s, snapshot, frames, NOTHING)
+        recorder.write_snapshot(snapshot)
         snapshots.append(tuple(snapshot))
     recorder.close()
     assert [tuple(row.values()) for row in read_csv(path)] == snapshots

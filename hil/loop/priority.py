@@ -1,0 +1,97 @@
+"""What `--realtime` asks the machine for. What cannot be had is told, with how to get it."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import struct
+from pathlib import Path
+
+_TIMERSLACK = 29  # PR_SET_TIMERSLACK
+_CURRENT, _FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
+PRIORITY = 80  # above the threads of interrupts (50), below the kernel's watchdogs (99)
+
+
+class Realtime:
+    """Holds what was given for as long as the object lives."""
+
+    def __init__(self, cpu: int | None = None) -> None:
+        self._cpu = cpu
+        self._latency: int | None = None
+        self.refused: list[str] = []
+
+    def prepare(self) -> None:
+        """For the whole process, before the loop starts."""
+        gc.collect()
+        gc.freeze()
+        self._lock_memory()
+        self._wake_fast()
+
+    def enter(self) -> None:
+        """For the calling thread: a CPU, and FIFO scheduling that children don't inherit."""
+        try:
+            cpu = best_cpu() if self._cpu is None else self._cpu
+            os.sched_setaffinity(0, {cpu})
+        except OSError as error:
+            self.refused.append(f"CPU {self._cpu}: {error.strerror}; allowed: {allowed_cpus()}")
+        try:
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+        except OSError as error:
+            self.refused.append(
+                f"FIFO scheduling: {error.strerror}; to get it: ulimit -r {PRIORITY} (rtprio in "
+                "/etc/security/limits.conf), or CAP_SYS_NICE"
+            )
+
+    def release(self) -> None:
+        """Give back what the process holds."""
+        gc.unfreeze()
+        if self._latency is not None:
+            os.close(self._latency)
+            self._latency = None
+
+    def _lock_memory(self) -> None:
+        library = ctypes.CDLL(None, use_errno=True)
+        if library.mlockall(_CURRENT | _FUTURE) != 0:
+            self.refused.append(
+                f"locked memory: {os.strerror(ctypes.get_errno())}; to get it: ulimit -l unlimited "
+                "(memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
+            )
+
+    def _wake_fast(self) -> None:
+        path = Path("/dev/cpu_dma_latency")
+        try:
+            self._latency = os.open(path, os.O_WRONLY)
+            os.write(self._latency, struct.pack("i", 0))  # µs
+        except OSError as error:
+            self.refused.append(
+                f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it"
+            )
+
+
+def sharp_timers() -> None:
+    """Let the calling thread's sleeps end on time without FIFO, too: the default slack is 50 µs."""
+    ctypes.CDLL(None).prctl(_TIMERSLACK, 1, 0, 0, 0)
+
+
+def allowed_cpus() -> str:
+    """The CPUs that this process may use."""
+    return ", ".join(str(cpu) for cpu in sorted(os.sched_getaffinity(0)))
+
+
+def best_cpu() -> int:
+    """An isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first."""
+    allowed = os.sched_getaffinity(0)
+    path = Path("/sys/devices/system/cpu/isolated")
+    text = path.read_text().strip() if path.is_file() else ""
+    return max(allowed & set(_cpus_of(text)) or allowed)
+
+
+def _cpus_of(text: str) -> list[int]:
+    """The numbers of a list such as 2-3,6."""
+    cpus: list[int] = []
+    for part in filter(None, text.split(",")):
+        first, _, last = part.partition("-")
+        cpus += range(int(first), int(last or first) + 1)
+    return cpus

@@ -1,0 +1,122 @@
+"""SocketCAN: a raw socket for the hard loop, which outlives its interface.
+
+A raw socket whose interface was taken down works again once that is up; one whose interface was deleted never
+does. So the interface is looked at every time the line is watched, and a new socket put under the old
+descriptor when there is a new interface.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import socket
+import struct
+
+from hil.errors import TransportError
+from hil.transport.base import LinkCounts
+
+_SIOCGIFFLAGS, _SIOCGIFMTU = 0x8913, 0x8921  # linux/sockios.h
+_IFF_UP, _IFF_RUNNING = 0x1, 0x40
+_CANFD_MTU = 72
+_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 33, 35, 40  # asm-generic/socket.h
+_CAN_RAW_ERR_FILTER = 2  # linux/can/raw.h
+_ALL_ERRORS = 0x1FFFFFFF  # CAN_ERR_MASK
+_BUFFER = 8 << 20  # bytes; the default of 208 KiB is 25 to 75 ms of a full bus
+
+ABSENT, DOWN, STOPPED, UP = "is gone", "is down", "is not running (bus-off?)", "is back"
+
+
+def interface_state(name: str) -> str:
+    """ABSENT, DOWN, STOPPED or UP."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            flags = _ask(probe, _SIOCGIFFLAGS, name)
+        except OSError:
+            return ABSENT
+    if not flags & _IFF_UP:
+        return DOWN
+    return UP if flags & _IFF_RUNNING else STOPPED
+
+
+def _ask(probe: socket.socket, request: int, name: str) -> int:
+    answer = fcntl.ioctl(probe, request, struct.pack("16si20x", name.encode()[:15], 0))
+    return int(struct.unpack_from("i" if request == _SIOCGIFMTU else "H", answer, 16)[0])
+
+
+def open_socket(name: str, is_fd: bool) -> socket.socket:
+    """A raw CAN socket on an interface. Raises OSError."""
+    raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    try:
+        if is_fd:
+            if _ask(raw, _SIOCGIFMTU, name) < _CANFD_MTU:
+                raise OSError(
+                    errno.EINVAL, f"not for CAN FD; allowed after: ip link set {name} mtu 72"
+                )
+            raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
+        raw.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        raw.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        try:
+            raw.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
+        except OSError:  # not permitted; as much as the kernel allows
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        raw.bind((name,))
+    except OSError:
+        raw.close()
+        raise
+    return raw
+
+
+class SocketCan:
+    """See Line. Raises TransportError where the interface cannot be opened."""
+
+    def __init__(self, name: str, is_fd: bool = False) -> None:
+        self.name = name
+        self._is_fd = is_fd
+        self._state = interface_state(name)
+        self._losses = 0
+        if not hasattr(socket, "AF_CAN"):
+            raise TransportError(f"socketcan:{name}: cannot be opened: Python has no AF_CAN here")
+        try:
+            if self._state == ABSENT:
+                raise OSError(errno.ENODEV, "no such interface")
+            self._index = socket.if_nametoindex(name)
+            self._socket = open_socket(name, is_fd)
+        except OSError as error:
+            raise TransportError(
+                f"socketcan:{name}: cannot be opened: {error.strerror or error}"
+            ) from error
+        self.descriptor = self._socket.fileno()
+
+    def watch(self) -> str | None:
+        """See Line."""
+        state = interface_state(self.name)
+        if state in (UP, DOWN):
+            self._renew()
+        if state == self._state:
+            return None
+        if self._state == UP:
+            self._losses += 1
+        self._state = state
+        return state
+
+    def counts(self) -> LinkCounts:
+        """See Line."""
+        return LinkCounts(losses=self._losses)
+
+    def close(self) -> None:
+        """See Line."""
+        self._socket.close()
+
+    def _renew(self) -> None:
+        """Put a new socket under the descriptor, if the interface is another one than the socket's."""
+        with contextlib.suppress(OSError):  # gone again: the next look will tell
+            index = socket.if_nametoindex(self.name)
+            if index != self._index:
+                with open_socket(self.name, self._is_fd) as new:
+                    os.dup2(new.fileno(), self.descriptor, inheritable=False)
+                if self._state == UP:  # it was replaced between two looks
+                    self._losses += 1
+                self._index = index
