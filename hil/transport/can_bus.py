@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import threading
 import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
@@ -64,23 +65,27 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
 class Echoes:
     """Tells a node's own frames, which some buses give back to it, from those of others.
 
-    They come back in the order they were sent; what was sent before one that came back was lost.
+    They come back in the order they were sent; what was sent before one that came back was lost. One thread may
+    send while another receives.
     """
 
     def __init__(self) -> None:
         self._pending: deque[tuple[int, bytes]] = deque(maxlen=_ECHOES)
+        self._lock = threading.Lock()
 
-    def sent(self, message: can.Message) -> None:
-        """Expect this frame to come back."""
-        self._pending.append((message.arbitration_id, bytes(message.data)))
+    def sending(self, message: can.Message) -> None:
+        """Expect this frame to come back; to be told before it is sent."""
+        with self._lock:
+            self._pending.append((message.arbitration_id, bytes(message.data)))
 
     def is_echo(self, message: can.Message) -> bool:
         """Whether this frame is one that was sent from here."""
         key = (message.arbitration_id, bytes(message.data))
-        if key not in self._pending:
-            return False
-        while self._pending.popleft() != key:
-            pass
+        with self._lock:
+            if key not in self._pending:
+                return False
+            while self._pending.popleft() != key:
+                pass
         return True
 
 
@@ -177,10 +182,10 @@ class CanTransport:
         """See Transport."""
         for row in range(frames.count):
             message = message_of(self._can, frames, row)
+            if self._echoes is not None:
+                self._echoes.sending(message)
             try:
                 self._bus.send(message)
-                if self._echoes is not None:
-                    self._echoes.sent(message)
             except (self._can.CanError, OSError, ValueError) as error:
                 full = getattr(error, "error_code", None) == errno.ENOBUFS
                 self._counts = self._counts._replace(
