@@ -1,8 +1,8 @@
 """The serial line's frames: COBS( id:u16le, payload, crc:u16le ) 0x00.
 
 Identifier: 11 bits, 0 to 0x7FF, in two bytes, low byte first. Payload: 0 to 64 bytes; more than 8 only where the
-database has a CAN FD message. CRC: CRC-16/IBM-3740, also known as CRC-16/CCITT-FALSE, over identifier and payload:
-polynomial 0x1021, initial value 0xFFFF, not reflected, no final XOR, check value 0x29B1 over "123456789"; low byte first.
+database has a CAN FD message. CRC: CRC-16/IBM-3740, also known as CRC-16/CCITT-FALSE, over identifier and payload
+(polynomial 0x1021, initial value 0xFFFF, not reflected, no final XOR, 0x29B1 over "123456789"), low byte first.
 
 COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7(2), 1999)
 replaces every zero by the distance to the next one, so that 0x00 only ever ends a frame: whatever was lost or
@@ -56,7 +56,7 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 def encode(identifier: int, payload: bytes) -> bytes:
-    """A frame with its delimiter. Raises ValueError where the line has no room for such an identifier or payload."""
+    """A frame with its delimiter. Raises ValueError for what the line has no room for."""
     if not 0 <= identifier <= MAX_IDENTIFIER:
         raise ValueError(f"identifier {identifier:#x}; allowed: 0 to {MAX_IDENTIFIER:#x}")
     if len(payload) > MAX_PAYLOAD:
