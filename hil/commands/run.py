@@ -37,14 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil import build
-    from hil.transport.can_bus import CanTransport
-    from hil.transport.find import bus_arguments
+    from hil.transport.find import open_transport
 
     vehicle = build.vehicle_from(args.vehicle, args.settings)
     rig = build.rig_from(args.rig)
     scenario = build.scenario_from(args.scenario)
-    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
-    transport = CanTransport(arguments, rig.is_fd or args.fd)
+    transport = open_transport(args, rig)
     summary = emulate(args, vehicle, rig, scenario, transport, say=speaker(args))
     report(args, summary)
     return 0

@@ -108,8 +108,10 @@ class Summary:
                 f"{self.lateness_p99_us:.0f} µs, max {self.lateness_max_us:.0f} µs",
             )
         if any(self.link):
+            rarer = list(self.link._asdict().items())[2:]
             lines.append(
                 f"link: {self.link.send_failures} frames not sent, "
                 f"{self.link.receive_failures} receive errors"
+                + "".join(f", {count} {name.replace('_', ' ')}" for name, count in rarer if count)
             )
         return lines

@@ -12,6 +12,13 @@ class LinkCounts(NamedTuple):
 
     send_failures: int = 0
     receive_failures: int = 0
+    link_losses: int = 0
+    # Frames of a serial line that were no good, by cause (see hil.transport.cobs.BadFrames).
+    cut_frames: int = 0
+    long_frames: int = 0
+    short_frames: int = 0
+    bad_crcs: int = 0
+    bad_identifiers: int = 0
 
 
 class Transport(Protocol):

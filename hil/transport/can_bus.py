@@ -88,7 +88,7 @@ class CanTransport:
 
         self._can = can
         self.name = str(arguments.get("channel", ""))
-        interface = str(arguments.get("interface", ""))
+        self.interface = interface = str(arguments.get("interface", ""))
         label = f"{interface}:{self.name}"
         if is_fd and interface != "udp_multicast":
             arguments = {**arguments, "fd": True}

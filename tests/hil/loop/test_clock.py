@@ -202,7 +202,8 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         accepted=1, foreign=2, error=3, remote=4, wrong_length=5, out_of_range=6, checksum=7,
         counter=8, lost=9,
     )  # fmt: skip
-    summary = Summary(clock="free", received=received, link=LinkCounts(11, 12), command_timeouts=13)
+    link = LinkCounts(11, 12, 14, 15, 16, 17, 18, 19)
+    summary = Summary(clock="free", received=received, link=link, command_timeouts=13)
     text = "\n".join(summary.lines())
     for said in (
         "rejected 30",
@@ -216,10 +217,17 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "error frames 3",
         "11 frames not sent",
         "12 receive errors",
+        "14 link losses",
+        "15 cut frames",
+        "16 long frames",
+        "17 short frames",
+        "18 bad crcs",
+        "19 bad identifiers",
         "time-outs 13",
     ):
         assert said in text
     told = summary.as_dict()
     assert told["rejected_frames"] == 30
     assert told["received"]["wrong_length"] == 5
-    assert told["link"] == {"send_failures": 11, "receive_failures": 12}
+    assert told["link"]["send_failures"] == 11
+    assert told["link"]["bad_identifiers"] == 19

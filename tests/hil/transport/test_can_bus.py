@@ -18,6 +18,7 @@ from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from hil.config.rig import Rig
 from hil.errors import ConfigError, TransportError
 from hil.loop.run import Loop, run_free
+from hil.transport.base import LinkCounts
 from hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
 from hil.transport.find import bus_arguments
 
@@ -224,7 +225,7 @@ def test_a_fault_while_receiving_is_counted_and_keeps_what_came_before(
     assert transport.receive().count == 1
     assert transport.counts().receive_failures == 1
     assert transport.receive().count == 1
-    assert transport.counts() == (0, 1)
+    assert transport.counts() == LinkCounts(0, 1)
 
 
 @pytest.mark.parametrize("error", [*FAULTS, OSError(105, "No buffer space available")])
@@ -233,7 +234,7 @@ def test_a_frame_that_cannot_be_sent_is_counted_and_the_others_go(
 ):
     transport = faulty(monkeypatch, [None, error, None])
     transport.send(frames_of([(1, b""), (2, b""), (3, b"")]))
-    assert transport.counts() == (1, 0)
+    assert transport.counts() == LinkCounts(1, 0)
 
 
 def test_sending_nothing_sends_nothing(pair: tuple[CanTransport, can.BusABC]):
