@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import socket
-import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -99,12 +97,3 @@ def wait_for(condition: Callable[[], object], what: str) -> None:
 def descriptors() -> int:
     """How many files this process has open."""
     return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-
-
-def cross(first: int, second: int, stop: threading.Event) -> None:
-    """Copy between two descriptors until told to stop; for a thread."""
-    other = {first: second, second: first}
-    while not stop.is_set():
-        for source in select.select([first, second], [], [], 0.05)[0]:
-            with contextlib.suppress(OSError):
-                os.write(other[source], os.read(source, 4096))
