@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from crccheck.crc import Crc16CcittFalse
@@ -13,6 +15,7 @@ from serial_lines import line_of, noisy_line
 
 from hil.transport.cobs import BadFrames, Decoder, crc16, encode, stuff, unstuff
 
+README = Path(__file__).parents[3] / "README.md"
 identifiers = st.integers(0, 0x7FF)
 payloads = st.binary(max_size=64)
 frames = st.tuples(identifiers, payloads)
@@ -55,6 +58,11 @@ def test_a_frame_byte_for_byte():
     crc = Crc16CcittFalse.calc(bytes.fromhex("200100AA"))
     assert crc == 0x901E
     assert encode(0x120, b"\x00\xaa") == bytes.fromhex("032001" + "04AA1E90" + "00")
+
+
+def test_the_frame_in_the_readme_is_a_frame():
+    (example,) = re.findall(r"eight zeros is `([0-9A-F ]+)`", README.read_text(encoding="utf-8"))
+    assert encode(0x120, bytes(8)) == bytes.fromhex(example)
 
 
 @pytest.mark.parametrize(("identifier", "size"), [(-1, 0), (0x800, 0), (0x1FFFFFFF, 8), (0, 65)])
