@@ -1,7 +1,8 @@
 """The emulator with the reference ECU: the gate opens, closes onto an obstacle, is detected by motor current,
 reverses, then opens and closes fully. Prints what happened, writes recordings and a picture.
 
-On a virtual bus both run in this process; on any other bus the ECU is a second process.
+On a virtual bus both run in this process; on any other bus the ECU is a second process. On a serial line it needs
+a port of its own, the line's other end: --ecu-serial.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_loop(parser)
     options.add_output(parser)
     parser.add_argument(
+        "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"
+    )
+    parser.add_argument(
         "--output", default=".", metavar="FOLDER", help="for demo.log, demo.csv and demo.png"
     )
 
@@ -57,26 +61,28 @@ def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil import build
     from hil.commands.run import emulate, report, speaker
-    from hil.transport.find import bus_arguments, open_transport
+    from hil.transport.find import find_way, open_transport
 
     folder = Path(args.output)
     if not folder.is_dir():
         raise ConfigError(f"--output {args.output}: no such folder; allowed: one that exists")
-    if args.bus is None and args.interface is None:
+    if (args.serial is None) != (args.ecu_serial is None):
+        raise ConfigError("--serial and --ecu-serial: allowed: both ends of the line, or neither")
+    if args.bus is None and args.interface is None and args.serial is None:
         args.bus = "virtual:demo"
     args.scenario = args.scenario or "demo"
     args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
     vehicle = build.vehicle_from(args.vehicle, args.settings)
     rig = build.rig_from(args.rig)
     scenario = build.scenario_from(args.scenario)
-    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
+    way = find_way(args, rig)
     story = Story()
     with contextlib.ExitStack() as stack:
-        if arguments["interface"] == "virtual":
+        if way.is_interface("virtual"):
             from hil.ecu.controller import Controller
             from hil.ecu.node import EcuNode
 
-            wire = open_transport(args, rig)
+            wire = open_transport(way)
             stack.callback(wire.close)
             controller = Controller(vehicle.drives)
             node = EcuNode(rig, wire, controller, vehicle.drives, scenario.requests)
@@ -107,6 +113,8 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.P
         value = getattr(args, flag)
         if value is not None:
             command += [f"--{flag}", str(value)]
+    if args.ecu_serial is not None:
+        command += ["--serial", args.ecu_serial]
     if args.fd:
         command.append("--fd")
     child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)

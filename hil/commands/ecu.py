@@ -41,15 +41,13 @@ def run(args: argparse.Namespace) -> int:
     from hil.data import find_config
     from hil.ecu.controller import Controller
     from hil.ecu.node import EcuNode
-    from hil.transport.can_bus import CanTransport
-    from hil.transport.find import bus_arguments
+    from hil.transport.find import find_way, open_transport
 
     rig = load_rig(find_config("rigs", args.rig))
     scenario = load_scenario(find_config("scenarios", args.scenario))
     duration = args.duration if args.duration is not None else scenario.duration
     requests = _requests(args.request) if args.request else list(scenario.requests)
-    arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
-    transport = CanTransport(arguments, rig.is_fd or args.fd)
+    transport = open_transport(find_way(args, rig))
     controller = Controller(args.drives)
     node = EcuNode(rig, transport, controller, args.drives, requests)
     stop = options.StopSignals()

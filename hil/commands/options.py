@@ -44,6 +44,11 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 def add_bus(parser: argparse.ArgumentParser) -> None:
     """How to reach the bus."""
     parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
+    parser.add_argument(
+        "--serial",
+        metavar="PORT[@BAUD]",
+        help="instead of a bus: a device or URL of pyserial, e.g. /dev/ttyUSB0@921600",
+    )
     parser.add_argument("-i", "--interface", help="python-can's own way to name the bus")
     parser.add_argument("-c", "--channel", help="python-can's own way to name the bus")
     parser.add_argument(

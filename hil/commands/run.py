@@ -97,11 +97,12 @@ class Emulation(NamedTuple):
         from hil.loop.priority import Realtime
         from hil.loop.realtime import RealtimeRun, memory_for
         from hil.recording.process import RecorderProcess
-        from hil.transport.find import open_line
+        from hil.transport.find import find_way, open_line
 
         args = self.args
         with contextlib.ExitStack() as stack:
-            line = open_line(args, self.rig)
+            way = find_way(args, self.rig)
+            line = open_line(way)
             stack.callback(line.close)
             memory = memory_for(args.rate)
             stack.callback(memory.close)
@@ -117,6 +118,7 @@ class Emulation(NamedTuple):
                 line,
                 memory,
                 self.rig,
+                way.bitrate(self.rig),
                 round(args.overrun_limit * 1e9),
                 self.say,
                 peers,
@@ -140,11 +142,12 @@ class Emulation(NamedTuple):
         from hil.loop.statistics import Timing
         from hil.loop.tick import tick
         from hil.recording.open import open_recorder
-        from hil.transport.find import open_transport
+        from hil.transport.find import find_way, open_transport
 
         args, rig = self.args, self.rig
         with contextlib.ExitStack() as stack:
-            transport = open_transport(args, rig)
+            way = find_way(args, rig)
+            transport = open_transport(way)
             stack.callback(transport.close)
             # Only wall time has an epoch; the other clocks' recordings are the same every time.
             epoch = time.time() if args.clock == "realtime" else 0.0
@@ -153,7 +156,9 @@ class Emulation(NamedTuple):
                 recorder = open_recorder(path, self.drives, transport.name, epoch)
                 stack.callback(recorder.close)
                 recorders.append(recorder)
-            loop = Loop(self.bench, self.state, transport, recorders, peers, watch, rig.bitrate)
+            loop = Loop(
+                self.bench, self.state, transport, recorders, peers, watch, way.bitrate(rig)
+            )
             self._announce(tick, transport.name)
             loop.begin()
             timing = Timing()

@@ -24,7 +24,7 @@ from hil.loop.shared import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from hil.loop.statistics import Summary, Timing
 from hil.loop.tick import Bench, LoopState
 from hil.snapshot import Snapshot
-from hil.transport.base import Line, LinkCounts
+from hil.transport.base import Line
 from plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
@@ -57,6 +57,7 @@ class RealtimeRun:
     line: Line
     memory: Memory
     rig: Rig
+    bitrate: float  # bit/s; NaN: the load is not known
     limit_ns: int
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
@@ -123,14 +124,13 @@ class RealtimeRun:
         control = self.memory.shared.control[0]
         seconds = self.state.tick * self.bench.step
         mine = self.line.counts()
-        link = LinkCounts(
+        link = mine._replace(
             send_failures=int(control.unsent) + mine.send_failures,
             send_queue_full=int(control.unsent_full) + mine.send_queue_full,
             receive_failures=int(control.receive_errors) + mine.receive_failures,
             dropped=int(control.dropped) + mine.dropped,
-            losses=mine.losses,
         )
-        load = 100.0 * int(control.bits) / (self.rig.bitrate * seconds) if seconds > 0.0 else 0.0
+        load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
             clock="realtime",
             ticks=self.state.tick,

@@ -80,6 +80,8 @@ class Summary:
         """For --json."""
         figures = asdict(self)
         del figures["timing"]
+        if math.isnan(self.bus_load_percent):
+            figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
             prefix = "command_delay" if name == "delay" else name
             for key, value in each._asdict().items():
@@ -104,12 +106,14 @@ class Summary:
             "remote": received.remote,
         }
         why = ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
+        percent = self.bus_load_percent
+        load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [
             f"ticks {self.ticks}, model time {self.model_time_s:.3f} s, clock {self.clock}",
             f"frames sent {self.frames_sent}, commands accepted {received.accepted}, rejected "
             f"{rejected(received)}{f' ({why})' if why else ''}, lost {received.lost}, foreign "
             f"{received.foreign}, error frames {received.error}",
-            f"command time-outs {self.command_timeouts}, bus load {self.bus_load_percent:.1f} %",
+            f"command time-outs {self.command_timeouts}{load}",
         ]
         if self.clock == "realtime":
             lines[1:1] = [
@@ -124,10 +128,15 @@ class Summary:
             )
         if any(self.link):
             link = self.link
+            rarer = [
+                f", {count} {name.replace('_', ' ')}"
+                for name, count in list(link._asdict().items())[5:]
+                if count
+            ]
             lines.append(
                 f"link: lost {link.losses} times, {link.send_failures} frames not sent "
                 f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
-                f"receive errors, {link.dropped} received frames dropped"
+                f"receive errors, {link.dropped} received frames dropped" + "".join(rarer)
             )
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")

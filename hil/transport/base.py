@@ -15,6 +15,12 @@ class LinkCounts(NamedTuple):
     receive_failures: int = 0
     dropped: int = 0  # frames that came but were dropped before they were read
     losses: int = 0  # times the link was lost
+    # Frames of a serial line that were no good, by cause (see hil.transport.cobs.BadFrames).
+    cut_frames: int = 0
+    long_frames: int = 0
+    short_frames: int = 0
+    bad_crcs: int = 0
+    bad_identifiers: int = 0
 
 
 class Transport(Protocol):

@@ -212,7 +212,10 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         counter=8, lost=9,
     )  # fmt: skip
     summary = Summary(
-        clock="free", received=received, link=LinkCounts(11, 5, 12, 14, 15), command_timeouts=13
+        clock="free",
+        received=received,
+        link=LinkCounts(11, 5, 12, 14, 15, 16, 17, 18, 19, 20),
+        command_timeouts=13,
     )
     text = "\n".join(summary.lines())
     for said in (
@@ -230,6 +233,11 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "12 receive errors",
         "14 received frames dropped",
         "lost 15 times",
+        "16 cut frames",
+        "17 long frames",
+        "18 short frames",
+        "19 bad crcs",
+        "20 bad identifiers",
         "time-outs 13",
     ):
         assert said in text

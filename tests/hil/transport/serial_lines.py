@@ -1,0 +1,36 @@
+"""Good and bad serial lines, for several tests."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+from hil.transport.cobs import encode
+
+
+def line_of(rows: Sequence[tuple[int, bytes]]) -> bytes:
+    """The bytes of frames, each (identifier, payload)."""
+    return b"".join(encode(*row) for row in rows)
+
+
+def noisy_line(seed: int) -> tuple[list[tuple[int, bytes]], bytes]:
+    """Frames that were sent, and what a bad line made of them: cuts, insertions, flips, noise."""
+    dice = random.Random(seed)
+    sent = []
+    line = bytearray()
+    for _ in range(200):
+        frame = (dice.randrange(0x800), dice.randbytes(dice.randrange(65)))
+        sent.append(frame)
+        coded = bytearray(encode(*frame))
+        fault = dice.randrange(8)
+        place = dice.randrange(len(coded))
+        if fault == 0:
+            coded = coded[:place]
+        elif fault == 1:
+            coded = coded[place:]
+        elif fault == 2:
+            coded[place] ^= 1 << dice.randrange(8)
+        elif fault == 3:
+            coded[place:place] = dice.randbytes(dice.randrange(150))
+        line += coded
+    return sent, bytes(line)

@@ -1,0 +1,336 @@
+"""Serial lines behind `SerialTransport`: frames go through whole, nothing blocks, a lost port comes back."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial.rfc2217
+from hil_support import EXTENDED, frames_of, rig_of, rows_of, shipped_rig
+from serial_lines import line_of
+from serial_peers import Server, Terminal, descriptors, opened, wait_for
+
+from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
+from hil.config.rig import Rig
+from hil.errors import ConfigError, TransportError
+from hil.transport.base import LinkCounts
+from hil.transport.cobs import Decoder, encode
+from hil.transport.find import check_serial, open_transport
+from hil.transport.serial_open import parse_serial
+from hil.transport.serial_port import CAPACITY, SerialTransport
+
+ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" * 4)]
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    made = Terminal(tmp_path / "tty")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def line(terminal: Terminal) -> Iterator[SerialTransport]:
+    with opened(str(terminal.link)) as transport:
+        yield transport
+
+
+# --serial.
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("/dev/ttyUSB0", ("/dev/ttyUSB0", 921_600)),
+        ("/dev/ttyUSB0@115200", ("/dev/ttyUSB0", 115_200)),
+        ("/dev/a@b", ("/dev/a@b", 921_600)),
+        ("/dev/a@b@9600", ("/dev/a@b", 9600)),
+        ("/dev/a@", ("/dev/a@", 921_600)),
+        ("/dev/by-id/usb@1.2", ("/dev/by-id/usb@1.2", 921_600)),
+        ("COM3@250000", ("COM3", 250_000)),
+        ("loop://", ("loop://", 921_600)),
+        ("socket://localhost:7000@9600", ("socket://localhost:7000", 9600)),
+        ("socket://[::1]:7000", ("socket://[::1]:7000", 921_600)),
+        ("spy:///dev/ttyS0?file=x@57600", ("spy:///dev/ttyS0?file=x", 57_600)),
+    ],
+)
+def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
+    assert parse_serial(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "@9600", "x@0", "x@99999999", "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
+     "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
+)  # fmt: skip
+def test_a_line_that_is_none_is_told_on_one_line(text: str):
+    with pytest.raises(ConfigError, match="--serial") as caught:
+        parse_serial(text)
+    assert "allowed" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "url", ["/dev/nosuch", "/dev/null", "hwgrep://nosuch", "spy:///dev/nosuch"]
+)
+def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
+    before = descriptors()
+    with pytest.raises(TransportError) as caught:
+        SerialTransport(url)
+    assert str(caught.value).startswith(f"--serial {url}: cannot be opened: ")
+    assert "\n" not in str(caught.value)
+    assert descriptors() == before
+
+
+def test_a_protocol_that_pyserial_has_not_is_told():
+    with pytest.raises(ConfigError, match=r"nosuch.*allowed"):
+        SerialTransport("nosuch://x")
+
+
+def test_a_port_in_use_is_not_opened_again(terminal: Terminal, line: SerialTransport):
+    with pytest.raises(TransportError, match="lock"):
+        SerialTransport(str(terminal.link))
+
+
+EXTENDED_BUS = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+BO_ 2566844672 Long: 8 Gate
+ SG_ Current : 7|16@0- (0.01,0) [0|0] "A" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+"""
+EXTENDED_RIG = """dbc = "their.dbc"
+[inputs]
+left_duty = "Cmd.Duty"
+[outputs]
+left_current = "Long.Current"
+"""
+
+
+def flags(**given: Any) -> argparse.Namespace:
+    none: dict[str, Any] = dict.fromkeys(("bus", "serial", "interface", "channel", "bitrate"))
+    return argparse.Namespace(**{**none, "fd": False, **given})
+
+
+def test_a_rig_with_29_bit_identifiers_is_refused_on_a_serial_line(tmp_path: Path, rig: Rig):
+    their = rig_of(tmp_path, EXTENDED_BUS, EXTENDED_RIG)
+    with pytest.raises(ConfigError, match=r"their.toml: Long has the 29-bit .*0x18fef100.*11-bit"):
+        open_transport(flags(serial="loop://"), their)
+    check_serial(rig)
+
+
+def test_one_function_opens_what_the_flags_mean(rig: Rig):
+    for given in ({"serial": "loop://"}, {"bus": "virtual:flags"}):
+        transport = open_transport(flags(**given), rig)
+        assert isinstance(transport, SerialTransport) == ("serial" in given)
+        transport.close()
+    with pytest.raises(ConfigError, match="one or the other"):
+        open_transport(flags(serial="loop://", bus="virtual:flags"), shipped_rig())
+
+
+# Frames.
+
+
+def test_frames_arrive_and_leave_whole(terminal: Terminal, line: SerialTransport):
+    terminal.write(line_of(ROWS))
+    assert rows_of(line.receive(timeout=5.0)) == ROWS
+    assert line.receive().count == 0
+    line.send(frames_of(ROWS))
+    sent = terminal.read()
+    # The first byte ends whatever the other end has heard before.
+    assert sent == b"\0" + line_of(ROWS)
+    line.send(frames_of(ROWS))
+    assert terminal.read() == line_of(ROWS)
+    line.send(empty_frames(3))
+    assert terminal.read() == b""
+    assert line.counts() == LinkCounts()
+    assert line.name == str(terminal.link)
+
+
+@pytest.mark.parametrize("url", ["loop://", "spy://{link}?file={folder}/spied"])
+def test_the_other_ports_of_pyserial_work(terminal: Terminal, tmp_path: Path, url: str):
+    with opened(url.format(link=terminal.link, folder=tmp_path)) as transport:
+        transport.send(frames_of(ROWS))
+        if not url.startswith("loop"):
+            terminal.write(terminal.read())
+        assert rows_of(transport.receive(timeout=5.0)) == ROWS
+        assert transport.counts() == LinkCounts()
+
+
+def test_a_long_payload_is_marked_as_can_fd(terminal: Terminal, line: SerialTransport):
+    terminal.write(line_of([(0x100, bytes(9)), (0x101, bytes(64)), (0x102, bytes(8))]))
+    got = rows_of(line.receive(timeout=5.0))
+    assert got == [(0x100 | FD, bytes(9)), (0x101 | FD, bytes(64)), (0x102, bytes(8))]
+    line.send(frames_of([(0x101 | FD, bytes(64))]))
+    assert Decoder().feed(terminal.read()) == [(0x101, bytes(64))]
+
+
+@pytest.mark.parametrize("identifier", [0x123 | EXTENDED, 0x123 | REMOTE, 0x123 | ERROR, 0x800])
+def test_what_the_line_cannot_carry_is_counted_and_the_others_go(
+    terminal: Terminal, line: SerialTransport, identifier: int
+):
+    line.send(frames_of([(1, b"a"), (identifier, b""), (2, b"b")]))
+    assert Decoder().feed(terminal.read()) == [(1, b"a"), (2, b"b")]
+    assert line.counts() == LinkCounts(send_failures=1)
+
+
+def test_a_frame_cut_inside_waits_for_its_rest(terminal: Terminal, line: SerialTransport):
+    whole = encode(0x120, b"12345678")
+    terminal.write(whole[:5])
+    assert line.receive(timeout=0.02).count == 0
+    terminal.write(whole[5:])
+    assert rows_of(line.receive(timeout=5.0)) == [(0x120, b"12345678")]
+
+
+def test_bad_frames_are_counted_by_cause(terminal: Terminal, line: SerialTransport):
+    bad = bytearray(encode(5, b"abc"))
+    bad[4] ^= 1
+    terminal.write(b"\x09abc\0" + b"\xff" * 99 + b"\0" + b"\x01\0" + bytes(bad) + encode(6, b""))
+    assert rows_of(line.receive(timeout=5.0)) == [(6, b"")]
+    assert line.counts() == LinkCounts(cut_frames=1, long_frames=1, short_frames=1, bad_crcs=1)
+
+
+def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(line: SerialTransport):
+    with opened("loop://") as loop:
+        rows = [(number, b"") for number in range(CAPACITY + 7)]
+        loop.send(frames_of(rows))
+        first, second = loop.receive(), loop.receive()
+        assert (first.count, second.count) == (CAPACITY, 7)
+        assert rows_of(first) + rows_of(second) == rows
+
+
+# A reader that does not read.
+
+
+def test_frames_for_a_stalled_reader_are_dropped_whole_and_counted(
+    terminal: Terminal, line: SerialTransport
+):
+    rows = [(number % 0x800, number.to_bytes(8, "big")) for number in range(10_000)]
+    for start in range(0, len(rows), 10):
+        line.send(frames_of(rows[start : start + 10]))
+    failed = line.counts().send_failures
+    assert 0 < failed < len(rows)
+    decoder = Decoder()
+    got = decoder.feed(terminal.read())
+    line.send(frames_of(ROWS))
+    got += decoder.feed(terminal.read())
+    # At most the one frame that was cut when the line was full; what follows it is whole.
+    assert sum(decoder.counts) <= 1
+    assert got[-len(ROWS) :] == ROWS
+    assert got[: -len(ROWS)] == rows[: len(rows) - failed]
+    assert line.counts().send_failures == failed
+
+
+class Narrow:
+    """A port that takes only so many bytes at a time."""
+
+    def __init__(self, takes: list[int]) -> None:
+        self.takes = takes
+        self.line = b""
+        self.buffer_size = 1 << 20
+        self.out_waiting = 0
+
+    def fileno(self) -> int:
+        return 1  # always has room, as standard output does
+
+    def write(self, data: bytes) -> int:
+        taken = data[: self.takes.pop(0)] if self.takes else data
+        self.line += taken
+        return len(taken)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("first", range(45))
+@pytest.mark.parametrize("second", [0, 1, 7, 13, 14, 99])
+def test_wherever_a_write_is_cut_the_next_frame_is_whole(first: int, second: int):
+    with opened("loop://") as transport, Path(os.devnull).open("wb") as sink:
+        narrow = Narrow([first, second])
+        narrow.fileno = sink.fileno  # type: ignore[method-assign]
+        transport._port = narrow
+        rows = [(number, bytes([number]) * 8) for number in range(1, 10)]
+        for start in (0, 3, 6):
+            transport.send(frames_of(rows[start : start + 3]))
+        decoder = Decoder()
+        got = decoder.feed(narrow.line)
+        assert got[-3:] == rows[6:]
+        assert all(row in rows for row in got)
+        # What was counted as failed did not arrive, and the other way round.
+        assert len(got) == len(rows) - transport.counts().send_failures
+
+
+# Networks.
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    made = Server()
+    yield made
+    made.drop()
+
+
+def test_a_stalled_socket_does_not_block(server: Server):
+    with opened(f"socket://127.0.0.1:{server.port}") as line:
+        server.accept()
+        rows = frames_of([(number, bytes(64)) for number in range(200)])
+        for _ in range(20_000):
+            line.send(rows)
+            if line.counts().send_failures:
+                break
+        assert line.counts().send_failures > 0
+        assert line.is_up
+
+
+def test_rfc_2217_works_both_ways():
+    """Against pyserial's own server side, whose port gives back what it gets."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(30.0)
+    stop = threading.Event()
+    remote = threading.Thread(target=_serve_rfc2217, args=(listener, stop))
+    remote.start()
+    try:
+        # pyserial 3.5 uses a deprecated method of threads.
+        with pytest.warns(DeprecationWarning, match="set"):
+            line = SerialTransport(f"rfc2217://127.0.0.1:{listener.getsockname()[1]}")
+        line.send(frames_of(ROWS))
+        back: list[tuple[int, bytes]] = []
+        wait_for(lambda: back.extend(rows_of(line.receive(0.1))) or back == ROWS, "no answer")
+        stop.set()
+        wait_for(lambda: not (line.receive(), line.is_up)[1], "the loss was not noticed")
+        line.close()
+    finally:
+        stop.set()
+        remote.join()
+        listener.close()
+
+
+def _serve_rfc2217(listener: socket.socket, stop: threading.Event) -> None:
+    client, _ = listener.accept()
+    client.settimeout(0.005)
+    device = serial.serial_for_url("loop://", timeout=0)
+
+    class Writer:
+        def write(self, data: bytes) -> None:
+            client.sendall(data)
+
+    manager = serial.rfc2217.PortManager(device, Writer())
+    while not stop.is_set():
+        echo = device.read(4096)
+        if echo:
+            client.sendall(b"".join(manager.escape(echo)))
+        try:
+            data = client.recv(4096)
+        except TimeoutError:
+            continue
+        device.write(b"".join(manager.filter(data)))
+    client.close()

@@ -1,0 +1,92 @@
+"""Processes on a serial line: the emulator with the ECU in C, and with the reference ECU."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from c_ecu import build_ecu, needs_compiler, serial_line
+
+PATIENCE = 300.0  # s until a process must have ended; nothing is judged by it
+OBSTACLE = "[[obstacle]]\nangle_deg = 35\ndistance = 1.0\nstiffness = 10_000\n"
+
+
+@pytest.fixture(scope="module")
+def ecus(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return build_ecu(tmp_path_factory.mktemp("ecu"))
+
+
+@contextlib.contextmanager
+def process(*command: str) -> Iterator[subprocess.Popen[str]]:
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def exit_code(*command: str) -> int:
+    with process(*command) as child:
+        child.communicate(timeout=PATIENCE)
+    return child.returncode
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("scenario", "story"),
+    [("", ["opening", "open", "closing", "done"]),
+     (OBSTACLE, ["opening", "open", "closing", "reversing", "done"])],
+    ids=["free way", "obstacle"],
+)  # fmt: skip
+def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(
+    tmp_path: Path, ecus: tuple[Path, Path], scenario: str, story: list[str]
+) -> None:
+    surroundings = tmp_path / "surroundings.toml"
+    surroundings.write_text(scenario)
+    with (
+        serial_line() as (ours, theirs),
+        process(
+            sys.executable, "-m", "hil", "--serial", f"{ours}@921600", "--clock", "realtime",
+            "--scenario", str(surroundings), "--overrun-limit", "60", "--json",
+        ) as gate,
+        process(str(ecus[1]), theirs, str(0.9 * PATIENCE)) as ecu,
+    ):  # fmt: skip
+        _, told = ecu.communicate(timeout=PATIENCE)
+        gate.send_signal(signal.SIGINT)
+        out, complaints = gate.communicate(timeout=PATIENCE)
+    assert ecu.returncode == 0, told + complaints
+    assert [line.split()[2] for line in told.splitlines()] == story
+    assert gate.returncode == 0
+    summary = json.loads(out)
+    assert summary["received"]["accepted"] > 500
+    assert summary["received"]["foreign"] == 0
+    assert summary["link"]["bad_crcs"] == summary["link"]["losses"] == 0
+
+
+@needs_compiler
+def test_the_ecu_in_c_says_when_there_is_no_gate_and_no_wire(ecus: tuple[Path, Path]) -> None:
+    with serial_line() as (_, theirs):
+        assert exit_code(str(ecus[1]), theirs, "0.1") == 1
+    for ecu in ecus:
+        assert exit_code(str(ecu), "/dev/nosuch") == 2
+        assert exit_code(str(ecu)) == 2
+
+
+def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None:
+    with (
+        serial_line() as (ours, theirs),
+        process(
+            sys.executable, "-m", "hil", "demo", "--serial", ours, "--ecu-serial", theirs,
+            "--duration", "4", "--overrun-limit", "60", "--output", str(tmp_path),
+        ) as demo,
+    ):  # fmt: skip
+        out, complaints = demo.communicate(timeout=PATIENCE)
+    assert demo.returncode == 0, complaints
+    assert "deg  opening" in out
