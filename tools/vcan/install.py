@@ -77,10 +77,10 @@ def _unpack(packages: list[str]) -> None:
 
 
 def _with_dependencies(apt: list[str], packages: list[str]) -> list[str]:
-    """The packages, and what apt would install with them."""
+    """The packages, and what apt would install anew with them; what it would upgrade is good enough as it is."""
     command = [*apt, "install", "--simulate", "--no-install-recommends", *packages]
-    lines = [line.split() for line in _output(command).splitlines()]
-    return [words[1] for words in lines if len(words) > 1 and words[0] == "Inst"]
+    lines = [line.split() for line in _output(command).splitlines() if line.startswith("Inst ")]
+    return [words[1] for words in lines if not words[2].startswith("[")]
 
 
 def _output(command: list[str], folder: str | None = None) -> str:
