@@ -43,7 +43,7 @@ def test_without_apt_the_packages_are_named(
 
 def test_without_a_kernel_the_way_to_install_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uml, "find_program", lambda name: None)
-    with pytest.raises(process.UnavailableError, match="python -m tools.vcan --install"):
+    with pytest.raises(process.UnavailableError, match=r"python -m tools\.vcan --install"):
         uml.find_uml()
 
 
