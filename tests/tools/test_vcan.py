@@ -1,0 +1,80 @@
+"""The machine with a vcan0: its exit status, and what it says where there is none."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tools.vcan import __main__ as vcan
+from tools.vcan import install, native, places, process, uml
+
+
+def unavailable(*_: object) -> None:
+    raise process.UnavailableError("this is a test")
+
+
+def test_one_line_says_why_there_is_no_machine(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(vcan, "native_prefix", unavailable)
+    monkeypatch.setattr(vcan, "run_uml", unavailable)
+    assert vcan.main(["--", "true"]) == process.OWN_FAILURE
+    out, error = capfd.readouterr()
+    assert out == ""
+    assert error.splitlines() == [
+        "vcan: no machine with a vcan: native: this is a test; User-Mode Linux: this is a test"
+    ]
+
+
+def test_without_apt_the_packages_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(install, "find_program", lambda name: None)
+    monkeypatch.setattr(install, "native_prefix", unavailable)
+    assert vcan.main(["--install"]) == process.OWN_FAILURE
+    assert "user-mode-linux iproute2 can-utils; there is no apt-get" in capfd.readouterr().err
+    monkeypatch.setattr(install, "native_prefix", lambda interfaces: [])
+    assert install.missing_packages(["vcan0"], "auto") == ["can-utils"]
+
+
+def test_without_a_kernel_the_way_to_install_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uml, "find_program", lambda name: None)
+    with pytest.raises(process.UnavailableError, match=r"python -m tools\.vcan --install"):
+        uml.find_uml()
+
+
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [("raise SystemExit(3)", 3), ("import os; os.kill(os.getpid(), 9)", 137)],
+)
+def test_the_status_is_the_commands(code: str, status: int) -> None:
+    assert native.run_native([], [sys.executable, "-c", code], None) == status
+
+
+def test_a_timeout_ends_the_command_and_its_children(tmp_path: Path) -> None:
+    child = tmp_path / "child"
+    command = ["sh", "-c", f"sleep 60 & echo $! >{child}; wait"]
+    assert native.run_native([], command, 0.5) == process.TIMED_OUT
+    deadline = time.monotonic() + 10.0
+    status = Path("/proc", child.read_text().strip(), "status")
+    while status.exists() and "zombie" not in status.read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_unpacked_programs_are_found_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    root = tmp_path / "liftgate-hil" / "machines"
+    for folder in ("usr/bin", "usr/lib/x86_64-linux-gnu"):
+        (root / folder).mkdir(parents=True)
+    program = root / "usr/bin/nobody-else-has-this"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    assert places.find_program(program.name) == str(program)
+    found = places.environment({**os.environ, "PATH": "/mine", "LD_LIBRARY_PATH": "/theirs"})
+    assert found["PATH"] == f"/mine:/usr/sbin:/sbin:{root}/usr/bin"
+    assert found["LD_LIBRARY_PATH"] == f"/theirs:{root}/usr/lib/x86_64-linux-gnu"

@@ -1,0 +1,121 @@
+"""What can-utils send to the emulator: good commands, one command, and nonsense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cantools
+import pytest
+from hil_support import COMMAND, GATE, OPEN, both, command_frame
+from vcan_support import (
+    Bus,
+    emulator,
+    received,
+    run,
+    summary_of,
+    texts_of,
+    wait_for,
+    write_log,
+)
+
+from hil.config.rig import Rig
+
+FOREIGN = Path(__file__).parents[1] / "system" / "foreign" / "foreign.toml"
+TIMEOUT = 2
+
+
+def test_canplayer_drives_the_gate_open(tmp_path: Path, bus: Bus, rig: Rig) -> None:
+    commands = [command_frame(rig, turn, **both(80.0, OPEN, 1)) for turn in range(400)]
+    played = write_log(tmp_path / "commands.log", texts_of(commands))
+    with emulator(bus, "--json") as gate:
+        assert bus.last(rig, "Gate")["Angle"] == pytest.approx(0.0, abs=0.2)
+        run("canplayer", "-I", str(played))
+        bus.settle()
+        summary = summary_of(gate)
+    assert summary["received"]["accepted"] == len(commands) == bus.count(COMMAND)
+    assert summary["received"]["lost"] == 0
+    assert received(summary) == len(commands)
+    last = bus.last(rig, "Gate")
+    assert last["Angle"] > 5.0
+    assert last["LatchState"] == 0
+    assert bus.last(rig, "LeftDrive")["HallCount"] > 100
+    assert bus.last(rig, "RightDrive")["HallCount"] > 100
+
+
+def test_one_command_and_then_silence_goes_stale(tmp_path: Path, bus: Bus, rig: Rig) -> None:
+    record = tmp_path / "run.csv"
+    with emulator(bus, "--json", "--record", str(record)) as gate:
+        run("cansend", "vcan0", *texts_of([command_frame(rig, 0, **both(60.0, OPEN, 1))]))
+        wait_for(
+            lambda: bus.last(rig, "BenchStatus")["EmulatorState"] == TIMEOUT, "no time-out was told"
+        )
+        assert bus.last(rig, "BenchStatus")["CommandTimeouts"] == 1
+        bus.settle()
+        summary = summary_of(gate)
+    assert (summary["received"]["accepted"], summary["command_timeouts"]) == (1, 1)
+    rows = [line.split(",") for line in record.read_text().splitlines()]
+    duty, coast = rows[0].index("left_duty"), rows[0].index("left_coast")
+    driven = [row for row in rows[1:] if float(row[duty]) > 0.0]
+    assert len(driven) <= 31  # three command periods, in the ticks that were made
+    assert driven
+    assert max(float(row[rows[0].index("left_current_a")]) for row in driven) > 0.5
+    assert rows[-1][coast] == "1"
+    assert bus.last(rig, "LeftDrive")["MotorCurrent"] == pytest.approx(0.0, abs=0.05)
+
+
+GARBAGE = {
+    "any identifier": ("-n", "1000"),
+    "29-bit identifiers": ("-e", "-n", "500"),
+    "payloads on the command's": ("-I", "120", "-L", "8", "-n", "500"),
+    "payloads and lengths on the command's": ("-I", "120", "-n", "300"),
+    "remote frames on the command's": ("-I", "120", "-R", "-n", "100"),
+    "payloads on the panel's": ("-I", "7E1", "-L", "8", "-n", "300"),
+}
+
+
+@pytest.mark.parametrize("arguments", GARBAGE.values(), ids=GARBAGE)
+def test_cangen_is_survived_and_counted(bus: Bus, arguments: tuple[str, ...]) -> None:
+    with emulator(bus, "--json") as gate:
+        run("cangen", "vcan0", "-g", "1", *arguments)
+        bus.settle()
+        bus.wait_for_more(GATE, 10)
+        summary = summary_of(gate)
+    sent = int(arguments[-1])
+    counts = summary["received"]
+    assert received(summary) == sent
+    assert counts["accepted"] + counts["foreign"] + summary["rejected_frames"] == sent
+    if "120" in arguments:
+        # A random checksum is right once in 256.
+        assert summary["rejected_frames"] >= 0.9 * sent
+    elif "7E1" not in arguments:
+        assert counts["foreign"] >= 0.9 * sent
+
+
+def test_a_foreign_can_fd_bus_is_driven_by_canplayer(tmp_path: Path, bus: Bus) -> None:
+    database = cantools.database.load_file(FOREIGN.with_name("foreign.dbc"))
+    command = database.get_message_by_name("KlappeSoll")
+    feedback = database.get_message_by_name("KlappeIst")
+    values = {
+        "SpannungLinks": 0.8,
+        "SpannungRechts": 0.8,
+        "BrueckeLinks": "Auf",
+        "BrueckeRechts": "Auf",
+        "Schloss": "Entriegeln",
+    }
+    text = f"{command.frame_id:08X}##1{command.encode(values).hex()}"
+    played = write_log(tmp_path / "commands.log", [text] * 300)
+
+    def angle() -> float:
+        return float(feedback.decode(bus.frames(feedback.frame_id)[-1].payload)["Winkel"])
+
+    with emulator(bus, "--json", "--rig", str(FOREIGN), first=feedback.frame_id) as gate:
+        run("cansend", "vcan0", text)
+        assert angle() == pytest.approx(0.0, abs=0.01)
+        run("canplayer", "-I", str(played))
+        bus.wait_for_more(feedback.frame_id, 40)
+        summary = summary_of(gate)
+    assert summary["received"]["accepted"] == received(summary) == 301
+    assert angle() > 0.05
+    frames = bus.frames(feedback.frame_id)
+    assert len(frames) == summary["frames_sent"]
+    assert all(frame.is_fd and len(frame.payload) == 24 for frame in frames)

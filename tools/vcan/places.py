@@ -1,0 +1,38 @@
+"""Where programs are: installed, or unpacked without root into a folder of our own."""
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+_ADMIN_FOLDERS = ("/usr/sbin", "/sbin")
+
+
+def unpacked_root() -> Path:
+    """The folder for packages that could only be unpacked, not installed."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "liftgate-hil" / "machines"
+
+
+def search_path(path: str) -> str:
+    """A PATH that ends in the folders of `ip` and of what was unpacked."""
+    root = unpacked_root()
+    ours = [root / folder for folder in ("usr/bin", "bin", "usr/sbin", "sbin")]
+    more = [*_ADMIN_FOLDERS, *(str(folder) for folder in ours if folder.is_dir())]
+    return ":".join([path or "/usr/bin:/bin", *more])
+
+
+def environment(base: Mapping[str, str]) -> dict[str, str]:
+    """The command's environment: the caller's, in which unpacked programs and libraries are found."""
+    found = {**base, "PATH": search_path(base.get("PATH", ""))}
+    libraries = [str(folder) for folder in sorted(unpacked_root().glob("usr/lib/*-linux-gnu*"))]
+    libraries += [str(folder) for folder in sorted(unpacked_root().glob("lib/*-linux-gnu*"))]
+    if libraries:
+        earlier = [base["LD_LIBRARY_PATH"]] if base.get("LD_LIBRARY_PATH") else []
+        found["LD_LIBRARY_PATH"] = ":".join([*earlier, *libraries])
+    return found
+
+
+def find_program(name: str) -> str | None:
+    """Its path, or None."""
+    return shutil.which(name, path=search_path(os.environ.get("PATH", "")))
