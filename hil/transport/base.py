@@ -29,7 +29,10 @@ class Transport(Protocol):
     """
 
     name: str
-    is_up: bool
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the link is there, as far as is known."""
 
     def receive(self, timeout: float = 0.0) -> Frames:
         """Frames that have come, at most `capacity` of them; waits up to `timeout` [s] for the first."""

@@ -21,7 +21,7 @@ from hil.config.rig import Rig
 from hil.errors import ConfigError, TransportError
 from hil.transport.base import LinkCounts
 from hil.transport.cobs import Decoder, encode
-from hil.transport.find import check_serial, open_transport
+from hil.transport.find import check_serial, find_way, open_transport
 from hil.transport.serial_open import parse_serial
 from hil.transport.serial_port import CAPACITY, SerialTransport
 
@@ -124,13 +124,13 @@ def flags(**given: Any) -> argparse.Namespace:
 def test_a_rig_with_29_bit_identifiers_is_refused_on_a_serial_line(tmp_path: Path, rig: Rig):
     their = rig_of(tmp_path, EXTENDED_BUS, EXTENDED_RIG)
     with pytest.raises(ConfigError, match=r"their.toml: Long has the 29-bit .*0x18fef100.*11-bit"):
-        open_transport(flags(serial="loop://"), their)
+        find_way(flags(serial="loop://"), their)
     check_serial(rig)
 
 
 def test_one_function_opens_what_the_flags_mean(rig: Rig):
     for given in ({"serial": "loop://"}, {"bus": "virtual:flags"}):
-        transport = open_transport(flags(**given), rig)
+        transport = open_transport(find_way(flags(**given), rig))
         assert isinstance(transport, SerialTransport) == ("serial" in given)
         transport.close()
     with pytest.raises(ConfigError, match="one or the other"):
