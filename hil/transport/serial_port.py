@@ -1,8 +1,9 @@
 """Frames over a serial line: every port that pyserial's serial_for_url takes.
 
 One thread may send while another receives; nothing here waits for the other end. Reading takes what is there.
-Writing gives the port what it has room for; the frames beyond that are dropped whole, and the one that was cut is ended by the zero that the next write begins
-with. A port that vanishes is closed and opened again by a thread, because both can take seconds over a network.
+Writing gives the port what it has room for; the frames beyond that are dropped whole, and the one that was cut
+is ended by the zero that the next write begins with. A port that vanishes is closed and opened again by a thread,
+because both can take seconds over a network.
 """
 
 from __future__ import annotations

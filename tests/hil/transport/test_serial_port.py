@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import serial.rfc2217
-from hil_support import EXTENDED, frames_of, rig_of, rows_of, shipped_rig
+from hil_support import EXTENDED, frames_of, rig_of, rows_of
 from serial_lines import line_of
 from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
@@ -134,7 +134,7 @@ def test_one_function_opens_what_the_flags_mean(rig: Rig):
         assert isinstance(transport, SerialTransport) == ("serial" in given)
         transport.close()
     with pytest.raises(ConfigError, match="one or the other"):
-        open_transport(flags(serial="loop://", bus="virtual:flags"), shipped_rig())
+        find_way(flags(serial="loop://", bus="virtual:flags"), rig)
 
 
 # Frames.
