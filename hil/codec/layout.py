@@ -1,4 +1,4 @@
-"""A database and a mapping, laid out as tables of numbers that the loop can work through.
+"""A database and a mapping, laid out as the tables that the loop can work through.
 
 One row a mapped signal, one row a message. The same tables serve either end of the bus: the emulator receives
 a rig's inputs and sends its outputs, an ECU the other way round.
@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec import checksum
-from hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place, write_number
+from hil.codec.bits import Place, write_number
 from hil.codec.frames import EXTENDED, FD, MAX_BYTES
+from hil.codec.protection import MessageOptions, place_of, protection_row
 from hil.codec.quantities import PANEL, BusQuantity
+from hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, Layout
 from hil.config.toml import Faults
 
 if TYPE_CHECKING:
@@ -33,91 +34,6 @@ class Wire:
     scale: float = 1.0
     offset: float = 0.0
     values: Mapping[str, float | str] | None = None
-
-
-@dataclass(frozen=True)
-class MessageOptions:
-    """What a rig says about a message besides its signals; None: as the database says."""
-
-    cycle_ms: float | None = None
-    timeout_cycles: float = 3.0
-    counter: str | None = None
-    checksum: str | None = None
-    checksum_kind: str = "crc8-sae-j1850"
-
-
-# The tables are arrays of records: few of them, so that passing a layout on costs compiled code little.
-
-# Where a signal's bits lie; the fields of `Place`.
-PLACE = np.dtype(
-    [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
-)
-
-# A mapped signal, under one value of each multiplexer above it.
-SIGNAL = np.dtype(
-    [
-        ("quantity", "i8"),  # index into the quantities
-        ("place", "i8"),  # row in `places`
-        ("selectors_first", "i8"),  # rows in `selectors`, all of which must hold
-        ("selectors_count", "i8"),
-        ("names_first", "i8"),  # rows in `names`
-        ("names_count", "i8"),
-        ("factor", "f8"),  # physical = factor raw + offset
-        ("offset", "f8"),
-        ("scale", "f8"),  # quantity = scale physical + bias
-        ("bias", "f8"),
-        ("low", "f8"),  # allowed physical values
-        ("high", "f8"),
-        ("raw_low", "f8"),  # what fits into the bits and the range
-        ("raw_high", "f8"),
-        ("quantity_low", "f8"),  # allowed values of the quantity
-        ("quantity_high", "f8"),
-    ]
-)
-
-# A multiplexer's value under which a signal is in the frame.
-SELECTOR = np.dtype([("place", "i8"), ("value", "f8")])
-
-# An enumeration's value of ours, and its physical value.
-NAME = np.dtype([("ours", "f8"), ("theirs", "f8")])
-
-MESSAGE = np.dtype(
-    [
-        ("identifier", "i8"),  # with the EXTENDED flag
-        ("fd", "i8"),  # FD or 0
-        ("length", "i8"),  # bytes
-        ("first", "i8"),  # rows in `signals`
-        ("count", "i8"),
-        ("cycle_ns", "i8"),  # 0: not cyclic
-        ("timeout_ns", "i8"),  # 0: never goes stale
-        ("counter", "i8"),  # row in `places` of the alive counter; -1: none
-        ("checksum_kind", "i8"),
-        ("checksum_byte", "i8"),
-    ]
-)
-
-
-class Layout(NamedTuple):
-    """All that is received, or all that is sent: m messages, n signals, ordered by message."""
-
-    messages: Any  # (m,) MESSAGE
-    signals: Any  # (n,) SIGNAL
-    places: Any  # PLACE
-    selectors: Any  # SELECTOR
-    names: Any  # NAME
-    start: NDArray[np.uint8]  # (m, 64) payloads with start values
-
-
-def place_of(signal: Signal) -> Place:
-    """Where a signal's bits lie."""
-    kind = SIGNED if signal.is_signed else UNSIGNED
-    if signal.is_float:
-        kind = FLOAT32 if signal.length == 32 else FLOAT64
-    if signal.byte_order == "little_endian":
-        return Place(signal.start // 8, signal.start % 8, signal.length, 1, kind)
-    # DBC names a Motorola signal's highest bit; count bits from the frame's first to its last.
-    lowest = 8 * (signal.start // 8) + 7 - signal.start % 8 + signal.length - 1
-    return Place(lowest // 8, 7 - lowest % 8, signal.length, -1, kind)
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
@@ -254,6 +170,8 @@ def _is_usable(wire: Wire, signal: Signal, faults: Faults) -> bool:
 def _check_overlap(name: str, wires: Sequence[Wire], own: MessageOptions, faults: Faults) -> None:
     """No two quantities, and no quantity and protection, may be sent in one signal."""
     taken = {own.counter: "the counter", own.checksum: "the checksum"}
+    if own.e2e is not None:
+        taken[own.e2e.nibble] = "the data ID's nibble"
     for wire in wires:
         if wire.signal in taken:
             faults.add(
@@ -328,21 +246,7 @@ def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, faults: Faults
 ) -> dict[str, Any]:
     cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
-    counter = -1
-    kind, checksum_byte = checksum.NONE, -1
-    if options.counter is not None:
-        place = place_of(message.get_signal_by_name(options.counter))
-        counter = tables.add_place(place)
-        if place.length > 32:
-            faults.add(f"messages.{message.name}.counter", "allowed: a signal of up to 32 bits")
-    if options.checksum is not None:
-        place = place_of(message.get_signal_by_name(options.checksum))
-        kind, checksum_byte = checksum.KINDS[options.checksum_kind], place.byte
-        if place.length != 8 or place.shift != 0:
-            faults.add(
-                f"messages.{message.name}.checksum",
-                f"{options.checksum}: allowed: a signal that fills one byte",
-            )
+    row = protection_row(message, options, tables.add_place, faults)
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {
         "identifier": identifier,
@@ -350,9 +254,7 @@ def _message_row(
         "length": message.length,
         "cycle_ns": round(cycle_ms * 1e6),
         "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
-        "counter": counter,
-        "checksum_kind": kind,
-        "checksum_byte": checksum_byte,
+        **row,
     }
 
 

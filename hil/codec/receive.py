@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.codec import sequence
 from hil.codec.bits import extract, place_at, read_number
-from hil.codec.checksum import checksum
+from hil.codec.checksum import checksum, checksum_in
 from hil.codec.frames import ERROR, FD, REMOTE, Frames
-from hil.codec.layout import Layout
+from hil.codec.tables import Layout
 from plant.compiler import compilable
 
 
@@ -28,11 +29,12 @@ class Counts(NamedTuple):
     wrong_length: int
     out_of_range: int  # a value not allowed by the database, the rig or the quantity; not a number
     checksum: int
-    counter: int  # alive counter did not move
+    counter: int  # alive counter did not move, or is out of sequence
+    unqualified: int  # sound, but the E2E state machine is not (yet) VALID
     lost: int  # frames missing between two alive counters (these never came in)
 
 
-NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0)
+NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 # Causes, in the order of Counts' fields.
 (
@@ -44,7 +46,9 @@ NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0)
     OUT_OF_RANGE,
     BAD_CHECKSUM,
     BAD_COUNTER,
-) = range(8)
+    UNQUALIFIED,
+) = range(9)
+LOST = 9
 
 
 class Reception(NamedTuple):
@@ -53,6 +57,7 @@ class Reception(NamedTuple):
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
     counter: NDArray[np.int64]  # per message; -1: not known
+    memory: NDArray[np.int64]  # (messages, sequence.MEMORY)
 
 
 def nothing_received(layout: Layout, quantities: int) -> Reception:
@@ -62,6 +67,7 @@ def nothing_received(layout: Layout, quantities: int) -> Reception:
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
         np.full(messages, -1, dtype=np.int64),
+        np.zeros((messages, sequence.MEMORY), dtype=np.int64),
     )
 
 
@@ -120,8 +126,61 @@ def counter_of(layout: Layout, message: int, data: NDArray[np.uint8], frame: int
 
 
 @compilable
+def nibble_fits(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> bool:
+    """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
+    table = layout.messages[message]
+    if table.nibble < 0:
+        return True
+    sent = read_number(data, frame, place_at(layout.places, table.nibble))
+    return bool(sent == (table.data_ids[0] >> 8) & 15)
+
+
+@compilable
+def check(
+    layout: Layout, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
+) -> tuple[int, int]:
+    """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
+    table = layout.messages[message]
+    memory = current.memory[message]
+    counter = 0
+    if table.counter >= 0:
+        counter = counter_of(layout, message, frames.data, frame)
+    if table.kind and (
+        checksum_in(table, frames.data, frame) != checksum(table, counter, frames.data, frame)
+        or not nibble_fits(layout, message, frames.data, frame)
+    ):
+        if table.window > 0:
+            sequence.next_state(table, memory, sequence.BAD_SUM)
+        return BAD_CHECKSUM, 0
+    if table.counter < 0:
+        return ACCEPTED, 0
+    last = int(current.counter[message])
+    late = 0
+    if table.cycle_ns > 0 and current.seen_ns[message] >= 0:
+        late = max((now_ns - current.seen_ns[message]) // table.cycle_ns - 1, 0)
+    status = sequence.place_in_sequence(table, memory, last, counter, late)
+    if status == sequence.BAD_SUM:
+        return BAD_CHECKSUM, 0
+    current.counter[message] = counter
+    state = sequence.VALID
+    if table.window > 0:
+        state = sequence.next_state(table, memory, status)
+    if status in (sequence.REPEATED, sequence.WRONG):
+        return BAD_COUNTER, 0
+    lost = sequence.missing(last, counter, table.modulus) if last >= 0 else 0
+    if state != sequence.VALID or status == sequence.SYNCHRONISING:
+        return UNQUALIFIED, lost
+    return ACCEPTED, lost
+
+
+@compilable
 def judge(
-    layout: Layout, reception: Reception, frames: Frames, frame: int, taken: NDArray[np.float64]
+    layout: Layout,
+    current: Reception,
+    frames: Frames,
+    frame: int,
+    now_ns: int,
+    taken: NDArray[np.float64],
 ) -> tuple[int, int, int]:
     """(cause, message, frames lost before it); the quantities of a sound frame go to `taken`."""
     identifier = int(frames.identifiers[frame]) & ~FD
@@ -135,26 +194,15 @@ def judge(
     table = layout.messages[message]
     if frames.lengths[frame] != table.length:
         return WRONG_LENGTH, message, 0
-    kind, skip = table.checksum_kind, table.checksum_byte
-    if kind:
-        sum_ = checksum(kind, identifier, frames.data, frame, table.length, skip)
-        if sum_ != frames.data[frame, skip]:
-            return BAD_CHECKSUM, message, 0
-    lost = 0
-    if table.counter >= 0:
-        counter = counter_of(layout, message, frames.data, frame)
-        last = int(reception.counter[message])
-        if counter == last:
-            return BAD_COUNTER, message, 0
-        if last >= 0:
-            lost = (counter - last - 1) & ((1 << layout.places[table.counter].length) - 1)
-    for row in range(table.first, table.first + table.count):
-        if selected(layout, row, frames.data, frame):
-            value = quantity_of(layout, row, frames.data, frame)
-            if np.isnan(value):
-                return OUT_OF_RANGE, message, lost
-            taken[layout.signals[row].quantity] = value
-    return ACCEPTED, message, lost
+    cause, lost = check(layout, current, message, frames, frame, now_ns)
+    if cause == ACCEPTED:
+        for row in range(table.first, table.first + table.count):
+            if selected(layout, row, frames.data, frame):
+                value = quantity_of(layout, row, frames.data, frame)
+                if np.isnan(value):
+                    return OUT_OF_RANGE, message, lost
+                taken[layout.signals[row].quantity] = value
+    return cause, message, lost
 
 
 @compilable
@@ -164,23 +212,17 @@ def receive(
     """Take in frames that have come by `now_ns`; neither argument is changed."""
     if frames.count == 0:
         return reception, counts
-    values = reception.values.copy()
-    seen = reception.seen_ns.copy()
-    counters = reception.counter.copy()
-    current = Reception(values, seen, counters)
+    current = copy_of(reception)
     tally = np.zeros(len(NO_COUNTS), dtype=np.int64)
+    taken = current.values.copy()
     for frame in range(frames.count):
-        taken = values.copy()
-        cause, message, lost = judge(layout, current, frames, frame, taken)
+        taken[:] = current.values
+        cause, message, lost = judge(layout, current, frames, frame, now_ns, taken)
         tally[cause] += 1
+        tally[LOST] += lost
         if cause == ACCEPTED:
-            values[:] = taken
-            seen[message] = now_ns
-        # A frame that came in whole but said something that is not allowed is not a lost one.
-        if cause in (ACCEPTED, OUT_OF_RANGE):
-            tally[8] += lost
-            if layout.messages[message].counter >= 0:
-                counters[message] = counter_of(layout, message, frames.data, frame)
+            current.values[:] = taken
+            current.seen_ns[message] = now_ns
     return current, Counts(
         counts.accepted + int(tally[0]),
         counts.foreign + int(tally[1]),
@@ -190,7 +232,19 @@ def receive(
         counts.out_of_range + int(tally[5]),
         counts.checksum + int(tally[6]),
         counts.counter + int(tally[7]),
-        counts.lost + int(tally[8]),
+        counts.unqualified + int(tally[8]),
+        counts.lost + int(tally[LOST]),
+    )
+
+
+@compilable
+def copy_of(reception: Reception) -> Reception:
+    """A reception that may be written to."""
+    return Reception(
+        reception.values.copy(),
+        reception.seen_ns.copy(),
+        reception.counter.copy(),
+        reception.memory.copy(),
     )
 
 
@@ -204,14 +258,13 @@ def forget_stale(layout: Layout, reception: Reception, now_ns: int) -> tuple[Rec
             stale += 1
     if stale == 0:
         return reception, 0
-    values = reception.values.copy()
-    seen = reception.seen_ns.copy()
-    counters = reception.counter.copy()
+    after = copy_of(reception)
     for message in range(len(layout.messages)):
         table = layout.messages[message]
-        if table.timeout_ns > 0 and 0 <= seen[message] <= now_ns - table.timeout_ns:
-            seen[message] = -1
-            counters[message] = -1
+        if table.timeout_ns > 0 and 0 <= after.seen_ns[message] <= now_ns - table.timeout_ns:
+            after.seen_ns[message] = -1
+            after.counter[message] = -1
+            sequence.forget(after.memory[message])
             for row in range(table.first, table.first + table.count):
-                values[layout.signals[row].quantity] = np.nan
-    return Reception(values, seen, counters), stale
+                after.values[layout.signals[row].quantity] = np.nan
+    return after, stale

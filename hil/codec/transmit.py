@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.codec.bits import FLOAT32, insert, place_at, write_number
-from hil.codec.checksum import checksum
+from hil.codec.checksum import put_checksum
 from hil.codec.frames import MAX_BYTES, Frames
-from hil.codec.layout import Layout
+from hil.codec.tables import Layout
 from plant.compiler import compilable
 
 
@@ -47,15 +47,15 @@ def encode(
         if not np.isnan(value):
             place = place_at(layout.places, signal.place)
             write_number(frames.data, row, place, raw_of(layout, index, value))
+    turn = counter % table.modulus
     if table.counter >= 0:
         place = place_at(layout.places, table.counter)
-        turn = counter & ((1 << place.length) - 1)
         insert(frames.data, row, place.byte, place.shift, place.length, place.stride, turn)
-    kind, skip = table.checksum_kind, table.checksum_byte
-    if kind:
-        frames.data[row, skip] = checksum(
-            kind, table.identifier, frames.data, row, table.length, skip
-        )
+    if table.nibble >= 0:
+        place = place_at(layout.places, table.nibble)
+        write_number(frames.data, row, place, float((table.data_ids[0] >> 8) & 15))
+    if table.kind:
+        put_checksum(table, turn, frames.data, row)
 
 
 @compilable

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.codec.checksum import KINDS
 from hil.codec.frames import EXTENDED
-from hil.codec.layout import Layout, MessageOptions, Wire, build_layout, needs_fd
+from hil.codec.layout import Wire, build_layout, needs_fd
+from hil.codec.protection import MessageOptions
 from hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
+from hil.codec.tables import Layout
+from hil.config.messages import message_options
 from hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
 from hil.data import data_root
 from hil.errors import ConfigError
@@ -80,7 +82,7 @@ def load_rig(path: Path) -> Rig:
         faults.raise_if_any()
     inputs = _wires(faults, raw, "inputs", INPUTS, messages)
     outputs = _wires(faults, raw, "outputs", OUTPUTS, messages)
-    options = _options(faults, raw, messages)
+    options = message_options(faults, raw, messages)
     rig = Rig(
         database or Path(),
         bitrate,
@@ -199,46 +201,6 @@ def _wire(
         faults.add(key, f"{show(name)}: no such signal; allowed: {', '.join(signals)}")
         return None
     return Wire(quantity, message, signal, scale, offset, values)
-
-
-def _options(
-    faults: Faults, raw: Table, messages: Mapping[str, Message]
-) -> dict[str, MessageOptions]:
-    section = table(faults, "messages", raw.get("messages", {}))
-    known_keys(faults, "messages", section, messages)
-    result = {}
-    for name, value in section.items():
-        if name not in messages:
-            continue
-        key = f"messages.{name}"
-        given = table(faults, key, value)
-        known_keys(
-            faults,
-            key,
-            given,
-            ("cycle_ms", "timeout_cycles", "counter", "checksum", "checksum_kind"),
-        )
-        signals = [each.name for each in messages[name].signals]
-        cycle = given.get("cycle_ms")
-        result[name] = MessageOptions(
-            cycle_ms=None
-            if cycle is None
-            else number(faults, f"{key}.cycle_ms", cycle, 0.1, 60_000.0, "ms"),
-            timeout_cycles=number(
-                faults, f"{key}.timeout_cycles", given.get("timeout_cycles", 3.0), 1.0, 1000.0
-            ),
-            counter=_own_signal(faults, f"{key}.counter", given.get("counter"), signals),
-            checksum=_own_signal(faults, f"{key}.checksum", given.get("checksum"), signals),
-            checksum_kind=text(
-                faults, f"{key}.checksum_kind", given.get("checksum_kind", "crc8-sae-j1850"), KINDS
-            )
-            or "none",
-        )
-    return result
-
-
-def _own_signal(faults: Faults, key: str, value: object, signals: list[str]) -> str | None:
-    return None if value is None else text(faults, key, value, signals) or None
 
 
 def _check_whole(faults: Faults, rig: Rig) -> None:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hil.codec.frames import empty_frames
-from hil.codec.layout import Layout
 from hil.codec.quantities import INPUT_INDEX, INPUTS, OUTPUT_INDEX, OUTPUTS
 from hil.codec.receive import NO_COUNTS, nothing_received, receive
+from hil.codec.tables import Layout
 from hil.codec.transmit import encode
 from hil.config.rig import COMMANDS, Rig
 from hil.ecu.controller import Controller, DriveCommand, Feedback

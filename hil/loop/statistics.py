@@ -120,6 +120,8 @@ class Summary:
                 f"overruns {self.overruns}, lateness {told(self.timing.lateness)}",
                 f"tick {told(self.timing.execution)}",
             ]
+        if received.unqualified:
+            lines.append(f"sound, but the E2E state not valid: {received.unqualified} frames")
         delay = self.timing.delay
         if delay.count:
             lines.append(

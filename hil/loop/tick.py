@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.codec.frames import Frames
-from hil.codec.layout import Layout
 from hil.codec.quantities import INPUTS, TIMING
 from hil.codec.receive import (
     NO_COUNTS,
@@ -28,6 +27,7 @@ from hil.codec.receive import (
     receive,
     rejected,
 )
+from hil.codec.tables import Layout
 from hil.codec.transmit import transmit
 from hil.snapshot import Snapshot
 from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present

@@ -13,8 +13,10 @@ from hypothesis import settings
 
 from hil import build
 from hil.codec.frames import EXTENDED, Frames
-from hil.codec.layout import Layout, MessageOptions, Wire, build_layout
+from hil.codec.layout import Wire, build_layout
+from hil.codec.protection import MessageOptions
 from hil.codec.quantities import BusQuantity
+from hil.codec.tables import Layout
 from hil.config.rig import Rig, load_rig
 from hil.config.toml import Faults
 from hil.loop.tick import Bench, LoopState, initial_loop

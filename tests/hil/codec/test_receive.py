@@ -22,7 +22,6 @@ from hil_support import (
 )
 
 from hil.codec.frames import ERROR, EXTENDED, REMOTE
-from hil.codec.layout import Layout
 from hil.codec.quantities import INPUT_INDEX, INPUTS
 from hil.codec.receive import (
     NO_COUNTS,
@@ -33,6 +32,7 @@ from hil.codec.receive import (
     receive,
     rejected,
 )
+from hil.codec.tables import Layout
 from hil.config.rig import Rig
 
 MS = 1_000_000

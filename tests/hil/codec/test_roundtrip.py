@@ -16,9 +16,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hil.codec.frames import EXTENDED, FD, empty_frames
-from hil.codec.layout import Layout, MessageOptions, Wire, raw_range
+from hil.codec.layout import Wire, raw_range
+from hil.codec.protection import MessageOptions
 from hil.codec.quantities import BusQuantity
 from hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
+from hil.codec.tables import Layout
 from hil.codec.transmit import encode, transmit
 from plant.compiler import compiled
 
@@ -263,10 +265,18 @@ def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
     first = Signal("S0", 0, 16, "little_endian", raw_initial=1234)
     second = Signal("S1", 23, 16, "big_endian", is_signed=True, raw_initial=-5)
     message = Message(1, "M", 8, [first, second])
-    payload = put(codec, layout_for(message, sending=True), [NAN, NAN])
-    assert message.decode(payload) == {"S0": 1234, "S1": -5}
-    payload = put(codec, layout_for(message, sending=True), [7.0, NAN])
-    assert message.decode(payload) == {"S0": 7, "S1": -5}
+    layout = layout_for(message, sending=True)
+    assert message.decode(put(codec, layout, [7.0, NAN])) == {"S0": 7, "S1": -5}
+    assert message.decode(put(codec, layout, [NAN, 7.0])) == {"S0": 1234, "S1": 7}
+
+
+def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
+    message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
+    sent = np.zeros(1, dtype=np.int64)
+    frames, after = codec.transmit(
+        layout_for(message, sending=True), np.array([NAN]), sent, 0, 0, True
+    )
+    assert (frames.count, after.tolist()) == (0, [0])
 
 
 @pytest.mark.parametrize(("low", "high"), [(-10, 20), (0, 0), (5, 5)])

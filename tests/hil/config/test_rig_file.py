@@ -64,7 +64,7 @@ def keys_of(faults: list[str]) -> list[str]:
 
 def test_the_shipped_rig_wires_everything_there_is():
     rig = build.rig_from("liftgate")
-    assert (len(rig.inputs), len(rig.outputs)) == (10, 19)
+    assert (len(rig.inputs), len(rig.outputs)) == (10, 28)
     assert rig.command_identifier() == 0x120
     assert rig.command_cycle_ms() == 10.0
     assert not rig.is_fd

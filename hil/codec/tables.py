@@ -1,0 +1,80 @@
+"""The tables that the loop works through: a layout of all that is received, or all that is sent.
+
+They are arrays of records: few of them, so that passing a layout on costs compiled code little.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Where a signal's bits lie; the fields of `Place`.
+PLACE = np.dtype(
+    [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
+)
+
+# A mapped signal, under one value of each multiplexer above it.
+SIGNAL = np.dtype(
+    [
+        ("quantity", "i8"),  # index into the quantities
+        ("place", "i8"),  # row in `places`
+        ("selectors_first", "i8"),  # rows in `selectors`, all of which must hold
+        ("selectors_count", "i8"),
+        ("names_first", "i8"),  # rows in `names`
+        ("names_count", "i8"),
+        ("factor", "f8"),  # physical = factor raw + offset
+        ("offset", "f8"),
+        ("scale", "f8"),  # quantity = scale physical + bias
+        ("bias", "f8"),
+        ("low", "f8"),  # allowed physical values
+        ("high", "f8"),
+        ("raw_low", "f8"),  # what fits into the bits and the range
+        ("raw_high", "f8"),
+        ("quantity_low", "f8"),  # allowed values of the quantity
+        ("quantity_high", "f8"),
+    ]
+)
+
+# A multiplexer's value under which a signal is in the frame.
+SELECTOR = np.dtype([("place", "i8"), ("value", "f8")])
+
+# An enumeration's value of ours, and its physical value.
+NAME = np.dtype([("ours", "f8"), ("theirs", "f8")])
+
+MESSAGE = np.dtype(
+    [
+        ("identifier", "i8"),  # with the EXTENDED flag
+        ("fd", "i8"),  # FD or 0
+        ("length", "i8"),  # bytes
+        ("first", "i8"),  # rows in `signals`
+        ("count", "i8"),
+        ("cycle_ns", "i8"),  # 0: not cyclic
+        ("timeout_ns", "i8"),  # 0: never goes stale
+        ("counter", "i8"),  # row in `places` of the alive counter; -1: none
+        ("modulus", "i8"),  # values that it takes
+        ("kind", "i8"),  # of protection, see checksum.KINDS
+        ("checksum_byte", "i8"),  # its first; -1: none
+        ("data_ids", "i8", (16,)),  # of the E2E profiles: the data ID, in profile 2 the list
+        ("data_id_mode", "i8"),  # of profile 1, see checksum.DATA_ID_MODES
+        ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
+        # Of the E2E state machine, see sequence.py.
+        ("max_delta", "i8"),
+        ("sync", "i8"),
+        ("window", "i8"),  # 0: no state machine
+        ("min_ok", "i8", (3,)),  # in the states INIT, VALID, INVALID
+        ("max_error", "i8", (3,)),
+    ]
+)
+
+
+class Layout(NamedTuple):
+    """All that is received, or all that is sent: m messages, n signals, ordered by message."""
+
+    messages: Any  # (m,) MESSAGE
+    signals: Any  # (n,) SIGNAL
+    places: Any  # PLACE
+    selectors: Any  # SELECTOR
+    names: Any  # NAME
+    start: NDArray[np.uint8]  # (m, 64) payloads with start values

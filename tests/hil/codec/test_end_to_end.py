@@ -1,0 +1,431 @@
+"""AUTOSAR E2E: the sums against the package autosar-e2e, the state machine against its specification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import e2e.p01
+import e2e.p02
+import e2e.p05
+import numpy as np
+import pytest
+from cantools.database.can import Message, Signal
+from hil_support import CALM, FREE, frames_of, rig_of
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hil.codec.layout import Wire, build_layout
+from hil.codec.protection import EndToEnd, MessageOptions
+from hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
+from hil.codec.sequence import INIT, INVALID, NODATA, STATE, VALID
+from hil.codec.tables import Layout
+from hil.codec.transmit import transmit
+from hil.config.toml import Faults
+from hil.errors import ConfigError
+from hil.loop.tick import initial_loop, tick
+from plant.compiler import compiled
+
+MS = 1_000_000
+CYCLE = 10 * MS
+LIST = tuple((37 * i + 11) % 256 for i in range(16))
+
+Sender = Callable[[int, float], bytes]  # counter, value → payload
+
+
+def message_of(profile: str, length: int = 8) -> Message:
+    """CRC and counter where the profile's standard variant has them, then a value."""
+    size = 16 if profile == "e2e-p05" else 8
+    counter = Signal("Counter", size, 8 if profile == "e2e-p05" else 4, "little_endian")
+    signals = [
+        Signal("Crc", 0, size, "little_endian"),
+        counter,
+        Signal("Nibble", 12, 4, "little_endian"),
+        Signal("Value", 24, 16, "little_endian"),
+    ]
+    if profile == "e2e-p05":
+        del signals[2]
+    return Message(0x123, "M", length, signals, cycle_time=10)
+
+
+def layout_of(
+    profile: str, sending: bool = False, length: int = 8, timeout_cycles: float = 3.0, **more: Any
+) -> Layout:
+    message = message_of(profile, length)
+    ids = LIST if profile == "e2e-p02" else (0x1A2B,)
+    nibble = "Nibble" if more.get("data_id_mode") == "nibble" else None
+    options = MessageOptions(
+        timeout_cycles=timeout_cycles,
+        counter="Counter",
+        checksum="Crc",
+        e2e=EndToEnd(profile, ids, nibble=nibble, **more),
+    )
+    faults = Faults("test")
+    layout = build_layout(
+        {"M": message}, [Wire("v", "M", "Value")], {"M": options}, {"v": FREE}, faults, sending
+    )
+    faults.raise_if_any()
+    return layout
+
+
+def theirs(profile: str, mode: str = "both", length: int = 8) -> Sender:
+    """A frame by the package."""
+    modes = {
+        "both": e2e.p01.E2E_P01_DATAID_BOTH,
+        "alternating": e2e.p01.E2E_P01_DATAID_ALT,
+        "low": e2e.p01.E2E_P01_DATAID_LOW,
+        "nibble": e2e.p01.E2E_P01_DATAID_NIBBLE,
+    }
+
+    def send(counter: int, value: float) -> bytes:
+        data = bytearray(length)
+        data[3:5] = int(value).to_bytes(2, "little")
+        if profile == "e2e-p01":
+            data[1] = counter | (0xA0 if mode == "nibble" else 0)
+            e2e.p01.e2e_p01_protect(data, 0x1A2B, data_id_mode=modes[mode], increment_counter=False)
+        elif profile == "e2e-p02":
+            data[1] = counter
+            e2e.p02.e2e_p02_protect(data, bytes(LIST), increment_counter=False)
+        else:
+            data[2] = counter
+            e2e.p05.e2e_p05_protect(data, 0x1A2B, increment_counter=False)
+        return bytes(data)
+
+    return send
+
+
+@pytest.fixture(scope="module", params=["plain", "compiled"])
+def codec(request: pytest.FixtureRequest) -> tuple[Any, Any]:
+    if request.param == "plain":
+        return receive, transmit
+    return compiled(receive), compiled(transmit)
+
+
+VARIANTS = [
+    ("e2e-p01", "both"),
+    ("e2e-p01", "alternating"),
+    ("e2e-p01", "low"),
+    ("e2e-p01", "nibble"),
+    ("e2e-p02", "both"),
+    ("e2e-p05", "both"),
+]
+
+
+@pytest.mark.parametrize(("profile", "mode"), VARIANTS)
+@pytest.mark.parametrize("length", [5, 8, 64])
+def test_what_is_sent_is_what_the_package_makes(
+    codec: tuple[Any, Any], profile: str, mode: str, length: int
+):
+    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
+    layout = layout_of(profile, sending=True, length=length, **more)
+    their = theirs(profile, mode, length)
+    modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
+    sent = np.zeros(1, dtype=np.int64)
+    for number in range(2 * modulus + 3):
+        value = (number * 977) % 65536
+        frames, sent = codec[1](layout, np.array([float(value)]), sent, 0, 0, True)
+        assert frames.data[0, :length].tobytes() == their(number % modulus, value)
+
+
+@pytest.mark.parametrize(("profile", "mode"), VARIANTS)
+def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, mode: str):
+    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
+    layout = layout_of(profile, **more)
+    their = theirs(profile, mode)
+    modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
+    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    for number in range(40):
+        frame = frames_of([(0x123, their(number % modulus, 100 + number))])
+        reception, counts = codec[0](layout, reception, counts, frame, number * CYCLE)
+    # The first shows that there is data, the second is the first of the window.
+    assert counts == NO_COUNTS._replace(accepted=39, unqualified=1)
+    assert reception.values[0] == 139.0
+
+
+@pytest.mark.parametrize(("profile", "mode"), VARIANTS)
+@CALM
+@given(st.integers(0, 63), st.integers(0, 14))
+def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: int):
+    more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
+    layout = layout_of(profile, **more)
+    payload = bytearray(theirs(profile, mode)(counter, 0x1234))
+    payload[bit // 8] ^= 1 << bit % 8
+    reception = nothing_received(layout, 1)
+    _, counts = receive(layout, reception, NO_COUNTS, frames_of([(0x123, bytes(payload))]), 0)
+    assert counts == NO_COUNTS._replace(checksum=1)
+
+
+def test_another_data_id_is_seen():
+    layout = layout_of("e2e-p05")
+    layout.messages.data_ids[0][:] = 0x1A2C
+    frame = frames_of([(0x123, theirs("e2e-p05")(0, 1))])
+    _, counts = receive(layout, nothing_received(layout, 1), NO_COUNTS, frame, 0)
+    assert counts.checksum == 1
+
+
+# The sequence. A run is a list of counters, None for a cycle without a frame, and "x" for a broken one.
+
+Step = int | str | None
+
+
+def run(layout: Layout, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
+    """What became of each frame, and the state after each step."""
+    their = theirs(profile)
+    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    causes, states = [], []
+    for number, step in enumerate(steps):
+        now = number * CYCLE
+        reception, _ = forget_stale(layout, reception, now)
+        before = counts
+        if step is not None:
+            payload = bytearray(their(0 if isinstance(step, str) else step, number))
+            if isinstance(step, str):
+                payload[7] ^= 1
+            frame = frames_of([(0x123, bytes(payload))])
+            reception, counts = receive(layout, reception, counts, frame, now)
+        causes.append(cause_of(before, counts))
+        states.append(int(reception.memory[0, STATE]))
+    return causes, states
+
+
+def cause_of(before: Counts, after: Counts) -> str:
+    changed = [
+        name
+        for name in Counts._fields
+        if name != "lost" and getattr(after, name) != getattr(before, name)
+    ]
+    return changed[0] if changed else ""
+
+
+def test_a_frame_that_comes_twice_is_refused():
+    causes, _ = run(layout_of("e2e-p01"), [0, 1, 1, 2, 2, 3])
+    assert causes == [
+        "unqualified", "accepted", "counter", "accepted", "counter", "accepted",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("allowed", [1, 2, 3])
+@pytest.mark.parametrize("step", [1, 2, 3, 4])
+def test_so_many_lost_frames_are_tolerated_as_the_rig_says(allowed: int, step: int):
+    layout = layout_of("e2e-p05", max_delta=allowed)
+    causes, _ = run(layout, [250, 251, (251 + step) % 256], "e2e-p05")
+    # The step is made within one cycle, so nothing excuses it.
+    assert causes[2] == ("accepted" if step <= allowed else "counter")
+
+
+def test_after_a_wrong_sequence_the_next_frame_counts_from_there():
+    causes, states = run(layout_of("e2e-p01"), [0, 1, 9, 10, 11])
+    assert causes == ["unqualified", "accepted", "counter", "accepted", "accepted"]
+    assert states == [INIT, VALID, INVALID, VALID, VALID]
+
+
+def test_synchronisation_takes_as_many_frames_as_the_rig_says():
+    causes, _ = run(layout_of("e2e-p01", sync=2), [0, 1, 9, 10, 11, 12])
+    assert causes == [
+        "unqualified",
+        "accepted",
+        "counter",
+        "unqualified",
+        "unqualified",
+        "accepted",
+    ]
+
+
+def test_each_cycle_without_a_frame_tolerates_one_more():
+    layout = layout_of("e2e-p01")
+    assert run(layout, [0, 1, 3])[0][-1] == "counter"
+    assert run(layout, [0, 1, None, 3])[0][-1] == "accepted"
+    assert run(layout, [0, 1, None, 4])[0][-1] == "counter"
+
+
+def test_lost_frames_are_counted():
+    layout = layout_of("e2e-p01", max_delta=3)
+    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    for number, counter in enumerate((13, 14, 2, 3)):
+        frame = frames_of([(0x123, theirs("e2e-p01")(counter, 0))])
+        reception, counts = receive(layout, reception, counts, frame, number * CYCLE)
+    assert counts == NO_COUNTS._replace(accepted=3, unqualified=1, lost=2)
+
+
+def test_profile_1_has_no_counter_15():
+    causes, _ = run(layout_of("e2e-p01"), [13, 14, 15, 0])
+    assert causes == ["unqualified", "accepted", "checksum", "accepted"]
+
+
+def test_a_time_out_starts_again_from_nothing():
+    layout = layout_of("e2e-p01")
+    causes, states = run(layout, [0, 1, None, None, None, 7, 8])
+    assert states == [INIT, VALID, VALID, VALID, NODATA, INIT, VALID]
+    assert causes[-2:] == ["unqualified", "accepted"]
+
+
+def reference_states(
+    steps: list[str], window: int, min_ok: tuple[int, ...], max_error: tuple[int, ...]
+) -> list[int]:
+    """E2E_SMCheck as the specification has it: steps are "ok", "error", "other"."""
+    state, held, states = NODATA, [], []
+    for step in steps:
+        if state == NODATA:
+            state = INIT if step != "error" else NODATA
+        else:
+            held = [*held, step][-window:]
+            good, bad = held.count("ok"), held.count("error")
+            passes = [bad <= e and good >= o for o, e in zip(min_ok, max_error, strict=True)]
+            if state == INIT:
+                state = VALID if passes[0] else INVALID if bad > max_error[0] else INIT
+            elif state == VALID:
+                state = VALID if passes[1] else INVALID
+            else:
+                state = VALID if passes[2] else INVALID
+        states.append(state)
+    return states
+
+
+LIMITS = st.tuples(*[st.integers(0, 6)] * 3)
+
+
+@CALM
+@given(
+    st.lists(st.sampled_from(["ok", "error", "other"]), max_size=25),
+    st.integers(1, 6),
+    LIMITS,
+    LIMITS,
+)
+def test_the_state_machine_is_the_specifications(
+    kinds: list[str], window: int, min_ok: tuple[int, int, int], max_error: tuple[int, int, int]
+):
+    layout = layout_of("e2e-p05", window=window, min_ok=min_ok, max_error=max_error)
+    counter, steps, real = 0, [], []
+    for number, kind in enumerate(kinds):
+        if kind == "error":
+            steps.append("x")
+        elif kind == "other" and any(isinstance(each, int) for each in steps):
+            steps.append(counter)  # a repetition
+        else:
+            counter = (counter + 1) % 256
+            steps.append(counter)
+        first = isinstance(steps[-1], int) and not any(isinstance(e, int) for e in steps[:-1])
+        real.append("ok" if kind == "other" and first else kind)
+        assert len(steps) == number + 1
+    # All within one cycle: no time-out comes in between.
+    their = theirs("e2e-p05")
+    reception, counts, states = nothing_received(layout, 1), NO_COUNTS, []
+    for step in steps:
+        payload = bytearray(their(0 if isinstance(step, str) else step, 0))
+        if isinstance(step, str):
+            payload[7] ^= 1
+        frame = frames_of([(0x123, bytes(payload))])
+        reception, counts = receive(layout, reception, counts, frame, 0)
+        states.append(int(reception.memory[0, STATE]))
+    assert states == reference_states(real, window, min_ok, max_error)
+
+
+def test_only_a_valid_state_lets_data_through():
+    limits = {"min_ok": (3, 2, 4), "max_error": (0, 1, 0)}
+    layout = layout_of("e2e-p01", window=4, timeout_cycles=100.0, **limits)
+    causes, states = run(layout, [0, 1, 2, 3, "x", "x", 4, 5, 6, 7, 8])
+    assert states == [INIT, INIT, INIT, VALID, VALID, INVALID, *[INVALID] * 3, VALID, VALID]
+    accepted = [number for number, cause in enumerate(causes) if cause == "accepted"]
+    assert accepted == [3, 9, 10]
+
+
+# The rig.
+
+DATABASE = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Crc : 0|8@1+ (1,0) [0|0] "" Gate
+ SG_ Counter : 8|4@1+ (1,0) [0|0] "" Gate
+ SG_ Nibble : 12|4@1+ (1,0) [0|0] "" Gate
+ SG_ Duty : 16|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ Long : 32|16@1+ (1,0) [0|0] "" Gate
+BO_ 257 Out: 8 Gate
+ SG_ Crc : 0|16@1+ (1,0) [0|0] "" ECU
+ SG_ Counter : 16|8@1+ (1,0) [0|0] "" ECU
+ SG_ Current : 24|16@1- (0.01,0) [0|0] "A" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 256 10;
+BA_ "GenMsgCycleTime" BO_ 257 10;
+"""
+
+RIG = """dbc = "their.dbc"
+[inputs]
+left_duty = "Cmd.Duty"
+[outputs]
+left_current = "Out.Current"
+[messages.Cmd]
+protection = "e2e-p01"
+counter = "Counter"
+checksum = "Crc"
+data_id = 0x0107
+data_id_mode = "nibble"
+data_id_nibble = "Nibble"
+max_delta_counter = 2
+sync_counter = 1
+state_machine = { window = 3, min_ok_init = 2, max_error_valid = 1 }
+[messages.Out]
+protection = "e2e-p05"
+counter = "Counter"
+checksum = "Crc"
+data_id = 0xBEEF
+"""
+
+
+def test_a_rig_protects_both_ways(tmp_path: Path):
+    from hil import build
+    from hil.stimulus import no_program
+    from plant.dynamics import initial_state
+
+    rig = rig_of(tmp_path, DATABASE, RIG)
+    bench = build.bench_of(build.vehicle_from("suv"), rig, no_program(), 1000.0, 0)
+    state = initial_loop(bench, initial_state(bench.plant))
+    replies = []
+    for number in range(60):
+        rows = []
+        if number % 10 == 0:
+            data = bytearray(8)
+            data[1] = number // 10 | 0x10
+            data[2:4] = (5000).to_bytes(2, "little")
+            e2e.p01.e2e_p01_protect(
+                data, 0x0107, data_id_mode=e2e.p01.E2E_P01_DATAID_NIBBLE, increment_counter=False
+            )
+            rows = [(0x100, bytes(data))]
+        state, frames, _ = tick(bench, state, frames_of(rows), 1, False)
+        replies += [frames.data[row, :8].tobytes() for row in range(frames.count)]
+    assert state.counts == NO_COUNTS._replace(accepted=4, unqualified=2)
+    assert state.plant.left.current > 0.5
+    assert len(replies) == 6
+    assert all(e2e.p05.e2e_p05_check(reply, 0xBEEF) for reply in replies)
+    assert [reply[2] for reply in replies] == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"e2e-p01"', '"e2e-p7"', "protection.*e2e-p7.*simple, e2e-p01"),
+        ("data_id = 0x0107", "data_id = 70000", r"data_id: 70000; allowed: .*0 to 65535"),
+        ("data_id = 0x0107", "", "data_id: .*allowed"),
+        ("data_id = 0x0107", "data_id_list = [1]", "data_id_list: e2e-p01 has none"),
+        ('"nibble"', '"odd"', "data_id_mode"),
+        ('"nibble"', '"low"', "data_id_nibble: allowed"),
+        ('data_id_nibble = "Nibble"', 'data_id_nibble = "Long"', "Long: allowed: .*4 bits"),
+        ('counter = "Counter"\nchecksum = "Crc"\ndata_id = 0x', 'checksum = "Crc"\ndata_id = 0x',
+         "counter: missing"),
+        ('checksum = "Crc"\ndata_id = 0x0', 'checksum = "Long"\ndata_id = 0x0', "fills one byte"),
+        ("window = 3", "window = 33", "window: 33; allowed: .*1 to 32"),
+        ("window = 3", "window = true", "window"),
+        ("min_ok_init = 2", "min_ok_init = 4", "min_ok_init: 4; allowed: .*0 to 3"),
+        ("min_ok_init = 2", "min_okay = 2", "min_okay"),
+        ("max_delta_counter = 2", "max_delta_counter = 15", "max_delta_counter: 15"),
+        ('data_id = 0xBEEF', 'data_id = 1\nchecksum_kind = "xor8"', "checksum_kind: e2e-p05 has"),
+        ('"e2e-p05"', '"e2e-p02"', r"data_id_list: .*16 whole numbers"),
+        ('"e2e-p05"', '"simple"', "data_id: allowed with protection"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_profile_is_told(tmp_path: Path, old: str, new: str, said: str):
+    assert old in RIG
+    with pytest.raises(ConfigError, match=said):
+        rig_of(tmp_path, DATABASE, RIG.replace(old, new, 1))
