@@ -43,7 +43,7 @@ lint: setup
 	$(BIN)/lint-imports
 
 bench: setup
-	$(BIN)/python -m tools.benchmark
+	$(BIN)/python -m tools.benchmark --output docs
 
 clean:
 	rm -rf $(VENV) $(OUT)

@@ -1,16 +1,8 @@
-"""What a step, a tick, a simulation and a start cost: `make bench`, or python -m tools.benchmark [--json].
-
-Every figure is the median of several rounds in one run; absolute times are this machine's at this moment, the
-ratios hold further. Nothing here passes or fails.
-"""
+"""What a step, a tick, a simulation and a start cost. Every figure is the median of several rounds in one run."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import math
-import os
-import platform
+import socket
 import statistics
 import subprocess
 import sys
@@ -18,11 +10,26 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil import build
-from hil.codec.frames import empty_frames
+from hil.codec.frames import Frames, empty_frames
+from hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
+from hil.loop.hard import (
+    Course,
+    Room,
+    clock_ns,
+    make_room,
+    note_frames,
+    note_snapshot,
+    receive,
+    send,
+)
+from hil.loop.histogram import BINS, note, upper_end
+from hil.loop.shared import Memory, Shared
 from hil.loop.tick import Bench, LoopState, initial_loop, tick
 from hil.transport.can_bus import CanTransport
 from plant import integrate
@@ -63,6 +70,84 @@ def empty(capacity: int):  # type: ignore[no-untyped-def]
 
 
 frames_type = type(empty_frames(1))
+
+
+@compilable
+def hot_ticks(
+    bench: Bench,
+    start: LoopState,
+    course: Course,
+    shared: Shared,
+    room: Room,
+    peer: Peer,
+    histogram: NDArray[np.int64],
+    count: int,
+) -> LoopState:
+    """Ticks one after the other, each with a command to read and its feedback to send, as in `run_hard`. Only
+    these are timed, not what the other end does.
+    """
+    state = start
+    for number in range(count):
+        write_frames(peer.descriptor, peer.buffers, peer.command)
+        begin = clock_ns(1, room)
+        frames = receive(shared, course, room, begin)
+        state, replies, snapshot = tick(bench, state, frames, 1, False)
+        send(shared, course, room, replies)
+        note_frames(shared, frames, room.stamps, 0, begin)
+        note_snapshot(shared, snapshot)
+        if number > 100:
+            note(histogram, clock_ns(1, room) - begin)
+        read_frames(peer.descriptor, peer.buffers, peer.room, peer.stamps)
+    return state
+
+
+class Peer(NamedTuple):
+    """The other end of the socket pair."""
+
+    descriptor: int
+    buffers: Buffers
+    command: Frames
+    room: Frames
+    stamps: NDArray[np.int64]
+
+
+def hot_tick(share: float) -> float:
+    """Seconds of a tick with its socket I/O that a share of the ticks does not exceed; median of the rounds."""
+    rig = build.rig_from("liftgate")
+    bench = build.bench_of(
+        build.vehicle_from("suv"), rig, build.scenario_from(None).program, 1000.0, 0
+    )
+    # The two drives and the gate, every tick; a command without a counter, so that each is taken.
+    bench.outputs.messages.cycle_ns[:] = [bench.step_ns] * 3 + [0] * (
+        len(bench.outputs.messages) - 3
+    )
+    bench.inputs.messages.counter[:] = -1
+    bench.inputs.messages.kind[:] = 0
+    state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
+    command = empty_frames(1)._replace(count=1)
+    command.identifiers[0], command.lengths[0] = rig.command_identifier(), 8
+    payload = rig.messages["DriveCommand"].encode(
+        {"LeftDuty": 60, "RightDuty": 60, "LeftDirection": 1, "RightDirection": 1,
+         "LatchRelease": 1, "AliveCounter": 0, "Checksum": 0}
+    )  # fmt: skip
+    command.data[0, :8] = np.frombuffer(payload, np.uint8)
+    memory = Memory(4096, 65536)
+    run = compiled(hot_ticks)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    values = []
+    with ours, theirs:
+        course = Course(ours.fileno(), 0, 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
+        peer = Peer(
+            theirs.fileno(), make_buffers(), command, empty_frames(8), np.zeros(8, dtype=np.int64)
+        )
+        for round_ in range(ROUNDS + 1):
+            histogram = np.zeros(BINS, dtype=np.int64)
+            run(bench, state, course, memory.shared, make_room(), peer, histogram, 20_000)
+            if round_:  # the first compiles
+                total = np.cumsum(histogram)
+                values.append(upper_end(int(np.searchsorted(total, share * total[-1]))) * 1e-9)
+    memory.close()
+    return statistics.median(values)
 
 
 def per_call(action: Callable[[], object], count: int) -> float:
@@ -125,6 +210,8 @@ def measure() -> dict[str, float]:
 
     figures["tick, compiled, called from Python"] = per_call(called, 5000)
 
+    figures["hot tick with one socket read and one write of three frames"] = hot_tick(0.5)
+    figures["the same, 99 % of the ticks"] = hot_tick(0.99)
     with_bus = portable_tick(one_tick, bench, loop_state)
     figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(5000), 5000)
 
@@ -155,38 +242,3 @@ def portable_tick(
             transport.send(replies)  # type: ignore[arg-type]
 
     return run
-
-
-def machine() -> str:
-    """What this was measured on."""
-    model = platform.processor()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        model = names[0].partition(":")[2].strip() if names else model
-    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"
-
-
-def main() -> None:
-    """Entry point."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true")
-    args = parser.parse_args()
-    figures = measure()
-    if args.json:
-        print(json.dumps({"machine": machine(), "figures": figures}))
-        return
-    print(machine())
-    for name, value in figures.items():
-        if "times real time" in name:
-            print(f"{name:<52} {value:12.0f} x")
-            continue
-        exponent = min(3, max(0, -math.floor(math.log10(value) / 3.0)))
-        unit = ("s", "ms", "µs", "ns")[exponent]
-        print(f"{name:<52} {value * 1000.0**exponent:12.1f} {unit}")
-    ratio = figures["step, plain Python"] / figures["step, compiled, in a loop"]
-    print(f"{'compiled step against plain Python':<52} {ratio:12.0f} x faster")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,157 @@
+"""The figures of this machine: python -m tools.benchmark [--output FOLDER] [--rounds N] [--seconds S].
+
+Writes benchmark.md and benchmark.png. Ratios were measured side by side in one run and hold further; absolute
+times are this machine's at this moment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import platform
+import sys
+from pathlib import Path
+
+from tools.benchmark import costs, lateness
+from tools.benchmark.lateness import Pairs
+from tools.twin.build import compare
+
+STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
+
+
+def machine() -> list[str]:
+    """What this was measured on."""
+    model, flags = platform.processor(), ""
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = info.read_text().splitlines()
+        model = next(
+            (x.partition(":")[2].strip() for x in lines if x.startswith("model name")), model
+        )
+        flags = next((x for x in lines if x.startswith("flags")), "")
+    where = "virtual machine" if " hypervisor" in flags else "no hypervisor"
+    return [
+        f"{model}, {os.cpu_count()} CPUs, {where}",
+        f"{platform.system()} {platform.release()} {platform.version()}",
+        f"Python {platform.python_version()}, numba {__import__('numba').__version__}",
+    ]
+
+
+def shown(seconds: float) -> str:
+    """A time with its unit."""
+    unit = list(STEPS)[min(3, max(0, -math.floor(math.log10(seconds) / 3.0)))]
+    return f"{seconds * STEPS[unit]:.1f} {unit}"
+
+
+def lateness_table(pairs: list[Pairs]) -> list[str]:
+    """Ratios first."""
+    lines = [
+        "| | p50, ratio | p99, ratio | missed, ours : cyclictest's | p50 µs | p99 µs | p99.9 µs | max µs "
+        "| stolen ms |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for pair in pairs:
+        p50, p99, p999, top = (pair.medians(share) for share in (0.5, 0.99, 0.999, 1.0))
+        missed, stolen = pair.missed(), pair.stolen()
+        lines.append(
+            f"| {pair.condition} | **{p50[2]:.2f}** | **{p99[2]:.2f}** | {missed[0]} : {missed[1]} "
+            + "".join(f"| {ours:.0f} : {theirs:.0f} " for ours, theirs, _ in (p50, p99, p999, top))
+            + f"| {stolen[0]:.0f} : {stolen[1]:.0f} |"
+        )
+    return lines
+
+
+def plot(path: Path, pairs: list[Pairs]) -> None:
+    """Share of wake-ups that are later, over lateness."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    figure, panels = plt.subplots(2, 3, figsize=(13, 7), sharex=True, sharey=True)
+    for panel, pair in zip(panels.T.flat, pairs, strict=True):
+        for runs, label, colour in (
+            (pair.ours, "liftgate-hil", "C0"),
+            (pair.theirs, "cyclictest", "C1"),
+        ):
+            for number, run in enumerate(runs):
+                later = 1.0 - np.cumsum(run.number) / run.number.sum()
+                panel.step(
+                    run.late_us, np.maximum(later, 1e-6), where="post", color=colour,
+                    alpha=0.5, linewidth=1.0, label=label if number == 0 else None,
+                )  # fmt: skip
+        panel.set(title=str(pair.condition), xscale="log", yscale="log", xlim=(5, 2e4))
+        panel.set_ylim(1e-5, 1.0)
+        panel.grid(alpha=0.3)
+    panels[0, 0].legend()
+    figure.supxlabel("lateness of a wake-up [µs]")
+    figure.supylabel("share of wake-ups that are later")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog="python -m tools.benchmark", description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("docs"), metavar="FOLDER")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each run of the lateness")
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    text = ["# Benchmark", "", "Made by `make bench` on", "", *(f"- {x}" for x in machine()), ""]
+
+    figures = costs.measure()
+    twin = compare()
+    text += [
+        "## Cost",
+        "",
+        "| compiled step against its C twin (`gcc -O2`) | ratio | compiled | C |",
+        "|---|---|---|---|",
+        *(
+            f"| {name} | **{each.ratio:.2f}** | {shown(each.compiled)} | {shown(each.twin)} |"
+            for name, each in twin.items()
+        ),
+        "",
+        "| | |",
+        "|---|---|",
+    ]
+    for name, value in figures.items():
+        told = f"{value:.0f} ×" if "times real time" in name else shown(value)
+        text.append(f"| {name} | {told} |")
+    hot = figures["hot tick with one socket read and one write of three frames"]
+    text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
+
+    if lateness.available():
+        pairs, run = lateness.measure(args.rounds, args.seconds)
+        text += [
+            "## Lateness, paired with cyclictest",
+            "",
+            f"{args.rounds} rounds of {args.seconds:g} s each, in turns; medians of the rounds, missed and "
+            "stolen are sums. Where two figures stand, ours comes first. Loaded: two busy processes, and a "
+            "busy pure-Python thread in the loop's own process. Stolen: what the hypervisor took from all "
+            "CPUs meanwhile; p99.9 and beyond are mostly that.",
+            "",
+            *lateness_table(pairs),
+            "",
+            "![Share of wake-ups later than a time, ours and cyclictest's](benchmark.png)",
+            "",
+            "## Command to feedback",
+            "",
+            "From a command on the wire to the first feedback frame with the motor current that shows it, "
+            "at 1 kHz and a feedback cycle of 5 ms, loaded:",
+            "",
+            f"- {run.summary().lines()[-1]}",
+            "",
+        ]
+        plot(args.output / "benchmark.png", pairs)
+    else:
+        print("no cyclictest: apt-get install rt-tests", file=sys.stderr)
+    (args.output / "benchmark.md").write_text("\n".join(text), encoding="utf-8")
+    print("\n".join(text))
+
+
+if __name__ == "__main__":
+    main()

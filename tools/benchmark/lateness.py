@@ -1,0 +1,240 @@
+"""How late the ticks are, side by side with cyclictest (Debian rt-tests): the same priority, CPU and load,
+alternately in one run.
+
+Both sleep to absolute deadlines and skip the periods that they miss, so both are counted alike: a wake-up later
+than n periods misses n of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import build
+from hil.loop.histogram import upper_end
+from hil.loop.priority import PRIORITY, Realtime, best_cpu
+from hil.loop.realtime import RealtimeRun, memory_for
+from hil.loop.shared import LATENESS
+from hil.loop.tick import initial_loop
+from hil.transport.base import LinkCounts
+from plant.dynamics import initial_state
+
+_BINS_US = 50_000  # of cyclictest's histogram
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One line of the table."""
+
+    rate: float
+    fifo: bool
+    loaded: bool
+
+    def __str__(self) -> str:
+        policy = f"FIFO {PRIORITY}" if self.fifo else "SCHED_OTHER"
+        return f"{self.rate:.0f} Hz, {policy}, {'loaded' if self.loaded else 'idle'}"
+
+
+CONDITIONS = (
+    Condition(1000.0, True, False),
+    Condition(1000.0, True, True),
+    Condition(10_000.0, True, False),
+    Condition(10_000.0, True, True),
+    Condition(1000.0, False, False),
+    Condition(1000.0, False, True),
+)
+
+
+@dataclass
+class Times:
+    """Wake-ups of one run: lateness [µs] and how often it was that."""
+
+    late_us: NDArray[np.float64]
+    number: NDArray[np.int64]
+    missed: int
+    stolen_ms: float
+
+    def quantile(self, share: float) -> float:
+        """Lateness [µs] that a share of the wake-ups does not exceed."""
+        total = np.cumsum(self.number)
+        return float(self.late_us[int(np.searchsorted(total, share * total[-1]))])
+
+
+@dataclass
+class Pairs:
+    """Runs of ours and of cyclictest's, round by round."""
+
+    condition: Condition
+    ours: list[Times] = field(default_factory=list)
+    theirs: list[Times] = field(default_factory=list)
+
+    def medians(self, share: float) -> tuple[float, float, float]:
+        """(ours, theirs, ratio): medians of the rounds; the ratio's is that of each round's own."""
+        mine = [run.quantile(share) for run in self.ours]
+        other = [run.quantile(share) for run in self.theirs]
+        ratios = [a / b for a, b in zip(mine, other, strict=True)]
+        return tuple(statistics.median(each) for each in (mine, other, ratios))  # type: ignore[return-value]
+
+    def missed(self) -> tuple[int, int]:
+        """Periods missed in all rounds."""
+        return sum(run.missed for run in self.ours), sum(run.missed for run in self.theirs)
+
+    def stolen(self) -> tuple[float, float]:
+        """Ms that the hypervisor took in all rounds, from all CPUs."""
+        return sum(run.stolen_ms for run in self.ours), sum(run.stolen_ms for run in self.theirs)
+
+
+class PairLine:
+    """A wire to a process of our own; see hil.transport.base.Line."""
+
+    name = "socket pair"
+
+    def __init__(self) -> None:
+        self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.descriptor = self._ours.fileno()
+        self._peer = subprocess.Popen(
+            [sys.executable, "-m", "tools.benchmark.peer", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+        )
+        theirs.close()
+
+    def watch(self) -> str | None:
+        """Nothing happens to it."""
+        return None
+
+    def counts(self) -> LinkCounts:
+        """No faults."""
+        return LinkCounts()
+
+    def close(self) -> None:
+        """End the peer."""
+        self._ours.close()
+        self._peer.kill()
+        self._peer.wait()
+
+
+def stolen_ms() -> float:
+    """Time that the hypervisor gave to others so far, all CPUs (proc(5): the eighth figure, in 10 ms)."""
+    first = Path("/proc/stat").read_text().splitlines()[0].split()
+    return 10.0 * float(first[8])
+
+
+@contextlib.contextmanager
+def load(is_on: bool) -> Iterator[None]:
+    """Two busy processes, and a busy pure-Python thread in this one."""
+    if not is_on:
+        yield
+        return
+    stop = threading.Event()
+
+    def burn() -> None:
+        while not stop.is_set():
+            pass
+
+    thread = threading.Thread(target=burn)
+    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+
+
+def our_run(condition: Condition, seconds: float) -> tuple[Times, RealtimeRun]:
+    """The emulator's own loop, with commands that come and feedback that goes."""
+    vehicle, rig = build.vehicle_from("suv"), build.rig_from("liftgate")
+    bench = build.bench_of(vehicle, rig, build.scenario_from(None).program, condition.rate, 0)
+    memory = memory_for(condition.rate)
+    line = PairLine()
+    run = RealtimeRun(
+        bench,
+        initial_loop(bench, initial_state(bench.plant, 0.0, latched=True)),
+        line,
+        memory,
+        rig,
+        rig.bitrate,
+        10**10,
+        print,
+        realtime=Realtime() if condition.fifo else None,
+    )
+    try:
+        run.begin()
+        before = stolen_ms()
+        run.run(int(seconds * condition.rate), lambda: False)
+        after = stolen_ms()
+    finally:
+        line.close()
+        memory.close()
+    number = memory.shared.histograms[LATENESS].copy()
+    late = np.array([upper_end(row) * 1e-3 for row in range(len(number))])
+    return Times(late, number, run.state.overruns, after - before), run
+
+
+def cyclictest_run(condition: Condition, seconds: float) -> Times:
+    """cyclictest, with the same period, policy, priority and CPU."""
+    period = round(1e6 / condition.rate)
+    policy = ["-p", str(PRIORITY)] if condition.fifo else ["--policy=other"]
+    affinity = ["-a", str(best_cpu())] if condition.fifo else []
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.json"
+        command = [
+            "cyclictest", "-q", "-m", "-t", "1", *policy, *affinity, "-i", str(period),
+            "-l", str(int(seconds * condition.rate)), "-h", str(_BINS_US), f"--json={report}",
+        ]  # fmt: skip
+        before = stolen_ms()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=60 + 10 * seconds)
+        after = stolen_ms()
+        thread = json.loads(report.read_text())["thread"]["0"]
+    histogram = {int(late): int(number) for late, number in thread["histogram"].items()}
+    over = int(thread["cycles"]) - sum(histogram.values())
+    if over > 0:
+        histogram[int(thread["max"])] = over
+    late = np.array(sorted(histogram), dtype=np.float64)
+    number = np.array([histogram[int(each)] for each in late], dtype=np.int64)
+    missed = int(np.sum(late // period * number))
+    return Times(late, number, missed, after - before)
+
+
+def available() -> bool:
+    """Whether there is a cyclictest to compare with."""
+    return shutil.which("cyclictest") is not None
+
+
+def measure(rounds: int, seconds: float) -> tuple[list[Pairs], RealtimeRun]:
+    """All conditions; the last run of the first shows the delay from command to feedback."""
+    result = []
+    shown: RealtimeRun | None = None
+    for condition in CONDITIONS:
+        pairs = Pairs(condition)
+        with load(condition.loaded):
+            for number in range(rounds):
+                # In turns, so that what drifts takes from both alike.
+                for ours in (True, False) if number % 2 else (False, True):
+                    if ours:
+                        times, run = our_run(condition, seconds)
+                        pairs.ours.append(times)
+                        if condition == CONDITIONS[1]:
+                            shown = run
+                    else:
+                        pairs.theirs.append(cyclictest_run(condition, seconds))
+        result.append(pairs)
+        print(f"  {condition}", file=sys.stderr, flush=True)
+    assert shown is not None
+    return result, shown

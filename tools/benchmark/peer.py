@@ -1,0 +1,52 @@
+"""The other end of a benchmark's wire, a process of its own: a command every 10 ms; reads what comes.
+
+python -m tools.benchmark.peer DESCRIPTOR
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+import time
+
+from hil import build
+from hil.codec.checksum import put_checksum
+from hil.codec.frames import empty_frames
+
+PERIOD = 0.010
+
+
+def main() -> None:
+    """Until the other end is closed."""
+    rig = build.rig_from("liftgate")
+    message = rig.messages["DriveCommand"]
+    table = rig.input_layout().messages[0]
+    frames = empty_frames(1)
+    wire = socket.socket(fileno=int(sys.argv[1]))
+    wire.setblocking(False)
+    counter = 0
+    following = time.monotonic()
+    while True:
+        payload = message.encode(
+            {"LeftDuty": 50, "RightDuty": 50, "LeftDirection": 1, "RightDirection": 1,
+             "LatchRelease": 1, "AliveCounter": counter % 16, "Checksum": 0}
+        )  # fmt: skip
+        frames.data[0, :8] = list(payload)
+        put_checksum(table, counter % 16, frames.data, 0)
+        try:
+            wire.send(struct.pack("<IB3x8s", 0x120, 8, frames.data[0, :8].tobytes()))
+            counter += 1
+            while wire.recv(80):
+                pass
+            return
+        except BlockingIOError:
+            pass
+        except OSError:
+            return
+        following = max(following + PERIOD, time.monotonic())
+        time.sleep(max(0.0, following - time.monotonic()))
+
+
+if __name__ == "__main__":
+    main()
