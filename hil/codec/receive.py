@@ -48,7 +48,6 @@ NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     BAD_COUNTER,
     UNQUALIFIED,
 ) = range(9)
-LOST = 9
 
 
 class Reception(NamedTuple):
@@ -180,9 +179,11 @@ def judge(
     frames: Frames,
     frame: int,
     now_ns: int,
-    taken: NDArray[np.float64],
+    read: NDArray[np.float64],
 ) -> tuple[int, int, int]:
-    """(cause, message, frames lost before it); the quantities of a sound frame go to `taken`."""
+    """(cause, message, frames lost before it). What checksum and counter say is noted in `current`; what the
+    signals say goes to `read`, by their rows, NaN for one that is not in the frame.
+    """
     identifier = int(frames.identifiers[frame]) & ~FD
     if identifier & ERROR:
         return ERROR_FRAME, -1, 0
@@ -197,12 +198,38 @@ def judge(
     cause, lost = check(layout, current, message, frames, frame, now_ns)
     if cause == ACCEPTED:
         for row in range(table.first, table.first + table.count):
+            read[row] = np.nan
             if selected(layout, row, frames.data, frame):
-                value = quantity_of(layout, row, frames.data, frame)
-                if np.isnan(value):
+                read[row] = quantity_of(layout, row, frames.data, frame)
+                if np.isnan(read[row]):
                     return OUT_OF_RANGE, message, lost
-                taken[layout.signals[row].quantity] = value
     return cause, message, lost
+
+
+@compilable
+def take(layout: Layout, current: Reception, message: int, read: NDArray[np.float64]) -> None:
+    """The quantities of a frame that was judged to be sound."""
+    table = layout.messages[message]
+    for row in range(table.first, table.first + table.count):
+        if not np.isnan(read[row]):
+            current.values[layout.signals[row].quantity] = read[row]
+
+
+@compilable
+def counted(counts: Counts, cause: int, lost: int) -> Counts:
+    """One frame more."""
+    return Counts(
+        counts.accepted + int(cause == ACCEPTED),
+        counts.foreign + int(cause == FOREIGN),
+        counts.error + int(cause == ERROR_FRAME),
+        counts.remote + int(cause == REMOTE_FRAME),
+        counts.wrong_length + int(cause == WRONG_LENGTH),
+        counts.out_of_range + int(cause == OUT_OF_RANGE),
+        counts.checksum + int(cause == BAD_CHECKSUM),
+        counts.counter + int(cause == BAD_COUNTER),
+        counts.unqualified + int(cause == UNQUALIFIED),
+        counts.lost + lost,
+    )
 
 
 @compilable
@@ -213,28 +240,14 @@ def receive(
     if frames.count == 0:
         return reception, counts
     current = copy_of(reception)
-    tally = np.zeros(len(NO_COUNTS), dtype=np.int64)
-    taken = current.values.copy()
+    read = np.empty(len(layout.signals))
     for frame in range(frames.count):
-        taken[:] = current.values
-        cause, message, lost = judge(layout, current, frames, frame, now_ns, taken)
-        tally[cause] += 1
-        tally[LOST] += lost
+        cause, message, lost = judge(layout, current, frames, frame, now_ns, read)
+        counts = counted(counts, cause, lost)
         if cause == ACCEPTED:
-            current.values[:] = taken
+            take(layout, current, message, read)
             current.seen_ns[message] = now_ns
-    return current, Counts(
-        counts.accepted + int(tally[0]),
-        counts.foreign + int(tally[1]),
-        counts.error + int(tally[2]),
-        counts.remote + int(tally[3]),
-        counts.wrong_length + int(tally[4]),
-        counts.out_of_range + int(tally[5]),
-        counts.checksum + int(tally[6]),
-        counts.counter + int(tally[7]),
-        counts.unqualified + int(tally[8]),
-        counts.lost + int(tally[LOST]),
-    )
+    return current, counts
 
 
 @compilable

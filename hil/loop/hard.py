@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from hil.codec.transmit import room_for
 from hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from hil.loop.histogram import note
 from hil.loop.shared import DELAY, EXECUTION, LATENESS, Shared
-from hil.loop.tick import Bench, LoopState, tick
+from hil.loop.tick import Bench, LoopState, tick_into
 from hil.snapshot import Snapshot
 from plant.compiler import System, compilable
 
@@ -173,7 +174,8 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
     for i in range(replies.count):
         one.identifiers[0] = replies.identifiers[i]
         one.lengths[0] = replies.lengths[i]
-        one.data[0, :] = replies.data[i, :]
+        for k in range(replies.lengths[i]):
+            one.data[0, k] = replies.data[i, k]
         while True:
             written = write_frames(course.descriptor, room.writing, one)
             now = clock_ns(_MONOTONIC, room)
@@ -226,6 +228,7 @@ def run_hard(
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
     now_stamps = np.zeros(len(bench.outputs.messages), dtype=np.int64)
+    out = room_for(bench.outputs)
     none = Frames(0, room.identifiers, room.lengths, room.data)
     stopping = False
     while not stopping:
@@ -244,7 +247,7 @@ def run_hard(
             frames = receive(shared, course, room, woken)
 
         accepted = state.counts.accepted
-        state, replies, snapshot = tick(bench, state, frames, steps, stopping)
+        state, replies, snapshot = tick_into(bench, state, frames, steps, stopping, out)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, course.command)
         note_frames(shared, frames, room.stamps, course.start_ns, woken)

@@ -28,7 +28,7 @@ from hil.codec.receive import (
     rejected,
 )
 from hil.codec.tables import Layout
-from hil.codec.transmit import transmit
+from hil.codec.transmit import room_for, transmit
 from hil.snapshot import Snapshot
 from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present
 from plant import dynamics, integrate, sensors
@@ -185,42 +185,44 @@ def bus_values(
     """The outputs, in the order of quantities.OUTPUTS."""
     left_a, left_b = sensors.hall_signals(sensed.left_count)
     right_a, right_b = sensors.hall_signals(sensed.right_count)
-    return np.array(
-        [
-            sensed.left_current,
-            sensed.right_current,
-            float(sensed.left_count),
-            float(sensed.right_count),
-            float(sensed.left_hall_speed),
-            float(sensed.right_hall_speed),
-            sensed.gate_angle_deg,
-            sensed.latched,
-            sensed.terminal_voltage,
-            sensed.ambient_temperature,
-            sensed.left_motor_temperature,
-            sensed.right_motor_temperature,
-            sensed.road_slope_deg,
-            sensed.gate_acceleration,
-            pinch_force,
-            float(overruns),
-            float(timeouts),
-            float(refused),
-            float(state),
-            timing[0],
-            timing[1],
-            timing[2],
-            timing[3],
-            timing[4],
-            timing[5],
-            timing[6],
-            timing[7],
-            timing[8],
-            float(left_a),
-            float(left_b),
-            float(right_a),
-            float(right_b),
-        ]
+    shown = (
+        sensed.left_current,
+        sensed.right_current,
+        float(sensed.left_count),
+        float(sensed.right_count),
+        float(sensed.left_hall_speed),
+        float(sensed.right_hall_speed),
+        sensed.gate_angle_deg,
+        sensed.latched,
+        sensed.terminal_voltage,
+        sensed.ambient_temperature,
+        sensed.left_motor_temperature,
+        sensed.right_motor_temperature,
+        sensed.road_slope_deg,
+        sensed.gate_acceleration,
+        pinch_force,
+        float(overruns),
+        float(timeouts),
+        float(refused),
+        float(state),
+        timing[0],
+        timing[1],
+        timing[2],
+        timing[3],
+        timing[4],
+        timing[5],
+        timing[6],
+        timing[7],
+        timing[8],
+        float(left_a),
+        float(left_b),
+        float(right_a),
+        float(right_b),
     )
+    values = np.empty(len(shown))  # numba would make a list first for np.array
+    for i in range(len(shown)):
+        values[i] = shown[i]
+    return values
 
 
 @compilable
@@ -268,6 +270,14 @@ def tick(
     """Advance by `steps` plant steps with the frames that have come; `stop` turns the motors off and
     sends every message once more.
     """
+    return tick_into(bench, state, frames, steps, stop, room_for(bench.outputs))
+
+
+@compilable
+def tick_into(
+    bench: Bench, state: LoopState, frames: Frames, steps: int, stop: bool, room: Frames
+) -> tuple[LoopState, Frames, Snapshot]:
+    """The same, with room for the replies that the caller has at hand."""
     since_ns = state.tick * bench.step_ns
     reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
     timeouts = state.timeouts
@@ -302,7 +312,7 @@ def tick(
         state.timing,
     )
     replies, sent = transmit(
-        bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
+        bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop, room
     )
     after = LoopState(
         plant_state,

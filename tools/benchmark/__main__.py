@@ -121,7 +121,7 @@ def main() -> None:
     for name, value in figures.items():
         told = f"{value:.0f} ×" if "times real time" in name else shown(value)
         text.append(f"| {name} | {told} |")
-    hot = figures["hot tick with one socket read and one write of three frames"]
+    hot = figures[costs.HOT]
     text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
 
     if lateness.available():
