@@ -187,7 +187,7 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
 
 
 @compilable
-def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
+def receive(shared: Shared, course: Course, room: Room) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(course.descriptor, room.reading, frames, room.stamps)
@@ -198,7 +198,7 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
     if reading.dropped >= 0:
         control.dropped = reading.dropped
     if reading.count > 0:
-        real_ns = clock_ns(_REALTIME, room)
+        now_ns, real_ns = clock_ns(_MONOTONIC, room), clock_ns(_REALTIME, room)
         for i in range(reading.count):
             room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns)
     return Frames(reading.count, room.identifiers, room.lengths, room.data)
@@ -241,7 +241,7 @@ def run_hard(
                 outcome = OVERRUN
                 continue
             steps = min(1 + late // bench.step_ns, course.ticks - state.tick)
-            frames = receive(shared, course, room, woken)
+            frames = receive(shared, course, room)
 
         accepted = state.counts.accepted
         state, replies, snapshot = tick(bench, state, frames, steps, stopping)
