@@ -169,7 +169,7 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
     """The same for the last frames: what a full queue does not take is tried again for 100 ms."""
     end = clock_ns(_MONOTONIC, room) + 100_000_000
     one = Frames(1, room.identifiers, room.lengths, room.data)
-    missed = 0
+    missed, full = 0, 0
     for i in range(replies.count):
         one.identifiers[0] = replies.identifiers[i]
         one.lengths[0] = replies.lengths[i]
@@ -181,8 +181,12 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
                 break
             wait_until(now + 1_000_000, room)
         missed += 1 - written.sent
+        full += written.full
+        if written.error != 0:
+            shared.control[0].last_error = written.error
     shared.control[0].sent += replies.count - missed
     shared.control[0].unsent += missed
+    shared.control[0].unsent_full += full
     return missed
 
 
