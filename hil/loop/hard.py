@@ -112,7 +112,7 @@ def note_frames(
         row.identifier = frames.identifiers[i]
         row.length = length
         for k in range(length):
-            row.data[k] = frames.data[i, k]
+            row.payload[k] = frames.data[i, k]
         # Without stuffing, with the interframe space (ISO 11898-1); for CAN FD an upper bound.
         bits += (67 if frames.identifiers[i] & EXTENDED else 47) + 8 * length
         at += 1

@@ -112,7 +112,7 @@ class Writer:
         """Write what has come since the last time, down to the operating system."""
         rows = self._snapshots.take()
         logged = self._frames.take()
-        frames = Frames(len(logged), logged["identifier"], logged["length"], logged["data"])
+        frames = Frames(len(logged), logged["identifier"], logged["length"], logged["payload"])
         times = ((logged["time_ns"] + self._control["epoch_ns"]) * 1e-9).tolist()
         for recorder in self._recorders:
             for row in rows:
