@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"liftgate-hil: {fault}", file=sys.stderr)
         return 2
     except LiftgateError as error:
-        for text in _chain(error):
+        for text in dict.fromkeys(_chain(error)):
             print(f"liftgate-hil: {text}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:  # before there was anything to end in order
