@@ -76,9 +76,9 @@ class RealtimeRun:
         self.state.timing[:] = np.nan
         self._run = compiled(hard.run_hard)
         nowhere = self._course(0)._replace(descriptor=-1)
-        self._run(self.bench, self.state, nowhere, self.memory.shared, self._room)
-        for array in (self.memory.shared.control, self.memory.shared.histograms):
-            array[:] = np.zeros(1, array.dtype)
+        scratch = Memory(1, 1)  # the recorder already looks at the real one
+        self._run(self.bench, self.state, nowhere, scratch.shared, self._room)
+        scratch.close()
         if self.realtime is not None:
             self.realtime.prepare()
         for peer in self.peers:

@@ -635,6 +635,9 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     control = run.memory.shared.control[0]
     assert all(int(control[name]) == 0 for name in control.dtype.names)
     assert not run.memory.shared.histograms.any()
+    # A recorder that looks on meanwhile must not see the rehearsal.
+    assert not run.memory.shared.snapshots.any()
+    assert not run.memory.shared.frames.identifier.any()
     assert run.line.received() == []  # type: ignore[attr-defined]
     write_frames(
         run.line.other.fileno(),  # type: ignore[attr-defined]
