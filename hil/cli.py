@@ -49,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"liftgate-hil: {fault}", file=sys.stderr)
         return 2
     except LiftgateError as error:
-        print(f"liftgate-hil: {error}", file=sys.stderr)
+        for text in dict.fromkeys(_chain(error)):
+            print(f"liftgate-hil: {text}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
@@ -57,6 +58,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read our output has gone; Python would complain again while it flushes.
         sys.stdout = None
         return 1
+
+
+def _chain(error: LiftgateError) -> list[str]:
+    """An error, after the one that was on its way when it came."""
+    earlier = error.__context__
+    if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
+        return [*_chain(earlier), str(error)]
+    return [str(error)]
 
 
 def _overview() -> str:

@@ -31,7 +31,7 @@ LOGGED = np.dtype(
         ("time_ns", "i8"),  # since the run's start
         ("identifier", "i8"),  # with flags
         ("length", "i8"),
-        ("data", "u1", (MAX_BYTES,)),
+        ("payload", "u1", (MAX_BYTES,)),
     ]
 )
 

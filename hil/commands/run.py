@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -64,6 +65,7 @@ def emulate(
     from hil.recording.open import check_record
     from plant.dynamics import initial_state
 
+    _check_cpu(args)
     stop = options.StopSignals()
     records = [check_record(name) for name in args.record]
     if len({path.resolve() for path in records}) < len(records):
@@ -76,6 +78,18 @@ def emulate(
     if args.clock == "realtime" and POSSIBLE:
         return emulation.hard(peers, watch)
     return emulation.portable(peers, watch)
+
+
+def _check_cpu(args: argparse.Namespace) -> None:
+    """Raises ConfigError where --cpu cannot be had."""
+    if args.cpu is None:
+        return
+    if not args.realtime:
+        raise ConfigError(f"--cpu {args.cpu}: allowed: together with --realtime")
+    if hasattr(os, "sched_getaffinity") and args.cpu not in os.sched_getaffinity(0):
+        from hil.loop.priority import allowed_cpus
+
+        raise ConfigError(f"--cpu {args.cpu}: allowed here: {allowed_cpus()}")
 
 
 class Emulation(NamedTuple):
@@ -108,9 +122,7 @@ class Emulation(NamedTuple):
             stack.callback(memory.close)
             recorder = None
             if self.records:
-                recorder = RecorderProcess(
-                    self.records, memory, self.drives, line.name, time.time()
-                )
+                recorder = RecorderProcess(self.records, memory, self.drives, line.name)
                 stack.callback(recorder.close)
             loop = RealtimeRun(
                 self.bench,

@@ -87,15 +87,16 @@ def make_buffers() -> Buffers:
 def read_frames(
     descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]
 ) -> Reading:
-    """Read what is there, at most as much as `frames` has room for; never waits.
+    """Read what is there, at most as many datagrams as `frames` has room for; never waits.
 
+    What is no frame is passed over, but counts: a socket whose other end has gone gives empty datagrams for ever.
     `stamps` gets each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative number, a pump's
     (CLOCK_MONOTONIC) as a positive one, 0 where there is none.
     """
     count, error, dropped = 0, 0, -1
-    room = len(frames.identifiers)
-    while count < room:
-        wanted = min(BATCH, room - count)
+    left = len(frames.identifiers)
+    while left > 0:
+        wanted = min(BATCH, left)
         for i in range(wanted):
             buffers.headers[i, 5] = _CONTROL
         got = _recvmmsg(descriptor, buffers.headers.ctypes.data, wanted, _DONTWAIT, 0)
@@ -109,6 +110,7 @@ def read_frames(
                 _unpack(buffers, i, size, frames, count)
                 stamps[count], dropped = _ancillary(buffers, i, size, dropped)
                 count += 1
+        left -= got
         if got < wanted:
             break
     if error in (_AGAIN, _INTERRUPTED):
@@ -171,9 +173,10 @@ def write_frames(descriptor: int, buffers: Buffers, frames: Frames) -> Writing:
                 sent += got
                 done += got
                 continue
-            error = last_error()
-            if error == _INTERRUPTED:
+            reason = last_error()
+            if reason == _INTERRUPTED:
                 continue
+            error = reason
             if error in (_FULL, _AGAIN):
                 full += 1
             else:

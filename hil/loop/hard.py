@@ -113,7 +113,7 @@ def note_frames(
         row.identifier = frames.identifiers[i]
         row.length = length
         for k in range(length):
-            row.data[k] = frames.data[i, k]
+            row.payload[k] = frames.data[i, k]
         # Without stuffing, with the interframe space (ISO 11898-1); for CAN FD an upper bound.
         bits += (67 if frames.identifiers[i] & EXTENDED else 47) + 8 * length
         at += 1
@@ -170,7 +170,7 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
     """The same for the last frames: what a full queue does not take is tried again for 100 ms."""
     end = clock_ns(_MONOTONIC, room) + 100_000_000
     one = Frames(1, room.identifiers, room.lengths, room.data)
-    missed = 0
+    missed, full = 0, 0
     for i in range(replies.count):
         one.identifiers[0] = replies.identifiers[i]
         one.lengths[0] = replies.lengths[i]
@@ -183,13 +183,17 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
                 break
             wait_until(now + 1_000_000, room)
         missed += 1 - written.sent
+        full += written.full
+        if written.error != 0:
+            shared.control[0].last_error = written.error
     shared.control[0].sent += replies.count - missed
     shared.control[0].unsent += missed
+    shared.control[0].unsent_full += full
     return missed
 
 
 @compilable
-def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
+def receive(shared: Shared, course: Course, room: Room) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(course.descriptor, room.reading, frames, room.stamps)
@@ -200,7 +204,7 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
     if reading.dropped >= 0:
         control.dropped = reading.dropped
     if reading.count > 0:
-        real_ns = clock_ns(_REALTIME, room)
+        now_ns, real_ns = clock_ns(_MONOTONIC, room), clock_ns(_REALTIME, room)
         for i in range(reading.count):
             room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns)
     return Frames(reading.count, room.identifiers, room.lengths, room.data)
@@ -244,7 +248,7 @@ def run_hard(
                 outcome = OVERRUN
                 continue
             steps = min(1 + late // bench.step_ns, course.ticks - state.tick)
-            frames = receive(shared, course, room, woken)
+            frames = receive(shared, course, room)
 
         accepted = state.counts.accepted
         state, replies, snapshot = tick_into(bench, state, frames, steps, stopping, out)

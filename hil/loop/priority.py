@@ -30,11 +30,11 @@ class Realtime:
 
     def enter(self) -> None:
         """For the calling thread: a CPU, and FIFO scheduling that children don't inherit."""
+        cpu = best_cpu() if self._cpu is None else self._cpu
         try:
-            cpu = best_cpu() if self._cpu is None else self._cpu
             os.sched_setaffinity(0, {cpu})
         except OSError as error:
-            self.refused.append(f"CPU {self._cpu}: {error.strerror}; allowed: {allowed_cpus()}")
+            self.refused.append(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
         try:
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
             os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))

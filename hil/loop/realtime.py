@@ -68,6 +68,7 @@ class RealtimeRun:
     _failure: BaseException | None = None
     _losses: int = 0
     _room: hard.Room = field(default_factory=hard.make_room)
+    _entered: threading.Event = field(default_factory=threading.Event)
 
     def begin(self) -> None:
         """Compile, or read the cache, before time counts."""
@@ -75,9 +76,9 @@ class RealtimeRun:
         self.state.timing[:] = np.nan
         self._run = compiled(hard.run_hard)
         nowhere = self._course(0)._replace(descriptor=-1)
-        self._run(self.bench, self.state, nowhere, self.memory.shared, self._room)
-        for array in (self.memory.shared.control, self.memory.shared.histograms):
-            array[:] = np.zeros(1, array.dtype)
+        scratch = Memory(1, 1)  # the recorder already looks at the real one
+        self._run(self.bench, self.state, nowhere, scratch.shared, self._room)
+        scratch.close()
         if self.realtime is not None:
             self.realtime.prepare()
         for peer in self.peers:
@@ -88,13 +89,13 @@ class RealtimeRun:
         thread = threading.Thread(
             target=self._in_thread, args=(_FOREVER if ticks is None else ticks,), name="hard loop"
         )
-        thread.start()
-        if self.realtime is not None:
-            time.sleep(0.01)
-            for refused in self.realtime.refused:
-                self.say(f"not given: {refused}")
         control = self.memory.shared.control[0]
+        thread.start()
         try:
+            if self.realtime is not None:
+                self._entered.wait()
+                for refused in self.realtime.refused:
+                    self.say(f"not given: {refused}")
             self._look_after(thread, stopped)
         finally:
             control.stop = 1
@@ -160,11 +161,16 @@ class RealtimeRun:
             sharp_timers()
             if self.realtime is not None:
                 self.realtime.enter()
-            course = self._course(ticks)
+            self._entered.set()
             shared = self.memory.shared
+            course = self._course(ticks)
+            since_start = time.monotonic_ns() - course.start_ns
+            shared.control[0].epoch_ns = time.time_ns() - since_start
             self.state, self.outcome = self._run(self.bench, self.state, course, shared, self._room)
         except BaseException as error:  # told by the thread that can tell
             self._failure = error
+        finally:
+            self._entered.set()
 
     def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
         shared = self.memory.shared

@@ -21,6 +21,7 @@ from hil.snapshot import Snapshot
 CONTROL = np.dtype(
     [
         ("stop", "i8"),  # written by the outside: 1 ends the run
+        ("epoch_ns", "i8"),  # CLOCK_REALTIME at model time 0, written before the first tick
         ("snapshots", "i8"),  # rows written so far
         ("frames", "i8"),
         ("tick", "i8"),  # plant steps done
@@ -81,12 +82,16 @@ class Memory:
 
 
 class RingReader:
-    """Reads a ring's rows in order, each once; counts those that were overwritten before."""
+    """Reads a ring's rows in order, each once; counts those that were overwritten before.
 
-    def __init__(self, rows: Any, control: Any, head: str) -> None:
+    `batch` is how many rows at most the writer writes before its count says so.
+    """
+
+    def __init__(self, rows: Any, control: Any, head: str, batch: int = 1) -> None:
         self._rows = rows
         self._control = control
         self._head = head
+        self._batch = batch
         self._next = 0
         self.lost = 0
 
@@ -96,8 +101,9 @@ class RingReader:
         head = int(self._control[self._head][0])
         start = max(self._next, head - capacity)
         rows = self._rows[np.arange(start, head) % capacity]
-        # What the writer has reached meanwhile may be half overwritten; the row it is at, too.
-        safe = max(start, min(int(self._control[self._head][0]) + 1 - capacity, head))
+        # What the writer has reached meanwhile may be half overwritten; the batch it is at, too.
+        reached = int(self._control[self._head][0]) + self._batch
+        safe = max(start, min(reached - capacity, head))
         self.lost += safe - self._next
         self._next = head
         return rows[safe - start :]

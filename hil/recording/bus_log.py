@@ -84,8 +84,9 @@ class ConvertedRecorder:
     def close(self) -> None:
         """See Recorder."""
         self._live.close()
-        convert(self._log, self._path)
-        self._log.unlink()
+        if self._log.is_file():  # a device may have no end
+            convert(self._log, self._path)
+            self._log.unlink()
 
 
 def convert(source: Path, target: Path) -> None:

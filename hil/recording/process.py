@@ -20,6 +20,7 @@ from pathlib import Path
 
 from hil.codec.frames import Frames
 from hil.errors import ConfigError, RecordingError
+from hil.loop.datagrams import CAPACITY
 from hil.loop.shared import Memory, RingReader
 from hil.recording.base import Recorder
 from hil.recording.open import GuardedRecorder, open_recorder
@@ -36,7 +37,6 @@ class Job:
     paths: list[str]
     drives: int
     channel: str
-    epoch: float
     rows: int  # sizes of the rings
     frames: int
     descriptor: int
@@ -45,12 +45,12 @@ class Job:
 class RecorderProcess:
     """The process, seen from the emulator's side. Raises ConfigError where a file cannot be written."""
 
-    def __init__(
-        self, paths: Sequence[Path], memory: Memory, drives: int, channel: str, epoch: float
-    ) -> None:
+    def __init__(self, paths: Sequence[Path], memory: Memory, drives: int, channel: str) -> None:
         rows, frames = memory.sizes
         names = [str(path) for path in paths]
-        job = Job(names, drives, channel, epoch, rows, frames, memory.descriptor)
+        job = Job(names, drives, channel, rows, frames, memory.descriptor)
+        self._names = ", ".join(names)
+        self._is_ready = False
         self._process = subprocess.Popen(
             [sys.executable, "-m", __name__, json.dumps(asdict(job))],
             stdin=subprocess.PIPE,
@@ -67,7 +67,10 @@ class RecorderProcess:
         answer = self._process.stdout.readline().strip()
         if answer != _READY:
             self._process.wait()
-            raise ConfigError(answer or "--record: the recording process could not be started")
+            raise ConfigError(
+                answer or f"--record {self._names}: the recording process could not be started"
+            )
+        self._is_ready = True
 
     def close(self) -> None:
         """Have the files completed. Raises RecordingError."""
@@ -78,8 +81,12 @@ class RecorderProcess:
         with self._process.stdout as stream:
             lines = stream.read().splitlines()
         self._process.wait()
+        if not self._is_ready:
+            return  # there is nothing to complete, and the reason has been told
         if not lines or not lines[-1].startswith("{"):
-            raise RecordingError("the recording process was ended from outside")
+            raise RecordingError(
+                f"--record {self._names}: the recording process was ended from outside"
+            )
         answer = json.loads(lines[-1])
         self.lost_rows = int(answer["lost"])
         if answer["failures"]:
@@ -92,7 +99,8 @@ class Writer:
     def __init__(self, memory: Memory, recorders: Sequence[Recorder]) -> None:
         shared = memory.shared
         self._snapshots = RingReader(shared.snapshots, shared.control, "snapshots")
-        self._frames = RingReader(shared.frames, shared.control, "frames")
+        self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
+        self._control = shared.control
         self._recorders = recorders
 
     @property
@@ -104,8 +112,8 @@ class Writer:
         """Write what has come since the last time, down to the operating system."""
         rows = self._snapshots.take()
         logged = self._frames.take()
-        frames = Frames(len(logged), logged["identifier"], logged["length"], logged["data"])
-        times = (logged["time_ns"] * 1e-9).tolist()
+        frames = Frames(len(logged), logged["identifier"], logged["length"], logged["payload"])
+        times = ((logged["time_ns"] + self._control["epoch_ns"]) * 1e-9).tolist()
         for recorder in self._recorders:
             for row in rows:
                 recorder.write_snapshot(Snapshot(*row.tolist()))
@@ -116,17 +124,19 @@ class Writer:
 
 def main() -> int:
     """Record until stdin ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a service's stop, too, is for the emulator
+        signal.signal(number, signal.SIG_IGN)
     job = Job(**json.loads(sys.argv[1]))
     memory = Memory(job.rows, job.frames, job.descriptor)
     recorders: list[GuardedRecorder] = []
     try:
         for path in job.paths:
-            recorders.append(open_recorder(Path(path), job.drives, job.channel, job.epoch))
+            recorders.append(open_recorder(Path(path), job.drives, job.channel, 0.0))
     except ConfigError as error:
         print(error, flush=True)
         return 2
-    print(_READY, flush=True)
+    with contextlib.suppress(OSError):  # whoever asked may be gone
+        print(_READY, flush=True)
     writer = Writer(memory, recorders)
     while not select.select([0], [], [], _PAUSE)[0]:
         writer.take()
@@ -134,7 +144,7 @@ def main() -> int:
     for recorder in recorders:
         recorder.close()
     failures = [recorder.failure for recorder in recorders if recorder.failure]
-    with contextlib.suppress(OSError):  # whoever asked may be gone
+    with contextlib.suppress(OSError):
         print(json.dumps({"failures": failures, "lost": writer.lost}), flush=True)
     # A file on a full disk would be tried again, with a traceback.
     os._exit(1 if failures else 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 
 from hil.codec.frames import Frames
@@ -26,7 +27,7 @@ class CsvRecorder:
     def write_snapshot(self, snapshot: Snapshot) -> None:
         """See Recorder."""
         cells = [
-            str(int(snapshot[i])) if whole else repr(float(snapshot[i]))
+            str(int(snapshot[i])) if whole and isfinite(snapshot[i]) else repr(float(snapshot[i]))
             for i, whole in zip(self._keep, self._whole, strict=True)
         ]
         self._stream.write(",".join(cells) + "\n")

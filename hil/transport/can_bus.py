@@ -104,7 +104,9 @@ class CanTransport:
         if is_fd and self._interface != "udp_multicast":
             arguments = {**arguments, "fd": True}
         self._arguments = arguments
-        self._counts = LinkCounts()
+        # One thread may send while another receives, so each has counts of its own.
+        self._sending = LinkCounts()
+        self._receiving = LinkCounts()
         self._echoes = Echoes() if self._interface in _ECHOING else None
         self._retry = 0.0
         self._failures = 0  # to receive, in a row
@@ -133,13 +135,14 @@ class CanTransport:
 
     def _fail(self, error: Exception) -> None:
         """Count a failure to receive; the system's own error, or many of any kind, means that the bus is lost."""
-        self._counts = self._counts._replace(receive_failures=self._counts.receive_failures + 1)
+        counts = self._receiving
+        self._receiving = counts._replace(receive_failures=counts.receive_failures + 1)
         self._failures += 1
         cause = error if isinstance(error, OSError) else error.__cause__
         if not isinstance(cause, OSError) and self._failures < _LOST:
             return
         self.is_up = False
-        self._counts = self._counts._replace(losses=self._counts.losses + 1)
+        self._receiving = self._receiving._replace(losses=counts.losses + 1)
         with contextlib.suppress(Exception):  # whatever a driver says of hardware that has gone
             self._bus.shutdown()
 
@@ -164,7 +167,7 @@ class CanTransport:
                 wait = min(max(deadline - time.monotonic(), 0.0), 0.05)
             try:
                 message = self._recv(wait)
-            except (self._can.CanError, OSError, ValueError) as error:
+            except Exception as error:  # drivers raise what they like
                 self._fail(error)
                 break
             self._failures = 0
@@ -186,21 +189,25 @@ class CanTransport:
                 self._echoes.sending(message)
             try:
                 self._bus.send(message)
-            except (self._can.CanError, OSError, ValueError) as error:
-                full = getattr(error, "error_code", None) == errno.ENOBUFS
-                self._counts = self._counts._replace(
-                    send_failures=self._counts.send_failures + 1,
-                    send_queue_full=self._counts.send_queue_full + full,
+            except Exception as error:
+                code = getattr(error, "error_code", None) or getattr(error, "errno", None)
+                self._sending = self._sending._replace(
+                    send_failures=self._sending.send_failures + 1,
+                    send_queue_full=self._sending.send_queue_full + (code == errno.ENOBUFS),
                 )
 
     def counts(self) -> LinkCounts:
         """See Transport."""
-        return self._counts
+        sending, receiving = self._sending, self._receiving
+        return receiving._replace(
+            send_failures=sending.send_failures, send_queue_full=sending.send_queue_full
+        )
 
     def close(self) -> None:
         """See Transport."""
         if self.is_up:
-            self._bus.shutdown()
+            with contextlib.suppress(Exception):  # the run is over, and all that counts is done
+                self._bus.shutdown()
 
 
 def _pack(message: can.Message, frames: Frames, row: int) -> None:

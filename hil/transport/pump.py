@@ -18,6 +18,7 @@ _ROW = struct.Struct("<IBBBB64sq")
 _HEAD = struct.Struct("<IBB")
 _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
+_LEAVE_S = 3.0  # that closing waits for a driver
 
 
 class Pump:
@@ -56,13 +57,20 @@ class Pump:
     def close(self) -> None:
         """See Line."""
         self._theirs.shutdown(socket.SHUT_WR)  # what is still in it is read before the end is seen
-        self._threads[1].join()
+        self._threads[1].join(_LEAVE_S)
         self._stopping = True
         self._theirs.shutdown(socket.SHUT_RD)  # nobody reads any more: writing must not wait
-        self._threads[0].join()
+        self._threads[0].join(_LEAVE_S)
         self._theirs.close()
         self._ours.close()
         self._transport.close()
+
+    def _next(self) -> bytes:
+        """What the loop sends next; nothing at the end."""
+        try:
+            return self._ours.recv(_ROW.size)
+        except OSError:  # closed while the driver held this thread up
+            return b""
 
     def _inwards(self) -> None:
         while not self._stopping:
@@ -80,7 +88,7 @@ class Pump:
                     return
 
     def _outwards(self) -> None:
-        while datagram := self._ours.recv(_ROW.size):
+        while datagram := self._next():
             identifier, length, flags = _HEAD.unpack_from(datagram)
             frames: Frames = empty_frames(1)
             frames.identifiers[0] = identifier | (FD if flags & _FDF else 0)

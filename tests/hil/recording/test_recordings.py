@@ -318,3 +318,13 @@ def test_checking_a_csv_loads_nothing_heavy():
         "assert not {'can', 'asammdf', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_plant_that_diverged_is_written_down_too(tmp_path: Path, value: float):
+    path = tmp_path / "run.csv"
+    recorder = open_recorder(path, 2, "bench", 0.0)
+    recorder.write_snapshot(Snapshot(*([value] * len(Snapshot._fields))))
+    recorder.close()
+    assert recorder.failure == ""
+    assert set(path.read_text().splitlines()[1].split(",")) == {repr(value)}

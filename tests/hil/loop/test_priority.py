@@ -1,0 +1,174 @@
+"""What `--realtime` asks for: what is refused is told with how to get it, and nothing outlives the run."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.loop import priority
+from hil.loop.priority import PRIORITY, Realtime, _cpus_of, best_cpu
+
+DROP = """
+import json, os, resource, subprocess, sys, threading
+from hil.cli import main
+from hil.loop import priority
+from hil.loop.priority import Realtime
+
+def drop():
+    for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
+        resource.setrlimit(limit, (0, 0))
+    if os.getuid() == 0:
+        os.setuid(65534)
+"""
+
+
+def child(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", DROP + textwrap.dedent(code)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_all_that_is_refused_is_told_with_how_to_get_it():
+    done = child("""
+        asked = Realtime()
+        drop()
+        asked.prepare()
+        thread = threading.Thread(target=asked.enter)
+        thread.start()
+        thread.join()
+        asked.release()
+        print("\\n".join(asked.refused))
+    """)
+    assert done.stderr == ""
+    told = {line.partition(": ")[0]: line for line in done.stdout.splitlines()}
+    assert set(told) == {"locked memory", "FIFO scheduling", "no deep sleep of the CPU"}
+    assert "ulimit -l" in told["locked memory"]
+    assert f"ulimit -r {PRIORITY}" in told["FIFO scheduling"]
+    assert "/dev/cpu_dma_latency" in told["no deep sleep of the CPU"]
+    for line in told.values():
+        assert "to get it: " in line
+
+
+def test_a_run_that_is_refused_everything_goes_on():
+    done = child("""
+        prepare = Realtime.prepare
+
+        def prepare_without_rights(asked):
+            drop()
+            prepare(asked)
+
+        Realtime.prepare = prepare_without_rights
+        arguments = ["--bus", "virtual:x", "--duration", "0.1", "--realtime"]
+        sys.exit(main([*arguments, "--overrun-limit", "3600"]))
+    """)
+    assert done.returncode == 0, done.stderr
+    refused = [line for line in done.stderr.splitlines() if line.startswith("not given: ")]
+    assert len(refused) == 3
+    assert done.stdout.startswith("ticks 101, ")
+
+
+def test_what_is_given_is_the_threads_alone_and_children_do_not_get_it():
+    done = child("""
+        import gc
+        CODE = "import os; print(os.sched_getscheduler(0))"
+        before = os.sched_getaffinity(0)
+        asked = Realtime()
+        asked.prepare()
+        assert gc.get_freeze_count() > 0
+        found = {}
+
+        def inside():
+            asked.enter()
+            found["policy"] = os.sched_getscheduler(0)
+            found["cpus"] = len(os.sched_getaffinity(0))
+            found["child"] = int(subprocess.check_output([sys.executable, "-c", CODE]))
+
+        thread = threading.Thread(target=inside)
+        thread.start()
+        thread.join()
+        asked.release()
+        asked.release()
+        assert gc.get_freeze_count() == 0
+        assert asked._latency is None
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+        assert os.sched_getaffinity(0) == before
+        assert found["cpus"] == 1
+        assert found["child"] == os.SCHED_OTHER
+        given = not any(text.startswith("FIFO") for text in asked.refused)
+        wanted = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK if given else os.SCHED_OTHER
+        assert found["policy"] == wanted, found
+    """)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_fifo_is_asked_for_so_that_children_do_not_inherit_it(monkeypatch: pytest.MonkeyPatch):
+    asked: list[Any] = []
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *given: asked.append(given))
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *given: asked.append(given))
+    realtime = Realtime(3)
+    realtime.enter()
+    assert asked[0] == (0, {3})
+    assert asked[1][:2] == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
+    assert asked[1][2].sched_priority == PRIORITY
+    assert realtime.refused == []
+
+
+def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch):
+    def refuse(*given: object) -> None:
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *given: None)
+    monkeypatch.setattr(priority, "best_cpu", lambda: 7)
+    for cpu, number in ((None, 7), (5, 5)):
+        realtime = Realtime(cpu)
+        realtime.enter()
+        (line,) = realtime.refused
+        assert line.startswith(f"CPU {number}: Invalid argument; allowed: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "cpus"),
+    [
+        ("", []),
+        ("0", [0]),
+        ("2-3,6", [2, 3, 6]),
+        ("1-1", [1]),
+        ("0-2,4,8-11", [0, 1, 2, 4, 8, 9, 10, 11]),
+    ],
+)
+def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
+    assert _cpus_of(text) == cpus
+
+
+@pytest.mark.parametrize(
+    ("isolated", "allowed", "best"),
+    [
+        ("", {0, 1}, 1),
+        ("\n", {0, 1}, 1),
+        ("2-3\n", {0, 1, 2, 3, 4}, 3),
+        ("2-3,6\n", {0, 2, 7}, 2),
+        ("5\n", {0, 1}, 1),
+        (None, {4}, 4),
+    ],
+)
+def test_the_best_cpu_is_an_isolated_one_that_is_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    isolated: str | None,
+    allowed: set[int],
+    best: int,
+):
+    file = tmp_path / "isolated"
+    if isolated is not None:
+        file.write_text(isolated)
+    monkeypatch.setattr(priority, "Path", lambda name: file)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: allowed)
+    assert best_cpu() == best

@@ -1,0 +1,423 @@
+"""A pump: frames go both ways whole and in order, and a driver may fail or stand still as it likes."""
+
+from __future__ import annotations
+
+import os
+import queue
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from hil_support import frames_of, rows_of
+
+from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
+from hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_frames, write_frames
+from hil.transport.base import LinkCounts
+from hil.transport.can_bus import CanTransport, message_of
+from hil.transport.pump import Pump
+
+Rows = list[tuple[int, bytes]]
+PATIENCE = 60.0  # s until something must have happened; nothing is judged by it
+
+
+def until(happened: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.001)
+
+
+def send(pump: Pump, rows: Rows) -> Writing:
+    return write_frames(pump.descriptor, make_buffers(), frames_of(rows))
+
+
+class Reader:
+    """What the loop's side has got so far."""
+
+    def __init__(self, pump: Pump) -> None:
+        self._pump = pump
+        self.rows: Rows = []
+        self.stamps: list[int] = []
+
+    def look(self) -> int:
+        frames, stamps = empty_frames(CAPACITY), np.zeros(CAPACITY, dtype=np.int64)
+        reading = read_frames(self._pump.descriptor, make_buffers(), frames, stamps)
+        self.rows += rows_of(frames._replace(count=reading.count))
+        self.stamps += stamps[: reading.count].tolist()
+        return len(self.rows)
+
+
+def descriptors() -> set[str]:
+    return set(os.listdir("/proc/self/fd"))  # noqa: PTH208
+
+
+@pytest.fixture(autouse=True)
+def nothing_leaks() -> Iterator[None]:
+    threads, files = set(threading.enumerate()), len(descriptors())
+    yield
+    until(lambda: set(threading.enumerate()) <= threads)
+    assert len(descriptors()) <= files
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[Pump, can.BusABC]]:
+    channel = str(uuid.uuid4())
+    with can.Bus(interface="virtual", channel=channel) as other:
+        pump = Pump(CanTransport({"interface": "virtual", "channel": channel}, is_fd=True))
+        yield pump, other
+        if pump._ours.fileno() >= 0:
+            pump.close()
+
+
+ROWS: Rows = [
+    (0x000, b""),
+    (0x7FF, b"12345678"),
+    (0x123 | EXTENDED, b"abc"),
+    (0x1FFFFFFF | EXTENDED, bytes(range(8))),
+    (0x321 | FD, bytes(range(64))),
+    (0x322 | FD, b""),
+    (0x1ABCDEF0 | EXTENDED | FD, b"\xff" * 12),
+]
+
+
+def test_frames_of_every_kind_come_in_whole_with_their_arrival(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    before = time.monotonic_ns()
+    rows = [*ROWS, (0x123 | ERROR, b"")]
+    for row in range(len(rows)):
+        other.send(message_of(can, frames_of(rows), row))
+    other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
+    reader = Reader(pump)
+    until(lambda: reader.look() > len(rows))
+    assert reader.rows == [*rows, (0x55 | REMOTE, bytes(5))]
+    assert reader.stamps == sorted(reader.stamps)
+    assert before <= reader.stamps[0] <= reader.stamps[-1] <= time.monotonic_ns()
+
+
+def test_frames_of_every_kind_go_out_whole(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    rows = [*ROWS, (0x55 | REMOTE, bytes(5))]
+    assert send(pump, rows) == Writing(len(rows), 0, 0, 0)
+    for identifier, payload in rows:
+        message = other.recv(PATIENCE)
+        assert message is not None
+        assert message.arbitration_id == identifier & 0x1FFFFFFF
+        assert message.is_extended_id == bool(identifier & EXTENDED)
+        assert message.is_remote_frame == bool(identifier & REMOTE)
+        assert message.is_fd == bool(identifier & FD)
+        assert message.dlc == len(payload)
+        assert bytes(message.data) == (b"" if message.is_remote_frame else payload)
+    assert other.recv(0) is None
+
+
+def test_both_ways_at_once_keep_their_order(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    reader = Reader(pump)
+    out = 0
+    for number in range(3000):
+        other.send(can.Message(arbitration_id=number, is_extended_id=True))
+        out += send(pump, [(number | EXTENDED, bytes([number % 256]))] * (number == out)).sent
+        reader.look()
+    until(lambda: reader.look() == 3000)
+    assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == list(range(3000))
+    for number in range(out):
+        message = other.recv(PATIENCE)
+        assert message is not None
+        assert message.arbitration_id == number
+    assert out > 0
+
+
+def test_a_slow_reader_holds_up_nothing_and_gets_all(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    for number in range(5000):
+        other.send(can.Message(arbitration_id=number, is_extended_id=True))
+    assert send(pump, [(0x123, b"out")]).sent == 1
+    message = other.recv(PATIENCE)
+    assert message is not None
+    assert message.arbitration_id == 0x123
+    reader = Reader(pump)
+    until(lambda: reader.look() == 5000)
+    assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == list(range(5000))
+
+
+def test_closing_sends_all_that_was_written_before(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    rows = [(number, b"") for number in range(200)]
+    assert send(pump, rows).sent == 200
+    pump.close()
+    got = []
+    while (message := other.recv(0)) is not None:
+        got.append(message.arbitration_id)
+    assert got == list(range(200))
+
+
+def test_closing_does_not_wait_for_a_loop_that_reads_no_more(pair: tuple[Pump, can.BusABC]):
+    pump, other = pair
+    for number in range(5000):
+        other.send(can.Message(arbitration_id=number, is_extended_id=True))
+    pump.close()
+    assert not any(thread.is_alive() for thread in pump._threads)
+
+
+class Driver:
+    """A python-can bus that does what a test says. A received exception is raised, a message is given."""
+
+    opened = 0
+
+    def __init__(self, come: queue.Queue[Any]) -> None:
+        self.come = come
+        self.sent: list[can.Message] = []
+        self.refuse: Exception | None = None
+        self.gate = threading.Event()
+        self.gate.set()
+        self.in_send = threading.Event()
+        self.shut = 0
+
+    def recv(self, timeout: float) -> can.Message | None:
+        try:
+            item = self.come.get(timeout=timeout) if timeout else self.come.get_nowait()
+        except queue.Empty:
+            return None
+        if isinstance(item, Exception):
+            raise item
+        assert isinstance(item, can.Message)
+        return item
+
+    def send(self, message: can.Message) -> None:
+        self.in_send.set()
+        assert self.gate.wait(PATIENCE)
+        if self.refuse is not None:
+            raise self.refuse
+        self.sent.append(message)
+
+    def shutdown(self) -> None:
+        self.shut += 1
+        raise OSError(19, "No such device")
+
+
+class Rig:
+    """A pump on drivers, and the bus that may refuse to be opened."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.come: queue.Queue[Any] = queue.Queue()
+        self.drivers: list[Driver] = []
+        self.refusals = 0
+        monkeypatch.setattr(can, "Bus", self._open)
+        monkeypatch.setattr("hil.transport.can_bus._RETRY", 0.001)
+        self.pump = Pump(CanTransport({"interface": "virtual", "channel": "x"}))
+
+    def _open(self, **arguments: Any) -> Driver:
+        if self.refusals > 0:
+            self.refusals -= 1
+            raise can.CanInitializationError("not there\nyet")
+        self.drivers.append(Driver(self.come))
+        return self.drivers[-1]
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rig]:
+    made = Rig(monkeypatch)
+    yield made
+    for driver in made.drivers:
+        driver.gate.set()
+    if made.pump._ours.fileno() >= 0:
+        made.pump.close()
+
+
+class VendorError(Exception):
+    """Neither python-can's nor the system's."""
+
+
+def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
+    reader = Reader(rig.pump)
+    news: list[str] = []
+    threads, files = threading.active_count(), len(descriptors())
+    for cycle in range(100):
+        rig.come.put(can.Message(arbitration_id=cycle))
+        until(lambda wanted=2 * cycle + 1: reader.look() == wanted)
+        rig.refusals = cycle % 4
+        if cycle % 2:
+            rig.come.put(OSError(100, "Network is down"))
+        else:
+            for _ in range(10):
+                rig.come.put(can.CanOperationError("down") if cycle % 4 else VendorError("?"))
+        rig.come.put(can.Message(arbitration_id=1000 + cycle))
+        until(lambda wanted=2 * cycle + 2: reader.look() == wanted)
+        news.append(str(rig.pump.watch()))
+    assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == [
+        number for cycle in range(100) for number in (cycle, 1000 + cycle)
+    ]
+    assert len(rig.drivers) == 101
+    assert [driver.shut for driver in rig.drivers] == [1] * 100 + [0]
+    assert rig.pump.counts() == LinkCounts(receive_failures=50 + 500, losses=100)
+    assert set(news) == {"None"}  # it was back at each look
+    assert (threading.active_count(), len(descriptors())) == (threads, files)
+
+
+def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
+    assert rig.pump.watch() is None
+    news: list[str] = []
+
+    def watched(expected: str) -> bool:
+        told = rig.pump.watch()
+        news.extend([told] if told else [])
+        return expected in news
+
+    for _ in range(3):
+        news.clear()
+        rig.refusals = 10**9
+        rig.come.put(OSError(19, "No such device"))
+        until(lambda: watched("is lost"))
+        assert [rig.pump.watch() for _ in range(3)] == [None] * 3
+        rig.refusals = 0
+        until(lambda: watched("is back"))
+        assert rig.pump.watch() is None
+        assert news == ["is lost", "is back"]
+
+
+@pytest.mark.parametrize(
+    ("error", "full"),
+    [
+        (can.CanOperationError("no"), 0),
+        (OSError(100, "Network is down"), 0),
+        (OSError(105, "No buffer space available"), 1),
+        (can.CanOperationError("full", error_code=105), 1),
+        (VendorError("?"), 0),
+        (AttributeError("'NoneType' object has no attribute 'write'"), 0),
+    ],
+)
+def test_frames_that_the_driver_refuses_are_counted_and_later_ones_go(
+    rig: Rig, error: Exception, full: int
+):
+    rig.drivers[0].refuse = error
+    send(rig.pump, [(1, b"")] * 100)
+    until(lambda: rig.pump.counts().send_failures == 100)
+    rig.drivers[0].refuse = None
+    send(rig.pump, [(2, b"")])
+    until(lambda: rig.drivers[0].sent)
+    assert rig.pump.counts() == LinkCounts(send_failures=100, send_queue_full=100 * full)
+
+
+def test_counts_are_right_while_both_ways_fail_at_once(rig: Rig):
+    rig.drivers[0].refuse = can.CanOperationError("no")
+    for number in range(300):
+        rig.come.put(can.CanOperationError("bad"))
+        rig.come.put(can.Message(arbitration_id=number))
+        send(rig.pump, [(number, b"")])
+    reader = Reader(rig.pump)
+    until(lambda: reader.look() == 300)
+    until(lambda: rig.pump.counts().send_failures == 300)
+    assert rig.pump.counts() == LinkCounts(receive_failures=300, send_failures=300)
+
+
+def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiving(rig: Rig):
+    driver = rig.drivers[0]
+    driver.gate.clear()
+    assert send(rig.pump, [(1, b"")]).sent == 1
+    assert driver.in_send.wait(PATIENCE)
+    written = send(rig.pump, [(2, b"")] * 3000)
+    assert written.sent + written.full == 3000
+    assert written.full > 0
+    reader = Reader(rig.pump)
+    rig.come.put(can.Message(arbitration_id=7))
+    until(lambda: reader.look() == 1)
+    driver.gate.set()
+    until(lambda: len(driver.sent) == 1 + written.sent)
+    assert send(rig.pump, [(3, b"")]).sent == 1
+    until(lambda: driver.sent[-1].arbitration_id == 3)
+
+
+def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("hil.transport.pump._LEAVE_S", 0.02)
+    told: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", told.append)
+    driver = rig.drivers[0]
+    driver.gate.clear()
+    send(rig.pump, [(1, b""), (2, b"")])
+    assert driver.in_send.wait(PATIENCE)
+    rig.pump.close()
+    driver.gate.set()
+    until(lambda: not any(thread.is_alive() for thread in rig.pump._threads))
+    assert told == []
+
+
+def test_a_lost_driver_may_be_sent_to_and_closed(rig: Rig):
+    rig.refusals = 10**9
+    rig.come.put(OSError(19, "No such device"))
+    until(lambda: rig.pump.watch() == "is lost")
+    rig.drivers[0].refuse = can.CanOperationError("closed")
+    send(rig.pump, [(1, b"")] * 5)
+    until(lambda: rig.pump.counts().send_failures == 5)
+    rig.pump.close()
+
+
+def test_a_step_of_the_wall_clock_does_not_hold_up_receiving(
+    pair: tuple[Pump, can.BusABC], monkeypatch: pytest.MonkeyPatch
+):
+    pump, other = pair
+    behind = [0.0]
+    asked: list[float] = []
+    real = time.time
+
+    def stepped() -> float:
+        return real() - behind[0]
+
+    # BusABC.recv would ask the stepped clock how much time is left, and then wait for that.
+    monkeypatch.setattr(can.bus, "time", stepped)
+    bus: Any = pump._transport._bus  # type: ignore[attr-defined]
+    internal = bus._recv_internal
+
+    def noted(timeout: float) -> Any:
+        asked.append(timeout)
+        return internal(timeout)
+
+    monkeypatch.setattr(bus, "_recv_internal", noted)
+    reader = Reader(pump)
+    for number in range(100):
+        behind[0] += 6.0
+        other.send(can.Message(arbitration_id=number, is_extended_id=True))
+        until(lambda wanted=number + 1: reader.look() == wanted)
+    assert len(reader.rows) == 100
+    assert all(timeout is not None and 0.0 <= timeout <= 0.05 for timeout in asked)
+    monkeypatch.undo()
+
+
+class Endless:
+    """A transport that always has frames."""
+
+    name = "endless"
+    is_up = True
+
+    def __init__(self) -> None:
+        self.closed = 0
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        return frames_of([(1, b"")] * 100)
+
+    def send(self, frames: Frames) -> None:
+        pass
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@pytest.mark.parametrize("read_before", [True, False])
+def test_a_flood_does_not_keep_it_from_closing(read_before: bool):
+    transport = Endless()
+    pump = Pump(transport)
+    reader = Reader(pump)
+    if read_before:
+        until(lambda: reader.look() > 3000)
+    pump.close()
+    assert transport.closed == 1
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        socket.fromfd(pump.descriptor, socket.AF_UNIX, socket.SOCK_SEQPACKET)
