@@ -77,32 +77,26 @@ def transmit(
     since_ns: int,
     now_ns: int,
     everything: bool,
-    room: Frames,
 ) -> tuple[Frames, NDArray[np.int64]]:
     """The messages that fell due after `since_ns` and by `now_ns` (or all), and the new counters.
 
-    They are written into `room`, which has a row for each message. A message of cycle T is due at every whole
-    multiple of T, so on average the cycle is kept at any rate. One of which no quantity is there is not sent.
+    A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
+    of which no quantity is there is not sent.
     """
-    after = counters.copy()
-    count = 0
-    for message in range(len(layout.messages)):
-        cycle = layout.messages[message].cycle_ns
-        due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
-        if due and is_there(layout, message, values):
-            encode(layout, message, values, int(after[message]), room, count)
-            after[message] += 1
-            count += 1
-    return Frames(count, room.identifiers, room.lengths, room.data), after
-
-
-@compilable
-def room_for(layout: Layout) -> Frames:
-    """Room for all messages of a layout."""
     capacity = len(layout.messages)
-    return Frames(
+    frames = Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
     )
+    after = counters.copy()
+    count = 0
+    for message in range(capacity):
+        cycle = layout.messages[message].cycle_ns
+        due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
+        if due and is_there(layout, message, values):
+            encode(layout, message, values, int(after[message]), frames, count)
+            after[message] += 1
+            count += 1
+    return Frames(count, frames.identifiers, frames.lengths, frames.data), after

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.codec.frames import EXTENDED, FD, Frames, empty_frames
-from hil.codec.transmit import room_for
 from hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from hil.loop.histogram import note
 from hil.loop.shared import DELAY, EXECUTION, LATENESS, Shared
-from hil.loop.tick import Bench, LoopState, tick_into
+from hil.loop.tick import Bench, LoopState, tick
 from hil.snapshot import Snapshot
 from plant.compiler import System, compilable
 
@@ -232,7 +231,6 @@ def run_hard(
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
     now_stamps = np.zeros(len(bench.outputs.messages), dtype=np.int64)
-    out = room_for(bench.outputs)
     none = Frames(0, room.identifiers, room.lengths, room.data)
     stopping = False
     while not stopping:
@@ -251,7 +249,7 @@ def run_hard(
             frames = receive(shared, course, room)
 
         accepted = state.counts.accepted
-        state, replies, snapshot = tick_into(bench, state, frames, steps, stopping, out)
+        state, replies, snapshot = tick(bench, state, frames, steps, stopping)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, course.command)
         note_frames(shared, frames, room.stamps, course.start_ns, woken)

@@ -28,7 +28,7 @@ from hil.codec.receive import (
     rejected,
 )
 from hil.codec.tables import Layout
-from hil.codec.transmit import room_for, transmit
+from hil.codec.transmit import transmit
 from hil.snapshot import Snapshot
 from hil.stimulus import NOT_PRESENT, Presence, Program, load_at, present
 from plant import dynamics, integrate, sensors
@@ -270,14 +270,6 @@ def tick(
     """Advance by `steps` plant steps with the frames that have come; `stop` turns the motors off and
     sends every message once more.
     """
-    return tick_into(bench, state, frames, steps, stop, room_for(bench.outputs))
-
-
-@compilable
-def tick_into(
-    bench: Bench, state: LoopState, frames: Frames, steps: int, stop: bool, room: Frames
-) -> tuple[LoopState, Frames, Snapshot]:
-    """The same, with room for the replies that the caller has at hand."""
     since_ns = state.tick * bench.step_ns
     reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
     timeouts = state.timeouts
@@ -312,7 +304,7 @@ def tick_into(
         state.timing,
     )
     replies, sent = transmit(
-        bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop, room
+        bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
     )
     after = LoopState(
         plant_state,

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from hil import build
 from hil.codec.frames import Frames, empty_frames
-from hil.codec.transmit import room_for
 from hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from hil.loop.hard import (
     Course,
@@ -32,7 +31,7 @@ from hil.loop.hard import (
 )
 from hil.loop.priority import Realtime
 from hil.loop.shared import Memory, Shared
-from hil.loop.tick import Bench, LoopState, initial_loop, tick, tick_into
+from hil.loop.tick import Bench, LoopState, initial_loop, tick
 from hil.transport.can_bus import CanTransport
 from plant import integrate
 from plant.bridge import DriveInput
@@ -90,14 +89,13 @@ def hot_ticks(
     what the other end does; their time [ns].
     """
     state = start
-    out = room_for(bench.outputs)
     total = 0
     for number in range(count):
         if number % every == 0:
             write_frames(peer.descriptor, peer.buffers, peer.command)
         begin = clock_ns(1, room)
-        frames = receive(shared, course, room, begin)
-        state, replies, snapshot = tick_into(bench, state, frames, 1, False, out)
+        frames = receive(shared, course, room)
+        state, replies, snapshot = tick(bench, state, frames, 1, False)
         if replies.count > 0:
             send(shared, course, room, replies)
         note_frames(shared, frames, room.stamps, 0, begin)

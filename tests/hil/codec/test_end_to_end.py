@@ -21,7 +21,7 @@ from hil.codec.protection import EndToEnd, MessageOptions
 from hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
 from hil.codec.sequence import INIT, INVALID, NODATA, STATE, VALID
 from hil.codec.tables import Layout
-from hil.codec.transmit import room_for, transmit
+from hil.codec.transmit import transmit
 from hil.config.toml import Faults
 from hil.errors import ConfigError
 from hil.loop.tick import initial_loop, tick
@@ -124,9 +124,7 @@ def test_what_is_sent_is_what_the_package_makes(
     sent = np.zeros(1, dtype=np.int64)
     for number in range(2 * modulus + 3):
         value = (number * 977) % 65536
-        frames, sent = codec[1](
-            layout, np.array([float(value)]), sent, 0, 0, True, room_for(layout)
-        )
+        frames, sent = codec[1](layout, np.array([float(value)]), sent, 0, 0, True)
         assert frames.data[0, :length].tobytes() == their(number % modulus, value)
 
 

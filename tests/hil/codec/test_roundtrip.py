@@ -21,7 +21,7 @@ from hil.codec.protection import MessageOptions
 from hil.codec.quantities import BusQuantity
 from hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from hil.codec.tables import Layout
-from hil.codec.transmit import encode, room_for, transmit
+from hil.codec.transmit import encode, transmit
 from plant.compiler import compiled
 
 NAN = float("nan")
@@ -57,9 +57,7 @@ def take(codec: Codec, layout: Layout, identifier: int, payload: bytes) -> tuple
 def put(codec: Codec, layout: Layout, values: list[float]) -> bytes:
     """The payload of the only message."""
     sent = np.zeros(1, dtype=np.int64)
-    frames, _ = codec.transmit(
-        layout, np.array(values, dtype=np.float64), sent, 0, 0, True, room_for(layout)
-    )
+    frames, _ = codec.transmit(layout, np.array(values, dtype=np.float64), sent, 0, 0, True)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
 
@@ -276,7 +274,7 @@ def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
     message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
     sent = np.zeros(1, dtype=np.int64)
     layout = layout_for(message, sending=True)
-    frames, after = codec.transmit(layout, np.array([NAN]), sent, 0, 0, True, room_for(layout))
+    frames, after = codec.transmit(layout, np.array([NAN]), sent, 0, 0, True)
     assert (frames.count, after.tolist()) == (0, [0])
 
 
