@@ -85,10 +85,10 @@ def best_cpu() -> int:
     allowed = os.sched_getaffinity(0)
     path = Path("/sys/devices/system/cpu/isolated")
     text = path.read_text().strip() if path.is_file() else ""
-    return max(allowed & set(_cpus_of(text)) or allowed)
+    return max(allowed & set(cpus_of(text)) or allowed)
 
 
-def _cpus_of(text: str) -> list[int]:
+def cpus_of(text: str) -> list[int]:
     """The numbers of a list such as 2-3,6."""
     cpus: list[int] = []
     for part in filter(None, text.split(",")):
