@@ -19,6 +19,7 @@ class Realtime:
     def __init__(self, cpu: int | None = None) -> None:
         self._cpu = cpu
         self._latency: int | None = None
+        self._is_locked = False
         self.refused: list[str] = []
 
     def prepare(self) -> None:
@@ -47,13 +48,17 @@ class Realtime:
     def release(self) -> None:
         """Give back what the process holds."""
         gc.unfreeze()
+        if self._is_locked:
+            ctypes.CDLL(None).munlockall()
+            self._is_locked = False
         if self._latency is not None:
             os.close(self._latency)
             self._latency = None
 
     def _lock_memory(self) -> None:
         library = ctypes.CDLL(None, use_errno=True)
-        if library.mlockall(_CURRENT | _FUTURE) != 0:
+        self._is_locked = library.mlockall(_CURRENT | _FUTURE) == 0
+        if not self._is_locked:
             self.refused.append(
                 f"locked memory: {os.strerror(ctypes.get_errno())}; to get it: ulimit -l unlimited "
                 "(memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
