@@ -15,6 +15,7 @@ COMMANDS = {
     "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
     "ecu": "the reference ECU alone, on any bus",
     "simulate": "the plant alone, offline, as fast as it goes",
+    "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
 

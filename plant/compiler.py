@@ -47,7 +47,10 @@ def is_cached(function: Callable[..., Any]) -> bool:
     """Whether the machine code of `function` is in the disk cache, so that it is ready at once."""
     if not enabled():
         return True
-    return any(cache_folder().rglob(f"*.{function.__qualname__}-*.nbi"))
+    try:
+        return any(cache_folder().rglob(f"*.{function.__qualname__}-*.nbi"))
+    except OSError:  # a folder that this user may not look into
+        return False
 
 
 class System:

@@ -74,13 +74,7 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
 
 def add_loop(parser: argparse.ArgumentParser) -> None:
     """How the loop runs."""
-    parser.add_argument(
-        "--rate",
-        type=bounded(200.0, MAX_RATE, "Hz"),
-        default=1000.0,
-        metavar="HZ",
-        help="ticks per second, 200 to 10000; default: 1000",
-    )
+    add_rate(parser)
     parser.add_argument(
         "--clock",
         choices=("realtime", "free", "lockstep"),
@@ -100,6 +94,25 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="end with an error when the loop falls this far behind; default: 1",
     )
+    add_realtime(parser)
+    parser.add_argument(
+        "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
+    )
+
+
+def add_rate(parser: argparse.ArgumentParser) -> None:
+    """How often it ticks."""
+    parser.add_argument(
+        "--rate",
+        type=bounded(200.0, MAX_RATE, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="ticks per second, 200 to 10000; default: 1000",
+    )
+
+
+def add_realtime(parser: argparse.ArgumentParser) -> None:
+    """What it asks of the machine."""
     parser.add_argument(
         "--realtime",
         action="store_true",
@@ -110,9 +123,6 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         type=whole(0, 1023),
         metavar="N",
         help="the CPU for --realtime; default: an isolated one, else the last",
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
     )
 
 

@@ -19,6 +19,7 @@ class Realtime:
     def __init__(self, cpu: int | None = None) -> None:
         self._cpu = cpu
         self._latency: int | None = None
+        self._is_locked = False
         self.refused: list[str] = []
 
     def prepare(self) -> None:
@@ -47,13 +48,17 @@ class Realtime:
     def release(self) -> None:
         """Give back what the process holds."""
         gc.unfreeze()
+        if self._is_locked:
+            ctypes.CDLL(None).munlockall()
+            self._is_locked = False
         if self._latency is not None:
             os.close(self._latency)
             self._latency = None
 
     def _lock_memory(self) -> None:
         library = ctypes.CDLL(None, use_errno=True)
-        if library.mlockall(_CURRENT | _FUTURE) != 0:
+        self._is_locked = library.mlockall(_CURRENT | _FUTURE) == 0
+        if not self._is_locked:
             self.refused.append(
                 f"locked memory: {os.strerror(ctypes.get_errno())}; to get it: ulimit -l unlimited "
                 "(memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
@@ -85,10 +90,10 @@ def best_cpu() -> int:
     allowed = os.sched_getaffinity(0)
     path = Path("/sys/devices/system/cpu/isolated")
     text = path.read_text().strip() if path.is_file() else ""
-    return max(allowed & set(_cpus_of(text)) or allowed)
+    return max(allowed & set(cpus_of(text)) or allowed)
 
 
-def _cpus_of(text: str) -> list[int]:
+def cpus_of(text: str) -> list[int]:
     """The numbers of a list such as 2-3,6."""
     cpus: list[int] = []
     for part in filter(None, text.split(",")):

@@ -1,0 +1,63 @@
+"""What a check says. Checks are functions from the machine's own files to a `Check` or a list of them; they take
+the root of these files, so that any machine can be shown to them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+Level = Literal["ok", "warning", "problem"]
+
+ROOT = Path("/")
+
+
+class Check(NamedTuple):
+    """One thing looked at."""
+
+    check: str  # what was looked at
+    level: Level  # ok; warning: works, but not at its best; problem: no real time
+    found: str
+    advice: str = ""  # how to mend it; "" where it is ok
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        lines = [f"{self.level:<8} {self.check:<18} {self.found}"]
+        if self.advice:
+            lines.append(f"{'':<8} {'':<18} -> {self.advice}")
+        return lines
+
+
+def judged(check: str, found: str, mend: str = "", level: Level = "warning") -> Check:
+    """`ok` where there is nothing to mend, else `level`."""
+    return Check(check, level if mend else "ok", found, mend)
+
+
+def read(root: Path, name: str) -> str:
+    """A file of the machine, stripped; "" where it cannot be read."""
+    try:
+        return (root / name).read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def number(text: str, default: int) -> int:
+    """A whole number, or a default where there is none."""
+    try:
+        return int(text)
+    except ValueError:
+        return default
+
+
+def ranges(cpus: list[int]) -> str:
+    """Numbers as a list such as 0-3,6."""
+    parts: list[str] = []
+    first = last = None
+    for cpu in [*sorted(cpus), None]:
+        if last is not None and cpu == last + 1:
+            last = cpu
+            continue
+        if first is not None:
+            parts.append(str(first) if first == last else f"{first}-{last}")
+        first = last = cpu
+    return ",".join(parts)

@@ -1,0 +1,117 @@
+"""`liftgate-hil doctor` as a process on this machine, whatever that is."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hil.cli import main
+
+ROOT = Path(__file__).parents[3]
+SHORT = ("--duration", "0.1")
+
+
+def doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hil", "doctor", *arguments],
+        capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
+        env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+def assert_sound(answer: dict[str, Any], code: int) -> None:
+    checks = answer["checks"]
+    assert all(set(each) == {"check", "level", "found", "advice"} for each in checks)
+    assert {each["level"] for each in checks} <= {"ok", "warning", "problem"}
+    assert all(bool(each["advice"]) == (each["level"] != "ok") for each in checks)
+    names = [each["check"] for each in checks]
+    assert {"platform", "kernel", "CPUs", "FIFO priority", "software", "adapters"} <= set(names)
+    assert names[-1] == "verdict"
+    assert answer["fit"] == (code == 0) == all(each["level"] != "problem" for each in checks)
+    figures = answer["figures"]
+    assert figures["lateness"]["count"] + figures["lateness"]["missed"] == 100
+
+
+def test_the_answer_as_json():
+    done = doctor("--json", *SHORT, "--realtime")
+    assert done.stderr == ""
+    answer = json.loads(done.stdout)
+    assert_sound(answer, done.returncode)
+    assert "--realtime" in [each["check"] for each in answer["checks"]]
+
+
+def test_the_answer_in_words_and_only_what_is_not_ok():
+    loud = doctor(*SHORT, LIFTGATE_COMPILE="0")
+    quiet = doctor(*SHORT, "--quiet", LIFTGATE_COMPILE="0")
+    for done in (loud, quiet):
+        assert done.returncode in (0, 1)
+        assert "Traceback" not in done.stderr
+        assert "unset LIFTGATE_COMPILE" in done.stdout
+    starts = {line.split()[0] for line in quiet.stdout.splitlines()}
+    assert starts <= {"warning", "problem", "->"}
+    assert quiet.stderr == ""
+    assert loud.stdout.startswith("ok       platform")
+
+
+def test_a_cpu_that_is_not_there_is_a_problem():
+    done = doctor(*SHORT, "--quiet", "--cpu", "1023")
+    assert done.returncode == 1
+    assert "CPU 1023 is not one" in done.stdout
+
+
+# What the user may not read or do must not stop it. All is imported first: the user may not see the interpreter.
+_UNPRIVILEGED = """
+import contextlib, io, os, sys
+from hil.cli import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["doctor", "--json", "--duration", "0.1"])
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+sys.exit(main(["doctor", "--json", "--realtime", "--duration", "0.1"]))
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody else")
+def test_an_unprivileged_user_gets_an_answer():
+    done = subprocess.run(
+        [sys.executable, "-c", _UNPRIVILEGED],
+        capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    answer = json.loads(done.stdout)
+    assert_sound(answer, done.returncode)
+    levels = {each["check"]: each["level"] for each in answer["checks"]}
+    assert levels["FIFO priority"] == "warning"
+    assert levels["--realtime"] == "warning"
+    assert answer["figures"]["lateness_realtime"] is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--duration", "0"],
+        ["--duration", "nan"],
+        ["--rate", "20000"],
+        ["--cpu", "-1"],
+        ["--cpu", "x"],
+        ["--nosuch"],
+        ["can0"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_flags_are_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
+):
+    with pytest.raises(SystemExit) as leaving:
+        main(["doctor", *arguments])
+    assert leaving.value.code == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1

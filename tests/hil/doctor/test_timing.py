@@ -1,0 +1,144 @@
+"""What the doctor concludes from figures, and that it measures them as the loop would."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hil.doctor import timing
+from hil.doctor.timing import Wakeups
+from hil.loop.hard import make_room
+from hil.loop.histogram import BINS, NOTHING, Distribution
+from hil.loop.wakeups import in_own_thread, measure_wakeups, note_wakeups
+
+WITH, WITHOUT = "with --realtime", "without --realtime"
+CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
+
+
+def wakeups(p999_us: float, missed: int = 0, periods: int = 10_000) -> Wakeups:
+    return Wakeups(Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us), missed, periods)
+
+
+@pytest.mark.parametrize(
+    ("p999_us", "rate"),
+    [(60.0, 10_000), (90.0, 5_000), (400.0, 2_000), (900.0, 1_000), (4900.0, 200), (6000.0, 0)],
+)
+def test_the_rate_leaves_room_for_lateness_and_tick(p999_us: float, rate: int):
+    assert timing.recommended(wakeups(p999_us).lateness, CHEAP) == rate
+
+
+def test_a_dear_tick_lowers_the_rate_and_no_figures_give_none():
+    assert timing.recommended(wakeups(60.0).lateness, CHEAP._replace(p99_us=200.0)) == 2_000
+    assert timing.recommended(wakeups(60.0).lateness, None) == 10_000
+    assert timing.recommended(NOTHING, CHEAP) == 0
+
+
+def test_the_verdict_names_the_rate_the_mode_and_the_force():
+    check = timing.verdict(1000.0, {WITHOUT: wakeups(900.0), WITH: wakeups(60.0)}, CHEAP, 0)
+    assert check.level == "ok"
+    assert check.found == (
+        "fit for up to 10000 Hz with --realtime (1000 Hz without --realtime); p99 lateness 50 µs is "
+        "0.14 N of pinch force on the 10 N/mm rod"  # 50e-6 s * 0.29 m/s * 10000 N/m = 0.145 N
+    )
+
+
+def test_a_rate_above_the_recommended_one_is_a_warning():
+    check = timing.verdict(5000.0, {WITHOUT: wakeups(900.0)}, CHEAP, 0)
+    assert check.level == "warning"
+    assert "not 5000 Hz" in check.found
+    assert "--rate 1000" in check.advice
+
+
+def test_periods_missed_at_the_rate_asked_for_are_a_warning():
+    check = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, missed=25)}, CHEAP, 0)
+    assert check.level == "warning"
+    assert "0.25 % of periods missed at 1000 Hz" in check.found
+
+
+@pytest.mark.parametrize(
+    ("modes", "problems", "said"),
+    [
+        ({}, 1, "not fit"),
+        ({WITHOUT: wakeups(90_000.0)}, 0, "even 200 Hz"),
+        ({WITHOUT: wakeups(100.0, missed=500)}, 0, "5.0 %"),
+        ({WITHOUT: wakeups(60.0)}, 1, "but for the above"),
+    ],
+)
+def test_what_makes_real_time_impossible_is_a_problem(
+    modes: dict[str, Wakeups], problems: int, said: str
+):
+    check = timing.verdict(1000.0, modes, CHEAP, problems)
+    assert check.level == "problem"
+    assert said in check.found
+    assert check.advice
+
+
+def test_missed_periods_are_told_with_what_helps():
+    assert timing.lateness("lateness", wakeups(50.0, 10), 1000.0, "pray").level == "ok"
+    check = timing.lateness("lateness", wakeups(50.0, 11), 1000.0, "pray")
+    assert (check.level, check.advice) == ("warning", "pray")
+    assert "11 of 10000 periods missed" in check.found
+
+
+def test_what_was_refused_is_told_in_full_only_where_it_was_asked_for():
+    refused = ["FIFO scheduling: no; to get it: ulimit", "CPU 9: none; allowed: 0, 1"]
+    asked = timing.given(refused, asked=True)
+    assert (asked.level, asked.advice) == ("warning", "ulimit; allowed: 0, 1")
+    assert asked.found == "not given: FIFO scheduling: no, CPU 9: none"
+    assert timing.given(refused, asked=False).level == "ok"
+    assert timing.given([], asked=True).level == "ok"
+
+
+def test_a_ticks_share_of_the_period():
+    assert "not measured" in timing.tick_cost(None, 1000.0).found
+    assert ": 0.5 % of a period" in timing.tick_cost(CHEAP, 1000.0).found
+    assert timing.tick_cost(CHEAP._replace(p99_us=90.0), 10_000.0).level == "warning"
+
+
+def test_stolen_time_is_the_worst_cpus(tmp_path):
+    (tmp_path / "proc").mkdir()
+    stat = tmp_path / "proc/stat"
+    looks = []
+    for stolen in (0, 5):
+        stat.write_text(
+            f"cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 100 0 0 0 0 0 0 0 7 0\ncpu1 {95 + 5 - stolen} 0 0 0 0 "
+            f"0 0 {stolen * 2} 0 0\nintr 5 5\n"
+        )
+        looks.append(timing.steal(tmp_path))
+    assert set(looks[0]) == {"cpu0", "cpu1"}
+    shares = timing.stolen_percent({"cpu0": (0, 0), "cpu1": (5, 100)}, {"cpu1": (10, 200)})
+    assert shares == {"cpu1": 5.0}
+    check = timing.stolen(shares)
+    assert check.level == "warning"
+    assert "5.0 % of CPU1's" in check.found
+    assert timing.stolen({"cpu0": 0.0}).level == "ok"
+    assert timing.stolen({}).level == "ok"
+
+
+def test_every_period_is_either_measured_or_missed():
+    lateness, missed = measure_wakeups(1_000_000, 50)
+    assert lateness.count + missed == 50
+
+
+def test_periods_that_are_too_short_are_skipped_and_counted():
+    histogram = np.zeros(BINS, dtype=np.int64)
+    missed = note_wakeups(10, 100_000, histogram, np.zeros(1, dtype=np.int64), make_room())
+    assert missed > 0
+    assert histogram.sum() + missed == 100_000
+
+
+def test_a_measurement_ends_when_told_to():
+    histogram = np.zeros(BINS, dtype=np.int64)
+    assert note_wakeups(10**9, 100, histogram, np.ones(1, dtype=np.int64), make_room()) == 0
+    assert histogram.sum() == 0
+
+
+def test_a_failure_in_the_thread_is_raised_here():
+    ended = []
+
+    def fail() -> None:
+        raise OSError("no")
+
+    with pytest.raises(OSError, match="no"):
+        in_own_thread(fail, lambda: ended.append(1), None)
+    assert ended
