@@ -49,6 +49,7 @@ class Room(NamedTuple):
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
     stamps: NDArray[np.int64]  # arrival of each frame
+    drained: NDArray[np.int64]  # (1,) when all that had come was last read
     clock: NDArray[np.int64]  # (2,) struct timespec
 
 
@@ -62,6 +63,7 @@ def make_room() -> Room:
         frames.lengths,
         frames.data,
         np.zeros(CAPACITY, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
     )
 
@@ -86,14 +88,14 @@ def wait_until(deadline_ns: int, room: Room) -> int:
 
 
 @compilable
-def arrival_of(stamp: int, now_ns: int, real_ns: int) -> int:
+def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
     """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives. A step of the wall
-    clock between the frame's arrival and now makes it wrong, so it is kept within the last second.
+    clock between the frame's arrival and now makes it wrong; but it came after all was last read.
     """
     if stamp == 0:
         return now_ns
     age = now_ns - stamp if stamp > 0 else real_ns + stamp
-    return now_ns - min(max(age, 0), 1_000_000_000)
+    return now_ns - min(max(age, 0), now_ns - drained_ns)
 
 
 @compilable
@@ -197,11 +199,15 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
         control.last_error = reading.error
     if reading.dropped >= 0:
         control.dropped = reading.dropped
+    frames = Frames(reading.count, room.identifiers, room.lengths, room.data)
     if reading.count > 0:
         real_ns = clock_ns(_REALTIME, room)
+        drained_ns = max(int(room.drained[0]), course.start_ns)
         for i in range(reading.count):
-            room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns)
-    return Frames(reading.count, room.identifiers, room.lengths, room.data)
+            room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns, drained_ns)
+    if reading.count < CAPACITY:
+        room.drained[0] = now_ns
+    return frames
 
 
 @compilable
