@@ -50,6 +50,7 @@ class Room(NamedTuple):
     data: NDArray[np.uint8]
     stamps: NDArray[np.int64]  # arrival of each frame
     drained: NDArray[np.int64]  # (1,) when all that had come was last read
+    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped
     clock: NDArray[np.int64]  # (2,) struct timespec
 
 
@@ -63,6 +64,7 @@ def make_room() -> Room:
         frames.lengths,
         frames.data,
         np.zeros(CAPACITY, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
     )
@@ -198,7 +200,10 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
         control.receive_errors += 1
         control.last_error = reading.error
     if reading.dropped >= 0:
-        control.dropped = reading.dropped
+        # A new socket under the descriptor counts from zero.
+        before = room.drops[0] if reading.dropped >= room.drops[0] else 0
+        control.dropped += reading.dropped - before
+        room.drops[0] = reading.dropped
     frames = Frames(reading.count, room.identifiers, room.lengths, room.data)
     if reading.count > 0:
         real_ns = clock_ns(_REALTIME, room)
