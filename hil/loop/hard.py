@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from hil.codec.frames import ERROR, EXTENDED, FD, Frames, empty_frames
 from hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from hil.loop.histogram import note
 from hil.loop.shared import DELAY, EXECUTION, LATENESS, Shared
@@ -24,6 +24,7 @@ ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
 _MONOTONIC, _REALTIME = 1, 0  # clocks
 _ABSOLUTE = 1  # TIMER_ABSTIME
+_BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
 
 _clock_gettime = System("clock_gettime", "i", "il")
 _clock_nanosleep = System("clock_nanosleep", "i", "iill")
@@ -191,6 +192,19 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
 
 
 @compilable
+def note_errors(shared: Shared, frames: Frames) -> None:
+    """Whether the controller is off the bus: it says so, and is on it again when it restarts or hears others."""
+    control = shared.control[0]
+    for i in range(frames.count):
+        identifier = frames.identifiers[i]
+        if identifier & ERROR == 0 or identifier & _RESTARTED != 0:
+            control.bus_off = 0
+        elif identifier & _BUS_OFF != 0:
+            control.bus_offs += 1 - control.bus_off
+            control.bus_off = 1
+
+
+@compilable
 def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
@@ -199,6 +213,7 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
     if reading.error != 0:
         control.receive_errors += 1
         control.last_error = reading.error
+        control.bus_off = 0  # an interface that was down starts its controller afresh
     if reading.dropped >= 0:
         # A new socket under the descriptor counts from zero.
         before = room.drops[0] if reading.dropped >= room.drops[0] else 0
@@ -210,6 +225,7 @@ def receive(shared: Shared, course: Course, room: Room, now_ns: int) -> Frames:
         drained_ns = max(int(room.drained[0]), course.start_ns)
         for i in range(reading.count):
             room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns, drained_ns)
+        note_errors(shared, frames)
     if reading.count < CAPACITY:
         room.drained[0] = now_ns
     return frames

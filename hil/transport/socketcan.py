@@ -7,12 +7,12 @@ descriptor when there is a new interface.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import fcntl
 import os
 import socket
 import struct
+from typing import Any
 
 from hil.errors import TransportError
 from hil.transport.base import LinkCounts
@@ -26,6 +26,8 @@ _ALL_ERRORS = 0x1FFFFFFF  # CAN_ERR_MASK
 _BUFFER = 8 << 20  # bytes; the default of 208 KiB is 25 to 75 ms of a full bus
 
 ABSENT, DOWN, STOPPED, UP = "is gone", "is down", "is not running (bus-off?)", "is back"
+BUS_OFF = "is bus-off"
+BRIEFLY = "was lost for a moment and is back"
 
 
 def interface_state(name: str) -> str:
@@ -77,6 +79,8 @@ class SocketCan:
         self._is_fd = is_fd
         self._state = interface_state(name)
         self._losses = 0
+        self._felt = 0  # receive errors
+        self._bus_offs = 0
         if not hasattr(socket, "AF_CAN"):
             raise TransportError(f"socketcan:{name}: cannot be opened: Python has no AF_CAN here")
         try:
@@ -90,33 +94,44 @@ class SocketCan:
             ) from error
         self.descriptor = self._socket.fileno()
 
-    def watch(self) -> str | None:
+    def watch(self, control: Any) -> str | None:
         """See Line."""
+        felt, bus_offs = int(control.receive_errors), int(control.bus_offs)
+        is_off = bool(control.bus_off)
         state = interface_state(self.name)
-        if state in (UP, DOWN):
-            self._renew()
-        if state == self._state:
-            return None
-        if self._state == UP:
+        is_new = state in (UP, DOWN) and self._renew()
+        # Most controllers lose their carrier at bus-off, too.
+        if (is_off and state in (UP, STOPPED)) or (state, self._state) == (STOPPED, BUS_OFF):
+            state = BUS_OFF
+        before = self._state
+        # What came and went between two looks: the socket felt it, or it is another interface.
+        briefly = is_new or felt != self._felt or bus_offs != self._bus_offs
+        if before == UP and (state != UP or briefly):
             self._losses += 1
-        self._state = state
+        self._state, self._felt, self._bus_offs = state, felt, bus_offs
+        if state == before:
+            return BRIEFLY if state == UP and briefly else None
+        if state in (BUS_OFF, STOPPED):
+            return f"{state}; to have it restart: ip link set {self.name} type can restart-ms 100"
         return state
 
     def counts(self) -> LinkCounts:
         """See Line."""
-        return LinkCounts(losses=self._losses)
+        return LinkCounts(losses=self._losses, bus_offs=self._bus_offs)
 
     def close(self) -> None:
         """See Line."""
         self._socket.close()
 
-    def _renew(self) -> None:
+    def _renew(self) -> bool:
         """Put a new socket under the descriptor, if the interface is another one than the socket's."""
-        with contextlib.suppress(OSError):  # gone again: the next look will tell
+        try:
             index = socket.if_nametoindex(self.name)
-            if index != self._index:
-                with open_socket(self.name, self._is_fd) as new:
-                    os.dup2(new.fileno(), self.descriptor, inheritable=False)
-                if self._state == UP:  # it was replaced between two looks
-                    self._losses += 1
-                self._index = index
+            if index == self._index:
+                return False
+            with open_socket(self.name, self._is_fd) as new:
+                os.dup2(new.fileno(), self.descriptor, inheritable=False)
+        except OSError:  # gone again: the next look will tell
+            return False
+        self._index = index
+        return True
