@@ -47,6 +47,11 @@ def _ask(probe: socket.socket, request: int, name: str) -> int:
     return int(struct.unpack_from("i" if request == _SIOCGIFMTU else "H", answer, 16)[0])
 
 
+def _failures(control: Any) -> int:
+    """How often the socket failed; a fallen interface is told by the next call of either kind, and once."""
+    return int(control.receive_errors + control.unsent - control.unsent_full)
+
+
 def open_socket(name: str, is_fd: bool) -> socket.socket:
     """A raw CAN socket on an interface. Raises OSError."""
     raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -65,6 +70,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
         except OSError:  # not permitted; as much as the kernel allows
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         raw.bind((name,))
+        raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # "is down" is known: not felt again
     except OSError:
         raw.close()
         raise
@@ -96,7 +102,7 @@ class SocketCan:
 
     def watch(self, control: Any) -> str | None:
         """See Line."""
-        felt, bus_offs = int(control.receive_errors), int(control.bus_offs)
+        felt, bus_offs = _failures(control), int(control.bus_offs)
         is_off = bool(control.bus_off)
         state = interface_state(self.name)
         is_new = state in (UP, DOWN) and self._renew()
@@ -108,6 +114,8 @@ class SocketCan:
         briefly = is_new or felt != self._felt or bus_offs != self._bus_offs
         if before == UP and (state != UP or briefly):
             self._losses += 1
+        if before != UP:
+            felt = _failures(control)  # what failed while it came back is no new loss
         self._state, self._felt, self._bus_offs = state, felt, bus_offs
         if state == before:
             return BRIEFLY if state == UP and briefly else None
