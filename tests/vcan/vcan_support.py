@@ -119,7 +119,7 @@ class Emulator(subprocess.Popen[str]):
     def wait_for_news(self, ending: str, number: int) -> None:
         wait_for(
             lambda: sum(text.endswith(ending) for _, text in self.news()) >= number,
-            f"not told {number} times: {ending}",
+            f"not told {number} times: {ending}; but: {self.told()}",
             0.01,
         )
 
