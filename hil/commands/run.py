@@ -210,10 +210,9 @@ def report(args: argparse.Namespace, summary: Summary) -> None:
 
 def speaker(args: argparse.Namespace) -> Callable[[str], None]:
     """Where progress is told: stderr, unless silenced."""
-    silent = args.quiet or args.json
 
     def say(text: str) -> None:
-        if not silent:
+        if not args.quiet:
             print(text, file=sys.stderr, flush=True)
 
     return say

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from hil.codec.frames import ERROR, EXTENDED, FD, Frames, empty_frames
 from hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from hil.loop.histogram import note
 from hil.loop.shared import DELAY, EXECUTION, LATENESS, Shared
@@ -24,6 +24,7 @@ ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
 _MONOTONIC, _REALTIME = 1, 0  # clocks
 _ABSOLUTE = 1  # TIMER_ABSTIME
+_BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
 
 _clock_gettime = System("clock_gettime", "i", "il")
 _clock_nanosleep = System("clock_nanosleep", "i", "iill")
@@ -49,6 +50,8 @@ class Room(NamedTuple):
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
     stamps: NDArray[np.int64]  # arrival of each frame
+    drained: NDArray[np.int64]  # (1,) when all that had come was last read
+    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped
     clock: NDArray[np.int64]  # (2,) struct timespec
 
 
@@ -62,6 +65,8 @@ def make_room() -> Room:
         frames.lengths,
         frames.data,
         np.zeros(CAPACITY, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
     )
 
@@ -86,14 +91,14 @@ def wait_until(deadline_ns: int, room: Room) -> int:
 
 
 @compilable
-def arrival_of(stamp: int, now_ns: int, real_ns: int) -> int:
+def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
     """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives. A step of the wall
-    clock between the frame's arrival and now makes it wrong, so it is kept within the last second.
+    clock between the frame's arrival and now makes it wrong; but it came after all was last read.
     """
     if stamp == 0:
         return now_ns
     age = now_ns - stamp if stamp > 0 else real_ns + stamp
-    return now_ns - min(max(age, 0), 1_000_000_000)
+    return now_ns - min(max(age, 0), now_ns - drained_ns)
 
 
 @compilable
@@ -192,21 +197,44 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
 
 
 @compilable
+def note_errors(shared: Shared, frames: Frames) -> None:
+    """Whether the controller is off the bus: it says so, and is on it again when it restarts or hears others."""
+    control = shared.control[0]
+    for i in range(frames.count):
+        identifier = frames.identifiers[i]
+        if identifier & ERROR == 0 or identifier & _RESTARTED != 0:
+            control.bus_off = 0
+        elif identifier & _BUS_OFF != 0:
+            control.bus_offs += 1 - control.bus_off
+            control.bus_off = 1
+
+
+@compilable
 def receive(shared: Shared, course: Course, room: Room) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(course.descriptor, room.reading, frames, room.stamps)
+    now_ns = clock_ns(_MONOTONIC, room)
     control = shared.control[0]
     if reading.error != 0:
         control.receive_errors += 1
         control.last_error = reading.error
+        control.bus_off = 0  # an interface that was down starts its controller afresh
     if reading.dropped >= 0:
-        control.dropped = reading.dropped
+        # A new socket under the descriptor counts from zero.
+        before = room.drops[0] if reading.dropped >= room.drops[0] else 0
+        control.dropped += reading.dropped - before
+        room.drops[0] = reading.dropped
+    frames = Frames(reading.count, room.identifiers, room.lengths, room.data)
     if reading.count > 0:
-        now_ns, real_ns = clock_ns(_MONOTONIC, room), clock_ns(_REALTIME, room)
+        real_ns = clock_ns(_REALTIME, room)
+        drained_ns = max(int(room.drained[0]), course.start_ns)
         for i in range(reading.count):
-            room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns)
-    return Frames(reading.count, room.identifiers, room.lengths, room.data)
+            room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns, drained_ns)
+        note_errors(shared, frames)
+    if reading.count < CAPACITY:
+        room.drained[0] = now_ns
+    return frames
 
 
 @compilable

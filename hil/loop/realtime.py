@@ -184,9 +184,10 @@ class RealtimeRun:
             now = time.monotonic()
             if now >= next_look:
                 next_look = now + _WATCH
-                news = self.line.watch()
+                news = self.line.watch(control)
                 if news:
-                    self.say(f"{self.line.name} {news}")
+                    seconds = int(control.tick) * self.bench.step
+                    self.say(f"{seconds:.3f} s: {self.line.name} {news}")
                 if self.look is not None:
                     self.look()
             if now >= next_figures:

@@ -33,6 +33,8 @@ CONTROL = np.dtype(
         ("receive_errors", "i8"),
         ("dropped", "i8"),  # frames that the kernel dropped before they were read
         ("last_error", "i8"),  # errno of the wire's last error
+        ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
+        ("bus_offs", "i8"),  # times it went off
     ]
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from hil.codec.frames import Frames
 
@@ -15,6 +15,7 @@ class LinkCounts(NamedTuple):
     receive_failures: int = 0
     dropped: int = 0  # frames that came but were dropped before they were read
     losses: int = 0  # times the link was lost
+    bus_offs: int = 0  # of these, because the controller went off the bus
     # Frames of a serial line that were no good, by cause (see hil.transport.cobs.BadFrames).
     cut_frames: int = 0
     long_frames: int = 0
@@ -55,8 +56,10 @@ class Line(Protocol):
     name: str
     descriptor: int
 
-    def watch(self) -> str | None:
-        """Look after the wire; called every 20 ms or so. What changed, if anything did."""
+    def watch(self, control: Any) -> str | None:
+        """Look after the wire; called every 20 ms or so. What changed, if anything did. `control` is what the
+        loop has seen of it (a row of `loop.shared.CONTROL`).
+        """
 
     def counts(self) -> LinkCounts:
         """Faults so far, besides those that the loop sees itself."""

@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 import time
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class Pump:
         for thread in self._threads:
             thread.start()
 
-    def watch(self) -> str | None:
+    def watch(self, control: Any) -> str | None:
         """See Line."""
         is_up = self._transport.is_up
         if is_up == self._was_up:

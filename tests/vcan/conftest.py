@@ -15,8 +15,16 @@ from hil.config.rig import Rig
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--link-cycles", type=int, default=3, help="how often a link fault comes and goes"
+        "--link-cycles", type=int, default=100, help="how often a link fault comes and goes"
     )
+    parser.addoption(
+        "--load-seconds", type=float, default=60.0, help="how long a full bus is borne"
+    )
+
+
+@pytest.fixture
+def load_seconds(request: pytest.FixtureRequest) -> float:
+    return request.config.getoption("--load-seconds")
 
 
 @pytest.fixture
@@ -30,19 +38,26 @@ def rig() -> Rig:
 
 
 @pytest.fixture
-def bus(tmp_path: Path) -> Iterator[Bus]:
+def seen(request: pytest.FixtureRequest) -> tuple[int, ...]:
+    """Identifiers that candump is to see; none: all."""
+    return getattr(request, "param", ())
+
+
+@pytest.fixture
+def bus(tmp_path: Path, seen: tuple[int, ...]) -> Iterator[Bus]:
     """vcan0, as candump sees it from now on."""
     link_back()
     log = tmp_path / "candump.log"
     with log.open("w") as stream:
         # -D: stays where the interface goes down. A large buffer, so that whatever it misses was not sent.
+        filters = "".join(f",{identifier:X}:7FF" for identifier in seen)
         listener = subprocess.Popen(
-            ["candump", "-D", "-L", "-r", "8000000", "vcan0"], stdout=stream
+            ["candump", "-D", "-L", "-r", "8000000", f"vcan0{filters}"], stdout=stream
         )
         try:
-            seen = Bus(log)
-            seen.wait_for_listener()
-            yield seen
+            dumped = Bus(log)
+            dumped.wait_for_listener()
+            yield dumped
         finally:
             listener.kill()
             listener.wait()

@@ -42,7 +42,7 @@ def test_every_message_comes_at_its_cycle(bus: Bus, rig: Rig) -> None:
             for frame in bus.frames(identifier)
         ]
         assert counters == [turn % 16 for turn in range(len(counters))]
-    assert summary["link"] == {"send_failures": 0, "receive_failures": 0}
+    assert not any(summary["link"].values())
 
 
 def test_a_log_turned_into_asc_is_read_whole(tmp_path: Path, bus: Bus) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -36,8 +37,12 @@ class Bus:
         self.log = log
 
     def wait_for_listener(self) -> None:
-        table = Path("/proc/net/can/rcvlist_all")
-        wait_for(lambda: "vcan0" in table.read_text(), "candump does not listen")
+        tables = list(Path("/proc/net/can").glob("rcvlist_*"))
+
+        def is_there() -> bool:
+            return any(re.search("^ +vcan0 ", each.read_text(), re.MULTILINE) for each in tables)
+
+        wait_for(is_there, "candump does not listen")
 
     def frames(self, identifier: int | None = None) -> list[Seen]:
         text = self.log.read_text()
@@ -70,11 +75,11 @@ def parsed(line: str) -> Seen:
     return Seen(float(stamp.strip("()")), int(identifier, 16), payload, is_fd)
 
 
-def wait_for(condition: Callable[[], object], what: str) -> None:
+def wait_for(condition: Callable[[], object], what: str, pause: float = 0.05) -> None:
     deadline = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < deadline, what
-        time.sleep(0.05)
+        time.sleep(pause)
 
 
 def run(*command: str) -> str:
@@ -94,31 +99,64 @@ def running(*command: str) -> Iterator[subprocess.Popen[str]]:
         child.communicate()
 
 
+class Emulator(subprocess.Popen[str]):
+    """The program under test; what it tells goes to a file, which can be read while it runs."""
+
+    def __init__(self, arguments: Sequence[str], told: Path) -> None:
+        self._told = told
+        command = (sys.executable, "-m", "hil", "--bus", "socketcan:vcan0", *arguments)
+        with told.open("w") as stream:
+            super().__init__(command, stdout=subprocess.PIPE, stderr=stream, text=True)
+
+    def told(self) -> str:
+        return self._told.read_text()
+
+    def news(self) -> list[tuple[int, str]]:
+        """(tick, text) of each change of the link that it told."""
+        lines = re.findall(r"^([0-9.]+) s: vcan0 (.*)\n", self.told(), re.MULTILINE)
+        return [(round(1000.0 * float(seconds)), text) for seconds, text in lines]
+
+    def wait_for_news(self, ending: str, number: int) -> None:
+        wait_for(
+            lambda: sum(text.endswith(ending) for _, text in self.news()) >= number,
+            f"not told {number} times: {ending}; but: {self.told()}",
+            0.01,
+        )
+
+    def holds(self) -> tuple[int, int]:
+        """How many descriptors and threads."""
+        place = Path("/proc", str(self.pid))
+        return len(list((place / "fd").iterdir())), len(list((place / "task").iterdir()))
+
+
 @contextlib.contextmanager
-def emulator(bus: Bus, *more: str, first: int = GATE) -> Iterator[subprocess.Popen[str]]:
+def emulator(bus: Bus, *more: str, first: int = GATE) -> Iterator[Emulator]:
     """The program under test, once its first frame is on the bus. A slow machine does not end it."""
-    command = (sys.executable, "-m", "hil", "--bus", "socketcan:vcan0", "--overrun-limit", "60")
-    with running(*command, *more) as child:
+    child = Emulator(("--overrun-limit", "60", *more), bus.log.with_name("told.txt"))
 
-        def begun() -> bool:
-            assert child.poll() is None or bus.count(first), child.stderr.read()
-            return bus.count(first) > 0
+    def begun() -> bool:
+        assert child.poll() is None or bus.count(first), child.told()
+        return bus.count(first) > 0
 
+    try:
         wait_for(begun, "the emulator sent nothing")
         yield child
+    finally:
+        child.kill()
+        child.communicate()
 
 
-def ended(child: subprocess.Popen[str], number: int | None = None) -> str:
+def ended(child: Emulator, number: int | None = None) -> str:
     """What the emulator prints at its end, which is in order; `number` is the signal that ends it."""
     if number is not None:
         child.send_signal(number)
-    out, error = child.communicate(timeout=PATIENCE)
-    assert child.returncode == 0, error
-    assert "Traceback" not in error
+    out, _ = child.communicate(timeout=PATIENCE)
+    assert child.returncode == 0, child.told()
+    assert "Traceback" not in child.told()
     return out
 
 
-def summary_of(child: subprocess.Popen[str], number: int | None = signal.SIGTERM) -> dict[str, Any]:
+def summary_of(child: Emulator, number: int | None = signal.SIGTERM) -> dict[str, Any]:
     return json.loads(ended(child, number))
 
 
@@ -141,8 +179,31 @@ def texts_of(frames: Iterable[tuple[int, bytes]]) -> list[str]:
     return [f"{identifier:03X}#{payload.hex()}" for identifier, payload in frames]
 
 
+SENDER = Path(__file__).with_name("sender.py")
+
+
+@contextlib.contextmanager
+def sending(
+    frames: Sequence[tuple[int, bytes]], rate: float, *more: str
+) -> Iterator[subprocess.Popen[str]]:
+    """A process that sends these frames over and over."""
+    texts = [f"{identifier:X}#{payload.hex()}" for identifier, payload in frames]
+    with running(sys.executable, "-ISB", str(SENDER), f"{rate}", *more, "--", *texts) as child:
+        yield child
+
+
+def sent_by(child: subprocess.Popen[str], number: int | None = signal.SIGTERM) -> int:
+    """How many frames a sender has sent at its end; `number` is the signal that ends it."""
+    if number is not None:
+        child.send_signal(number)
+    out, error = child.communicate(timeout=PATIENCE)
+    assert child.returncode == 0, error
+    return int(out)
+
+
 def link_back() -> None:
     """vcan0 is there and up, whatever was done to it."""
     if not Path("/sys/class/net/vcan0").exists():
         run("ip", "link", "add", "dev", "vcan0", "mtu", "72", "type", "vcan")
     run("ip", "link", "set", "vcan0", "up")
+    subprocess.run(("tc", "qdisc", "del", "dev", "vcan0", "root"), capture_output=True, check=False)

@@ -14,7 +14,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-MODULES = ("can-raw", "can-bcm", "can-gw", "can-j1939", "vcan", "vxcan", "slcan", "overlay")
+MODULES = (
+    *("can-raw", "can-bcm", "can-gw", "can-j1939", "vcan", "vxcan", "slcan", "overlay"),
+    "sch_prio",  # a queue for some senders of an interface, so that it can be full for them alone
+)
 MS_MOVE, FINIT_MODULE, POWER_OFF = 0x2000, 313, 0x4321FEDC
 WORK = Path("/dev/.vcan")  # on devtmpfs, the one writable place at first
 NOT_FOUND, NOT_RUNNABLE = 127, 126
