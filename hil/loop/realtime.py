@@ -6,6 +6,7 @@ an in-process bus their turns. None of it can hold up a tick.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -62,11 +63,9 @@ class RealtimeRun:
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
     watch: Callable[[Snapshot], None] | None = None
-    look: Callable[[], None] | None = None  # whatever else wants a look now and then
     realtime: Realtime | None = None
     outcome: int = hard.ENDED
     _failure: BaseException | None = None
-    _losses: int = 0
     _room: hard.Room = field(default_factory=hard.make_room)
     _entered: threading.Event = field(default_factory=threading.Event)
 
@@ -143,6 +142,7 @@ class RealtimeRun:
             command_timeouts=self.state.timeouts,
             received=self.state.counts,
             link=link,
+            link_error=os.strerror(int(control.last_error)) if control.last_error else "",
             recording_lost_rows=lost_rows,
         )
 
@@ -188,8 +188,6 @@ class RealtimeRun:
                 if news:
                     seconds = int(control.tick) * self.bench.step
                     self.say(f"{seconds:.3f} s: {self.line.name} {news}")
-                if self.look is not None:
-                    self.look()
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 shared.timing[:] = self.timing().on_bus()

@@ -74,6 +74,7 @@ class Summary:
     command_timeouts: int = 0
     received: Counts = NO_COUNTS
     link: LinkCounts = field(default_factory=LinkCounts)
+    link_error: str = ""  # the system's words for the last one
     recording_lost_rows: int = 0  # that the recorder was too slow for
 
     def as_dict(self) -> dict[str, Any]:
@@ -138,7 +139,9 @@ class Summary:
             lines.append(
                 f"link: lost {link.losses} times, {link.send_failures} frames not sent "
                 f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
-                f"receive errors, {link.dropped} received frames dropped" + "".join(rarer)
+                f"receive errors, {link.dropped} received frames dropped"
+                + "".join(rarer)
+                + (f", last: {self.link_error}" if self.link_error else "")
             )
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
