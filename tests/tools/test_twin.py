@@ -98,7 +98,7 @@ def test_the_source_reads_as_c() -> None:
 
 class Pair(NamedTuple):
     first: float
-    second: float = 2.0
+    second: float
 
 
 ORIGIN = Pair(0.0, -1.5)
@@ -112,23 +112,35 @@ def swapped(pair: Pair) -> tuple[float, float]:
 
 
 def everything(x: float, n: int, pair: Pair) -> Pair:
-    total, k = 0.0, 0
+    total = 0.0
     for i in range(n):
-        if i == 2:
-            continue
-        inner = x - (x - 1.0) - x if i in {1, CODES} else i / 2
-        total += inner
-    while k < 3 and not total > 1e9:
+        if i != 2:
+            inner = x - (x - 1.0) - x if i == 1 or i == CODES else i / 2.0
+            total += inner
+    for down in range(3, 0, -1):
         last = total
-        k = k + 1
-        total = max(last, min(x, 5.0), -x) * (-1.0 if 0.0 < x <= 1.0 else 1.5)
-    first, _ = swapped(Pair(total))
-    other = pair._replace(second=first + swapped(pair)[0])
-    return Pair(second=other.second + ORIGIN.second, first=abs(total) + float(k) + pair.first)
+        total = max(last, min(x, 5.0))
+        total = max(total, -x) * (-1.0 if 0.0 < x <= 1.0 else 1.5)
+        if total > 1e9:
+            break
+        if total < 0.0:
+            low = down - x
+        else:
+            if x > 1.0:
+                low = 1.0
+            else:
+                low = 2.0
+            low *= 3.0 - x
+        total -= low - x
+    double = Pair(total, 2.0)
+    first, _ = swapped(double)
+    other = Pair(pair.first, first)
+    return Pair(abs(total) + pair.first, other.second + ORIGIN.second)
 
 
 def calls_everything(plant: Pair, state: Pair, inputs: Pair, step: float) -> Pair:
-    return everything(state.first + step, 5, Pair(state.second, plant.first - inputs.first))
+    pair = Pair(state.second, plant.first - inputs.first)
+    return everything(state.first + step, 5, pair)
 
 
 @needs_gcc
@@ -166,7 +178,7 @@ def truth_of_a_number(x: float) -> float:
 
 
 def assigned_parameter(pair: Pair) -> Pair:
-    pair = Pair(1.0)
+    pair = Pair(1.0, 2.0)
     return pair
 
 
@@ -207,6 +219,72 @@ def text(x: float) -> float:
     return name
 
 
+def endless(x: float) -> float:
+    while x < 1.0:
+        x += 1.0
+    return x
+
+
+def skipping(x: float) -> float:
+    for _ in range(3):
+        continue
+    return x
+
+
+def annotated(x: float) -> float:
+    y: float = x
+    return y
+
+
+def member_of_a_set(x: float) -> bool:
+    return x in {1.0, 2.0}
+
+
+def element(pair: Pair) -> float:
+    return pair[0]
+
+
+def replaced(pair: Pair) -> Pair:
+    return pair._replace(second=0.0)
+
+
+def by_keyword(x: float) -> Pair:
+    return Pair(second=x, first=x)
+
+
+def too_few(x: float) -> Pair:
+    return Pair(x)  # type: ignore[call-arg]
+
+
+def default(x: float = 0.0) -> float:
+    return x
+
+
+def grown_member(pair: Pair) -> Pair:
+    pair.first += 1.0  # type: ignore[misc]
+    return pair
+
+
+def conversion(x: float) -> float:
+    return float(x)
+
+
+def ratio_of_ints(n: int) -> float:
+    return n / 2
+
+
+def maximum_of_three(x: float) -> float:
+    return max(x, 1.0, 2.0)
+
+
+def nameless_argument(x: float) -> tuple[float, float]:
+    return swapped(Pair(x, x))
+
+
+def infinite(x: float) -> float:
+    return x + math.inf
+
+
 @pytest.mark.parametrize(
     ("function", "reason"),
     [
@@ -222,6 +300,21 @@ def text(x: float) -> float:
         (calls, r"BinOp `x \*\* 2`"),
         (mixed, "Try"),
         (text, "a constant of type str"),
+        (endless, "While"),
+        (skipping, "Continue"),
+        (annotated, "AnnAssign"),
+        (member_of_a_set, r"Compare `x in \{1.0, 2.0\}`"),
+        (element, r"Subscript `pair\[0\]`"),
+        (replaced, r"Call `pair._replace\(second=0.0\)`"),
+        (by_keyword, r"Call `Pair\(second=x, first=x\)`"),
+        (too_few, "1 values where 2 are needed"),
+        (default, "parameters other than plain ones"),
+        (grown_member, r"AugAssign `pair.first \+= 1.0`"),
+        (conversion, r"Call `float\(x\)`"),
+        (ratio_of_ints, "arithmetic of two ints: `n / 2`"),
+        (maximum_of_three, r"Call `max\(x, 1.0, 2.0\)`"),
+        (nameless_argument, "a struct without a name as an argument"),
+        (infinite, "a constant of type float: inf"),
     ],
 )
 def test_what_is_not_in_the_subset_is_refused_with_its_place(function, reason: str) -> None:

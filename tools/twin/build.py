@@ -21,7 +21,8 @@ from plant.compiler import compiled
 from plant.dynamics import Inputs, Plant, State, initial_state
 from plant.obstacle import Obstacle
 from plant.vehicle import load_of, plant_of
-from tools.twin.translate import fields_of, is_struct, translate
+from tools.twin.names import fields_of, is_struct
+from tools.twin.translate import translate
 
 STEP = 0.001
 COUNT = 2000  # steps from the initial state of an operating point
