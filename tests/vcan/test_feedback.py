@@ -22,6 +22,7 @@ from vcan_support import Bus, emulator, ended, run, running, summary_of, texts_o
 from hil.config.rig import Rig
 
 CYCLES_MS = {LEFT_DRIVE: 5, RIGHT_DRIVE: 5, GATE: 10, SENSORS: 100, BENCH_STATUS: 100}
+TIMING = (0x7E2, 0x7E3)  # BenchTiming and BenchDelay, sent once there are figures
 RUNNING, STOPPED = 1, 3
 
 
@@ -31,7 +32,9 @@ def test_every_message_comes_at_its_cycle(bus: Bus, rig: Rig) -> None:
     assert summary["ticks"] == 3001  # and one in which the motors go off
     frames = bus.frames()
     assert len(frames) == summary["frames_sent"]
-    assert {frame.identifier for frame in frames} == CYCLES_MS.keys()
+    assert {frame.identifier for frame in frames} == {*CYCLES_MS, *TIMING}
+    for identifier in TIMING:
+        assert 29 - summary["overruns"] <= bus.count(identifier) <= 31
     for identifier, cycle in CYCLES_MS.items():
         due = 3000 // cycle + 1
         # Periods that a busy machine skipped can swallow a frame, at most one each.
@@ -73,8 +76,8 @@ def test_a_signal_turns_the_motors_off_and_says_so(
         out = ended(gate, number)
     assert out.startswith("ticks ")
     assert bus.last(rig, "BenchStatus")["EmulatorState"] == STOPPED
-    assert [frame.identifier for frame in bus.frames() if frame.identifier != 0x120][-5:] == [
-        LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS,
+    assert [frame.identifier for frame in bus.frames() if frame.identifier != 0x120][-7:] == [
+        LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS, *TIMING,
     ]  # fmt: skip
     rows = [line.split(",") for line in record.read_text().splitlines()]
     last = dict(zip(rows[0], rows[-1], strict=True))

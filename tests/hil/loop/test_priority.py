@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from hil.loop import priority
-from hil.loop.priority import PRIORITY, Realtime, _cpus_of, best_cpu
+from hil.loop.priority import PRIORITY, Realtime, cpus_of, best_cpu
 
 DROP = """
 import json, os, resource, subprocess, sys, threading
@@ -145,7 +145,7 @@ def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPat
     ],
 )
 def test_a_list_of_cpus_is_read(text: str, cpus: list[int]):
-    assert _cpus_of(text) == cpus
+    assert cpus_of(text) == cpus
 
 
 @pytest.mark.parametrize(
