@@ -195,6 +195,8 @@ class Emulation(NamedTuple):
         from plant import compiler
 
         args = self.args
+        if args.json:  # only what goes wrong is told beside it
+            return
         if not compiler.is_cached(entry):
             self.say("compiling the model (once for this version and machine) …")
         self.say(f"{args.vehicle} on {name}, {args.rate:g} Hz, clock {args.clock}")
@@ -209,7 +211,7 @@ def report(args: argparse.Namespace, summary: Summary) -> None:
 
 
 def speaker(args: argparse.Namespace) -> Callable[[str], None]:
-    """Where progress is told: stderr, unless silenced."""
+    """Where progress, and what happens to the link, is told: stderr, unless silenced."""
 
     def say(text: str) -> None:
         if not args.quiet:

@@ -110,7 +110,16 @@ class SerialTransport:
 
     def counts(self) -> LinkCounts:
         """See Transport."""
-        return LinkCounts(self._send_failures, 0, 0, 0, self._losses, *self._decoder.counts)
+        bad = self._decoder.counts
+        return LinkCounts(
+            send_failures=self._send_failures,
+            losses=self._losses,
+            cut_frames=bad.cut,
+            long_frames=bad.long,
+            short_frames=bad.short,
+            bad_crcs=bad.crc,
+            bad_identifiers=bad.identifier,
+        )
 
     def close(self) -> None:
         """See Transport."""

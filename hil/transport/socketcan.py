@@ -1,8 +1,8 @@
 """SocketCAN: a raw socket for the hard loop, which outlives its interface.
 
 A raw socket whose interface was taken down works again once that is up; one whose interface was deleted never
-does. So the interface is looked at every time the line is watched, and a new socket is put under the old
-descriptor when there is a new interface.
+does. So the kernel is listened to (rtnetlink), and a new socket is put under the old descriptor when there is a
+new interface.
 """
 
 from __future__ import annotations
@@ -96,11 +96,14 @@ class LinkEvents:
 
     def take(self) -> list[str]:
         """The states since the last call."""
-        states = []
-        # ENOBUFS: more happened than the kernel kept; the state that is now is looked up anyway.
-        with contextlib.suppress(OSError):
+        states: list[str] = []
+        try:
             while data := self._socket.recv(1 << 16):
                 states += self._states_in(data)
+        except BlockingIOError:
+            pass
+        except OSError:  # ENOBUFS: more happened than the kernel kept
+            states.append(interface_state(self._name.decode()))
         return states
 
     def close(self) -> None:
@@ -157,17 +160,15 @@ class SocketCan:
         before, losses = self._state, self._losses
         for state in self._events.take():
             self._enter(state)
-        state = interface_state(self.name)
-        if state in (UP, DOWN):
+        if self._state in (UP, DOWN):
             self._renew()
-        self._enter(state)
         bus_offs = int(control.bus_offs)
         self._losses += bus_offs - self._bus_offs
         self._bus_offs = bus_offs
         if control.bus_off and self._state in (UP, STOPPED):
             self._state = BUS_OFF
-        elif self._state == BUS_OFF and not control.bus_off and state != STOPPED:
-            self._state = state
+        elif self._state == BUS_OFF and not control.bus_off:
+            self._state = interface_state(self.name)
         if self._state == before:
             return BRIEFLY if self._state == UP and self._losses > losses else None
         if self._state in (BUS_OFF, STOPPED):

@@ -214,7 +214,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     summary = Summary(
         clock="free",
         received=received,
-        link=LinkCounts(11, 5, 12, 14, 15, 16, 17, 18, 19, 20),
+        link=LinkCounts(11, 5, 12, 14, 15, 13, 16, 17, 18, 19, 20),
         command_timeouts=13,
     )
     text = "\n".join(summary.lines())

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from hil.loop import priority
-from hil.loop.priority import PRIORITY, Realtime, cpus_of, best_cpu
+from hil.loop.priority import PRIORITY, Realtime, best_cpu, cpus_of
 
 DROP = """
 import json, os, resource, subprocess, sys, threading

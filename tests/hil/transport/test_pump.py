@@ -249,7 +249,7 @@ def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
                 rig.come.put(can.CanOperationError("down") if cycle % 4 else VendorError("?"))
         rig.come.put(can.Message(arbitration_id=1000 + cycle))
         until(lambda wanted=2 * cycle + 2: reader.look() == wanted)
-        news.append(str(rig.pump.watch()))
+        news.append(str(rig.pump.watch(None)))
     assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == [
         number for cycle in range(100) for number in (cycle, 1000 + cycle)
     ]
@@ -261,11 +261,11 @@ def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
 
 
 def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
-    assert rig.pump.watch() is None
+    assert rig.pump.watch(None) is None
     news: list[str] = []
 
     def watched(expected: str) -> bool:
-        told = rig.pump.watch()
+        told = rig.pump.watch(None)
         news.extend([told] if told else [])
         return expected in news
 
@@ -274,10 +274,10 @@ def test_watching_tells_when_it_is_lost_and_when_it_is_back_each_once(rig: Rig):
         rig.refusals = 10**9
         rig.come.put(OSError(19, "No such device"))
         until(lambda: watched("is lost"))
-        assert [rig.pump.watch() for _ in range(3)] == [None] * 3
+        assert [rig.pump.watch(None) for _ in range(3)] == [None] * 3
         rig.refusals = 0
         until(lambda: watched("is back"))
-        assert rig.pump.watch() is None
+        assert rig.pump.watch(None) is None
         assert news == ["is lost", "is back"]
 
 
@@ -350,7 +350,7 @@ def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: p
 def test_a_lost_driver_may_be_sent_to_and_closed(rig: Rig):
     rig.refusals = 10**9
     rig.come.put(OSError(19, "No such device"))
-    until(lambda: rig.pump.watch() == "is lost")
+    until(lambda: rig.pump.watch(None) == "is lost")
     rig.drivers[0].refuse = can.CanOperationError("closed")
     send(rig.pump, [(1, b"")] * 5)
     until(lambda: rig.pump.counts().send_failures == 5)
