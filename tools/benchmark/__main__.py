@@ -98,7 +98,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.benchmark", description=__doc__)
     parser.add_argument("--output", type=Path, default=Path("docs"), metavar="FOLDER")
     parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each run of the lateness")
+    parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     text = ["# Benchmark", "", "Made by `make bench` on", "", *(f"- {x}" for x in machine()), ""]

@@ -111,7 +111,7 @@ class PairLine:
         )
         theirs.close()
 
-    def watch(self) -> str | None:
+    def watch(self, control: object) -> str | None:
         """Nothing happens to it."""
         return None
 
