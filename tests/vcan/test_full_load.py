@@ -28,7 +28,7 @@ def test_a_full_bus_loses_no_command(
     with emulator(bus, "--json") as gate:
         with sending(telling_commands(rig), 100.0) as ecu:
             with sending(flood, rate, "--count", str(count)) as flooder:
-                assert sent_by(flooder, None) == count
+                assert sent_by(flooder, None, load_seconds) == count
             sent = sent_by(ecu)
         bus.settle()
         summary = summary_of(gate)

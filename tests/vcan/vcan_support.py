@@ -192,11 +192,13 @@ def sending(
         yield child
 
 
-def sent_by(child: subprocess.Popen[str], number: int | None = signal.SIGTERM) -> int:
+def sent_by(
+    child: subprocess.Popen[str], number: int | None = signal.SIGTERM, seconds: float = 0.0
+) -> int:
     """How many frames a sender has sent at its end; `number` is the signal that ends it."""
     if number is not None:
         child.send_signal(number)
-    out, error = child.communicate(timeout=PATIENCE)
+    out, error = child.communicate(timeout=PATIENCE + seconds)
     assert child.returncode == 0, error
     return int(out)
 
