@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 from hil.transport.cobs import encode
 
+ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" * 4)]
+
 
 def line_of(rows: Sequence[tuple[int, bytes]]) -> bytes:
     """The bytes of frames, each (identifier, payload)."""

@@ -4,32 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from hil_support import frames_of, rows_of
-from serial_lines import line_of
+from serial_lines import ROWS, line_of
 from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
 from hil.transport import serial_open
 from hil.transport.base import LinkCounts
 from hil.transport.cobs import Decoder, encode
 from hil.transport.serial_port import SerialTransport
-
-ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" * 4)]
-
-
-@pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[Terminal]:
-    made = Terminal(tmp_path / "tty")
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def line(terminal: Terminal) -> Iterator[SerialTransport]:
-    with opened(str(terminal.link)) as transport:
-        yield transport
 
 
 @pytest.fixture

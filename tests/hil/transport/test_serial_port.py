@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import serial.rfc2217
 from hil_support import EXTENDED, frames_of, rig_of, rows_of
-from serial_lines import line_of
+from serial_lines import ROWS, line_of
 from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
 from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
@@ -24,22 +24,6 @@ from hil.transport.cobs import Decoder, encode
 from hil.transport.find import check_serial, find_way, open_transport
 from hil.transport.serial_open import parse_serial
 from hil.transport.serial_port import CAPACITY, SerialTransport
-
-ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" * 4)]
-
-
-@pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[Terminal]:
-    made = Terminal(tmp_path / "tty")
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def line(terminal: Terminal) -> Iterator[SerialTransport]:
-    with opened(str(terminal.link)) as transport:
-        yield transport
-
 
 # --serial.
 

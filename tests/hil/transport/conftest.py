@@ -1,0 +1,26 @@
+"""A serial line whose other end a test holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from serial_peers import Terminal, opened
+
+from hil.transport.serial_port import SerialTransport
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    """The far end."""
+    made = Terminal(tmp_path / "tty")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def line(terminal: Terminal) -> Iterator[SerialTransport]:
+    """The transport under test."""
+    with opened(str(terminal.link)) as transport:
+        yield transport
