@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant.compiler import compilable
+
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 FD = 0x100000000
 MAX_BYTES = 64  # CAN FD
@@ -23,6 +25,14 @@ class Frames(NamedTuple):
     identifiers: NDArray[np.int64]
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
+
+
+@compilable
+def bits_of(identifier: int, length: int) -> int:
+    """A frame's bits on the wire, without stuffing: 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended
+    one (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound.
+    """
+    return (67 if identifier & EXTENDED else 47) + 8 * length
 
 
 # A frame with its time, as it is kept.

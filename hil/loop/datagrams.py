@@ -80,6 +80,7 @@ def make_buffers() -> Buffers:
         buffers.headers[i, 2] = buffers.vectors[i].ctypes.data
         buffers.headers[i, 3] = 1
         buffers.headers[i, 4] = buffers.control[i].ctypes.data
+        buffers.headers[i, 5] = _CONTROL
     return buffers
 
 
@@ -97,8 +98,6 @@ def read_frames(
     left = len(frames.identifiers)
     while left > 0:
         wanted = min(BATCH, left)
-        for i in range(wanted):
-            buffers.headers[i, 5] = _CONTROL
         got = _recvmmsg(descriptor, buffers.headers.ctypes.data, wanted, _DONTWAIT, 0)
         if got <= 0:
             if got < 0:
@@ -110,6 +109,7 @@ def read_frames(
                 _unpack(buffers, i, size, frames, count)
                 stamps[count], dropped = _ancillary(buffers, i, size, dropped)
                 count += 1
+            buffers.headers[i, 5] = _CONTROL  # the kernel wrote there how much it used
         left -= got
         if got < wanted:
             break

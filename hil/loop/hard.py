@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.codec.frames import ERROR, EXTENDED, FD, Frames, empty_frames
+from hil.codec.frames import ERROR, FD, Frames, bits_of, empty_frames
 from hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from hil.loop.histogram import note
 from hil.loop.shared import DELAY, EXECUTION, LATENESS, Shared
 from hil.loop.tick import Bench, LoopState, tick
 from hil.snapshot import Snapshot
-from plant.compiler import System, compilable
+from plant.compiler import System, borrowed, compilable
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
@@ -34,7 +34,6 @@ class Course(NamedTuple):
     """What a run is to do."""
 
     descriptor: int  # of the wire
-    start_ns: int  # CLOCK_MONOTONIC at model time 0
     ticks: int  # to do in all
     limit_ns: int  # lateness at which it gives up
     command: int  # identifier of the drive command
@@ -118,8 +117,7 @@ def note_frames(
         row.length = length
         for k in range(length):
             row.payload[k] = frames.data[i, k]
-        # Without stuffing, with the interframe space (ISO 11898-1); for CAN FD an upper bound.
-        bits += (67 if frames.identifiers[i] & EXTENDED else 47) + 8 * length
+        bits += bits_of(frames.identifiers[i], length)
         at += 1
     control.bits += bits
     control.frames = at
@@ -228,7 +226,7 @@ def receive(shared: Shared, course: Course, room: Room) -> Frames:
     frames = Frames(reading.count, room.identifiers, room.lengths, room.data)
     if reading.count > 0:
         real_ns = clock_ns(_REALTIME, room)
-        drained_ns = max(int(room.drained[0]), course.start_ns)
+        drained_ns = int(room.drained[0])
         for i in range(reading.count):
             room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns, drained_ns)
         note_errors(shared, frames)
@@ -254,19 +252,24 @@ def run_hard(
 
     The state, and ENDED, OVERRUN or DIVERGED.
     """
+    bench, course, shared, room = borrowed((bench, course, shared, room))
     state = start
     control = shared.control[0]
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
     now_stamps = np.zeros(len(bench.outputs.messages), dtype=np.int64)
     none = Frames(0, room.identifiers, room.lengths, room.data)
+    # Model time 0 is now: taken here, where no interpreter lock can hold up what follows.
+    start_ns = clock_ns(_MONOTONIC, room) - start.tick * bench.step_ns
+    control.epoch_ns = clock_ns(_REALTIME, room) - start.tick * bench.step_ns
+    room.drained[0] = start_ns
     stopping = False
     while not stopping:
         stopping = control.stop != 0 or state.tick >= course.ticks or outcome != ENDED
         frames, steps = none, 1
         woken = clock_ns(_MONOTONIC, room)
         if not stopping:
-            deadline = course.start_ns + (state.tick + 1) * bench.step_ns
+            deadline = start_ns + (state.tick + 1) * bench.step_ns
             woken = wait_until(deadline, room)
             late = woken - deadline
             note(shared.histograms[LATENESS], late)
@@ -280,7 +283,7 @@ def run_hard(
         state, replies, snapshot = tick(bench, state, frames, steps, stopping)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, course.command)
-        note_frames(shared, frames, room.stamps, course.start_ns, woken)
+        note_frames(shared, frames, room.stamps, start_ns, woken)
         missed = 0
         if stopping:
             missed = send_surely(shared, course, room, replies)
@@ -291,7 +294,7 @@ def run_hard(
             note(shared.histograms[DELAY], done - waiting_since)
             waiting_since = 0
 
-        note_frames(shared, replies, now_stamps, course.start_ns, done)
+        note_frames(shared, replies, now_stamps, start_ns, done)
         note_snapshot(shared, snapshot)
         control.tick = state.tick
         control.overruns = state.overruns

@@ -149,7 +149,6 @@ class RealtimeRun:
     def _course(self, ticks: int) -> hard.Course:
         return hard.Course(
             self.line.descriptor,
-            time.monotonic_ns(),
             ticks,
             self.limit_ns,
             self.rig.command_identifier(),
@@ -162,10 +161,7 @@ class RealtimeRun:
             if self.realtime is not None:
                 self.realtime.enter()
             self._entered.set()
-            shared = self.memory.shared
-            course = self._course(ticks)
-            since_start = time.monotonic_ns() - course.start_ns
-            shared.control[0].epoch_ns = time.time_ns() - since_start
+            course, shared = self._course(ticks), self.memory.shared
             self.state, self.outcome = self._run(self.bench, self.state, course, shared, self._room)
         except BaseException as error:  # told by the thread that can tell
             self._failure = error

@@ -6,16 +6,14 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
-from hil.codec.frames import EXTENDED, Frames
+from hil.codec.frames import Frames, bits_of
 from hil.codec.receive import NO_COUNTS, Counts, rejected
 from hil.loop.histogram import NOTHING, Distribution
 from hil.transport.base import LinkCounts
 
 
 class BusLoad:
-    """Bits on the wire, without stuffing: 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended one
-    (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound.
-    """
+    """Bits on the wire."""
 
     def __init__(self) -> None:
         self.bits = 0
@@ -23,8 +21,7 @@ class BusLoad:
     def add(self, frames: Frames) -> None:
         """Count frames, either way."""
         for row in range(frames.count):
-            extended = int(frames.identifiers[row]) & EXTENDED
-            self.bits += (67 if extended else 47) + 8 * int(frames.lengths[row])
+            self.bits += bits_of(int(frames.identifiers[row]), int(frames.lengths[row]))
 
     def percent(self, bitrate: float, seconds: float) -> float:
         """Share of the bus's time, in %."""

@@ -35,7 +35,7 @@ from hil.loop.tick import Bench, LoopState, initial_loop, tick
 from hil.transport.can_bus import CanTransport
 from plant import integrate
 from plant.bridge import DriveInput
-from plant.compiler import compilable, compiled
+from plant.compiler import borrowed, compilable, compiled
 from plant.dynamics import Inputs, Plant, State, initial_state
 from plant.vehicle import load_of, plant_of
 
@@ -88,6 +88,7 @@ def hot_ticks(
     """Ticks one after the other as in `run_hard`, with a command to read every so many. Only they are timed, not
     what the other end does; their time [ns].
     """
+    bench, course, shared, room = borrowed((bench, course, shared, room))
     state = start
     total = 0
     for number in range(count):
@@ -160,7 +161,7 @@ def hot_tick(sent: int | None) -> float:
             rounds.append(nanoseconds * 1e-9 / 20_000)
 
     with ours, theirs:
-        course = Course(ours.fileno(), 0, 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
+        course = Course(ours.fileno(), 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
         )

@@ -92,6 +92,11 @@ class Pairs:
         """Periods missed in all rounds."""
         return sum(run.missed for run in self.ours), sum(run.missed for run in self.theirs)
 
+    def missed_median(self) -> tuple[float, float]:
+        """Periods missed in a round, medians."""
+        mine, other = ([run.missed for run in runs] for runs in (self.ours, self.theirs))
+        return statistics.median(mine), statistics.median(other)
+
     def stolen(self) -> tuple[float, float]:
         """Ms that the hypervisor took in all rounds, from all CPUs."""
         return sum(run.stolen_ms for run in self.ours), sum(run.stolen_ms for run in self.theirs)

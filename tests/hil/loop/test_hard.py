@@ -113,7 +113,7 @@ class Rehearsal:
         self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
     ) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
-        course = Course(self.ours.fileno(), START, ticks, limit_ns, COMMAND, feedback)
+        course = Course(self.ours.fileno(), ticks, limit_ns, COMMAND, feedback)
         begin = state or start_of(self.bench)
         return run_hard(self.bench, begin, course, self.shared, make_room())
 

@@ -1,0 +1,55 @@
+"""What the compiler's module adds to numba."""
+
+from __future__ import annotations
+
+import sys
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.compiler import borrowed, compilable, compiled
+
+
+class Inner(NamedTuple):
+    numbers: NDArray[np.float64]
+    scale: float
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    counts: NDArray[np.int64]
+
+
+@compilable
+def scaled_sum(outer: Outer) -> float:
+    total = 0.0
+    for number in outer.inner.numbers:
+        total += outer.inner.scale * number
+    outer.counts[0] += 1
+    return total
+
+
+@compilable
+def borrowing(outer: Outer, times: int) -> float:
+    (mine,) = borrowed((outer,))
+    total = 0.0
+    for _ in range(times):
+        total += scaled_sum(mine)
+    return total
+
+
+def test_borrowed_arrays_are_the_same_and_stay_their_owners():
+    numbers, counts = np.arange(5.0), np.zeros(1, dtype=np.int64)
+    outer = Outer(Inner(numbers, 0.5), counts)
+    before = sys.getrefcount(numbers)
+    assert compiled(borrowing)(outer, 1000) == borrowing(outer, 1000) == 5000.0
+    assert counts[0] == 2000
+    assert sys.getrefcount(numbers) == before
+    del outer
+    assert list(numbers) == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_in_plain_python_it_is_the_value_itself():
+    value = Inner(np.zeros(1), 1.0)
+    assert borrowed(value) is value
