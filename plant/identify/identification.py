@@ -1,0 +1,272 @@
+"""From a problem to a result: search, say how sure it is, say what cannot be told."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.identify import statistics
+from plant.identify.data import applied_voltage
+from plant.identify.problem import Problem
+from plant.identify.residuals import phases_of, series_of
+from plant.identify.result import Estimate, Experiment, Identification, Profile, Validation
+from plant.identify.search import Found, Report, log_likelihood_deviance, search
+from plant.identify.statistics import Uncertainty
+from plant.identify.trajectory import OUTPUTS
+from plant.quantity import Quantity
+from plant.vehicle import plant_of
+
+Floats = NDArray[np.float64]
+
+_SHARE = 0.5  # of its value: the largest standard deviation of an estimate that says something
+_SIGNED_SHARE = (
+    1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
+)
+_AT_BOUND = 1e-6  # of its size
+
+
+class NothingToTellError(ValueError):
+    """The data say nothing about anything that is sought."""
+
+
+def identify(
+    problem: Problem,
+    report: Report | None = None,
+    given_std: Floats | None = None,
+    profiles: Sequence[str] = (),
+) -> Identification:
+    """Estimate what is sought. `given_std`: of the outputs' noise, where it is not to be estimated.
+
+    Raises NothingToTellError.
+    """
+    began = time.perf_counter()
+    _check_excited(problem)
+    found = search(problem, report, given_std)
+    _, inverse_std = problem.priors()
+    known = statistics.uncertainty(
+        statistics.information(found.slopes, found.weighting.root, inverse_std)
+    )
+    experiments = experiments_of(problem, found.point, problem.initial)
+    white = all(series.is_white for each in experiments for series in each.series)
+    covariance = known.covariance
+    kind = "white residuals"
+    if not white and np.all(np.isfinite(covariance)):
+        covariance = widened(
+            covariance,
+            statistics.robust_covariance(
+                found.slopes, found.errors, found.weighting.root, covariance
+            ),
+        )
+        kind = "robust: the residuals are correlated"
+    estimates = _estimates(problem, found.point, covariance, known)
+    count = len(problem.sought)
+    parameters, states = estimates[:count], estimates[count:]
+    if not any(each.identifiable for each in parameters):
+        raise NothingToTellError("; ".join(f"{each.name}: {each.remark}" for each in parameters))
+    measured = problem.measured
+    samples = int(np.sum(np.isfinite(measured)))
+    rows = int(np.sum(np.any(np.isfinite(measured), axis=1)))
+    figures = statistics.criteria(
+        found.history[-1],
+        log_likelihood_deviance(measured, found.weighting),
+        samples,
+        rows,
+        len(found.point),
+    )
+    names = [each.name for each in parameters]
+    groups = [[k for k in group if k < count] for group in known.apart]
+    return Identification(
+        model=problem.model,
+        vehicle="",
+        outputs=tuple(problem.outputs),
+        parameters=tuple(parameters),
+        initial_states=tuple(states),
+        covariance=covariance[:count, :count],
+        correlation=statistics.correlation_of(covariance[:count, :count]),
+        noise_variance=found.weighting.covariance,
+        loss=found.history[-1],
+        loss_initial=found.history[0],
+        fpe=figures.fpe,
+        aic=figures.aic,
+        aicc=figures.aicc,
+        bic=figures.bic,
+        condition_number=known.condition,
+        inseparable=tuple(statistics.named(groups, names)),
+        stop_reason=found.stop_reason,
+        iterations=len(found.history) - 1,
+        evaluations=problem.evaluations,
+        seconds=time.perf_counter() - began,
+        covariance_kind=kind,
+        history=np.array(found.history),
+        experiments=tuple(experiments),
+        profiles=tuple(
+            profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
+            for name in profiles
+        ),
+    )
+
+
+def validate(problem: Problem) -> Validation:
+    """A model against measurements. Only how each begins is estimated, where it moves."""
+    point = problem.initial
+    if len(point):
+        point = search(problem).point
+    return Validation(problem.model, "", tuple(experiments_of(problem, point, None)))
+
+
+def widened(classic: Floats, robust: Floats) -> Floats:
+    """The robust covariance, with no standard deviation less than the classic one's."""
+    scale = np.sqrt(np.maximum(np.diag(classic) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    result: Floats = robust * np.outer(scale, scale)
+    return result
+
+
+def _check_excited(problem: Problem) -> None:
+    measured = problem.measured
+    still = [
+        name
+        for name, column in zip(problem.outputs, measured.T, strict=True)
+        if np.nanmax(column) == np.nanmin(column)
+    ]
+    if len(still) == len(problem.outputs):
+        raise NothingToTellError(f"{', '.join(still)}: constant from beginning to end")
+    slopes = problem.derivative(problem.initial)[:, :, : len(problem.sought)]
+    slopes = np.where(np.isfinite(measured)[:, :, None], slopes, 0.0)
+    if not np.any(np.isfinite(slopes) & (slopes != 0.0)):
+        raise NothingToTellError(
+            "nothing that was measured depends on what is sought: the input excites nothing"
+        )
+
+
+def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:
+    """Measured and simulated outputs of each experiment, at a point of the search and at an earlier one."""
+    plant = plant_of(problem.vehicle_at(point))
+    supply = problem.vehicle.supply.voltage
+    experiments = []
+    for number, data in enumerate(problem.data):
+        states = problem.states(point, number)
+        earlier = None if before is None else problem.states(before, number)
+        voltage = applied_voltage(data, supply)
+        phases = phases_of(plant, data.times, voltage, states)
+        series = []
+        for name in problem.outputs:
+            if name in data.outputs and np.any(np.isfinite(data.outputs[name])):
+                column = OUTPUTS.index(name)
+                series.append(
+                    series_of(
+                        name,
+                        data.times,
+                        data.outputs[name],
+                        states[:, column],
+                        None if earlier is None else earlier[:, column],
+                        voltage,
+                        phases,
+                    )
+                )
+        experiments.append(Experiment(data.name, data.times, voltage, tuple(series)))
+    return experiments
+
+
+def _estimates(
+    problem: Problem, point: Floats, covariance: Floats, known: Uncertainty
+) -> list[Estimate]:
+    low, high = problem.bounds
+    apart = {k for group in known.apart for k in group}
+    result = []
+    for k, value in enumerate(point):
+        std = math.sqrt(max(float(covariance[k, k]), 0.0))
+        if k < len(problem.sought):
+            sought = problem.sought[k]
+            name, quantity = sought.parameter.name, sought.parameter.quantity
+        else:
+            unknown = problem.unknowns[k - len(problem.sought)]
+            name = f"{problem.data[unknown.experiment].name}: {unknown.name}"
+            quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
+        remark = ""
+        if k in known.silent:
+            remark = "has no effect on what was measured"
+        elif k in apart:
+            remark = "cannot be told apart from others"
+        elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
+            remark = (
+                f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
+            )
+        elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
+            times = std / max(abs(value), 1e-300)
+            remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
+        if k in known.silent or k in apart:
+            std = math.inf
+        result.append(
+            Estimate(
+                name=name,
+                symbol=quantity.symbol,
+                unit=quantity.unit,
+                value=float(value),
+                std=std,
+                initial=float(problem.initial[k]),
+                low=float(low[k]),
+                high=float(high[k]),
+                identifiable=not remark,
+                remark=remark,
+            )
+        )
+    return result
+
+
+def _unit_of(name: str) -> str:
+    if name.endswith(("_offset", "_position")):
+        return "rev"
+    return {"angle": "rad", "rate": "rad/s", "speed": "rev/s", "input_delay": "s"}.get(name, "")
+
+
+def _largest_std(value: float, quantity: Quantity) -> float:
+    """The largest standard deviation of an estimate that says something."""
+    signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
+    return max(_SHARE * abs(value), signed)
+
+
+def profile(
+    problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
+) -> Profile:
+    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each."""
+    best = log_likelihood_deviance(problem.measured, found.weighting)
+    std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
+    values, deviances = [estimate.value], [0.0]
+    for direction in (-1.0, 1.0):
+        point = found.point.copy()
+        for distance in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0):
+            value = estimate.value + direction * distance * std
+            if not estimate.low <= value <= estimate.high:
+                break
+            point = point.copy()
+            point[number] = value
+            there = search(problem, None, given_std, point, (number,))
+            point = there.point
+            values.append(value)
+            if given_std is None:
+                deviances.append(log_likelihood_deviance(problem.measured, there.weighting) - best)
+            else:
+                deviances.append(len(problem.measured) * (there.history[-1] - found.history[-1]))
+    order = np.argsort(values)
+    x, y = np.array(values)[order], np.array(deviances)[order]
+    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))
+
+
+def _crossing(values: Floats, deviance: Floats, side: int) -> float:
+    """Where the deviance passes the 95 % quantile of χ²(1) on one side of its least; NaN: not within the range."""
+    limit = 3.841
+    middle = int(np.argmin(deviance))
+    rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)
+    for k in rows:
+        a, b = deviance[k], deviance[k + side]
+        if a <= limit < b:
+            # Deviances grow with the square of the distance: interpolate their roots.
+            share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (
+                math.sqrt(b) - math.sqrt(max(a, 0.0))
+            )
+            return float(values[k] + share * (values[k + side] - values[k]))
+    return math.nan

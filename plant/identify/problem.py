@@ -1,0 +1,168 @@
+"""The prediction error as a function of what is sought: parameters first, then what begins each experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.dynamics import Load, Plant
+from plant.identify.data import Beginning, Data, Unknown, beginning_of
+from plant.identify.parameters import Parameter, with_values
+from plant.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
+from plant.sensors import Sensors
+from plant.vehicle import Vehicle, load_of, plant_of
+
+Floats = NDArray[np.float64]
+
+_DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
+_IDEAL = Sensors()
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A parameter to estimate; values in the file's unit."""
+
+    parameter: Parameter
+    initial: float
+    low: float
+    high: float
+    prior: float = math.nan  # mean and std of what is known beforehand
+    prior_std: float = math.inf
+
+
+@dataclass
+class Problem:
+    """Measured data, a model, and what is sought. `outputs` are names of trajectory.OUTPUTS."""
+
+    vehicle: Vehicle
+    model: str
+    sought: Sequence[Sought]
+    data: Sequence[Data]
+    outputs: Sequence[str]
+    angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
+    longest: float = 1e-3  # s, of a step
+    evaluations: int = 0
+    beginnings: list[Beginning] = field(init=False)
+    unknowns: list[Unknown] = field(init=False)
+    measured: Floats = field(init=False)  # (rows, outputs), NaN where there is no sample
+
+    def __post_init__(self) -> None:
+        plant = plant_of(self.vehicle)
+        full = MODELS[self.model] == 0
+        self.beginnings = [
+            beginning_of(plant, data, number, self.angle_deg, full)
+            for number, data in enumerate(self.data)
+        ]
+        self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
+        self.measured = np.concatenate([self._columns(data) for data in self.data])
+
+    def _columns(self, data: Data) -> Floats:
+        nothing = np.full(len(data.times), np.nan)
+        return np.column_stack([data.outputs.get(name, nothing) for name in self.outputs])
+
+    @property
+    def initial(self) -> Floats:
+        """Where the search begins: parameters, then unknowns."""
+        return np.array([s.initial for s in self.sought] + [u.value for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest values."""
+        low = [s.low for s in self.sought] + [u.low for u in self.unknowns]
+        high = [s.high for s in self.sought] + [u.high for u in self.unknowns]
+        return np.array(low), np.array(high)
+
+    @property
+    def sizes(self) -> Floats:
+        """What counts as a change of the order of one."""
+        by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
+        own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
+        default = {"angle": 0.01, "rate": 0.1}
+        return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
+
+    def priors(self) -> tuple[Floats, Floats]:
+        """(mean, 1/std) of what is known beforehand; 0 where nothing is."""
+        mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
+        std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
+        weight = 1.0 / np.array(std)
+        return np.where(weight > 0.0, np.array(mean), 0.0), weight
+
+    def vehicle_at(self, point: Floats) -> Vehicle:
+        """The vehicle with the parameters of a point of the search."""
+        names = [s.parameter for s in self.sought]
+        return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
+
+    def predicted(self, point: Floats) -> Floats:
+        """(rows, outputs) of all experiments, one below the other."""
+        columns = [OUTPUTS.index(name) for name in self.outputs]
+        parts = [self.states(point, number)[:, columns] for number in range(len(self.data))]
+        return np.concatenate(parts)
+
+    def states(self, point: Floats, number: int) -> Floats:
+        """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
+        self.evaluations += 1
+        vehicle = self.vehicle_at(point)
+        plant = plant_of(vehicle)
+        values = point[len(self.sought) :]
+        data, start = self.data[number], self.beginnings[number].start
+        offsets = {}
+        for unknown, value in zip(self.unknowns, values, strict=True):
+            if unknown.experiment == number:
+                if unknown.name.endswith("_offset"):
+                    offsets[unknown.name] = float(value)
+                else:
+                    start = start._replace(**{unknown.name: float(value)})
+                    if unknown.name == "left_position" and not self._has_right(number):
+                        start = start._replace(right_position=float(value))
+        base = load_of(vehicle)._replace(latch_released=1.0)
+        if start.moving > 0.0:
+            start = self._with_currents(plant, data, base, start)
+        out = trajectory(
+            plant,
+            vehicle.sensors if data.through_sensors else _IDEAL,
+            base,
+            start,
+            MODELS[self.model],
+            data.times,
+            data.inputs,
+            self.longest,
+        )
+        out[:, 4] += offsets.get("left_offset", 0.0)
+        out[:, 5] += offsets.get("right_offset", 0.0)
+        return out
+
+    def _has_right(self, number: int) -> bool:
+        return any(u.experiment == number and u.name == "right_position" for u in self.unknowns)
+
+    def _with_currents(self, plant: Plant, data: Data, base: Load, start: Start) -> Start:
+        """A winding forgets its beginning in L/R: it begins with the current of its steady state."""
+        inputs = inputs_of(data.inputs[0], base)
+        currents = {}
+        for side in ("left", "right"):
+            drive, given = getattr(plant, side), getattr(inputs, side)
+            volts = given.voltage + given.duty * inputs.load.source_voltage
+            emf = drive.motor.speed_constant * start.speed
+            steady = (volts - emf) / drive.motor.resistance
+            currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady
+        return start._replace(**currents)
+
+    def derivative(self, point: Floats) -> Floats:
+        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound.
+
+        A simulation costs microseconds a sample and is smooth to 1e-12, so differences are good to about 1e-8.
+        """
+        low, high = self.bounds
+        widths = _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        slopes = np.empty((*self.measured.shape, len(point)))
+        for k, width in enumerate(widths):
+            above, below = point.copy(), point.copy()
+            above[k] = min(point[k] + width, high[k])
+            below[k] = max(point[k] - width, low[k])
+            slopes[:, :, k] = (self.predicted(above) - self.predicted(below)) / (
+                above[k] - below[k]
+            )
+        return slopes
