@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from plant.identify import statistics
 from plant.identify.data import applied_voltage
-from plant.identify.problem import Problem
-from plant.identify.residuals import phases_of, series_of
+from plant.identify.problem import ALL, Problem
+from plant.identify.residuals import Frame, phases_of, series_of, speed_series
 from plant.identify.result import Estimate, Experiment, Identification, Profile, Validation
 from plant.identify.search import Found, Report, log_likelihood_deviance, search
 from plant.identify.statistics import Uncertainty
@@ -51,7 +51,12 @@ def identify(
         statistics.information(found.slopes, found.weighting.root, inverse_std)
     )
     experiments = experiments_of(problem, found.point, problem.initial)
-    white = all(series.is_white for each in experiments for series in each.series)
+    white = all(
+        series.is_white
+        for each in experiments
+        for series in each.series
+        if series.output in problem.outputs
+    )
     covariance = known.covariance
     kind = "white residuals"
     if not white and np.all(np.isfinite(covariance)):
@@ -145,28 +150,24 @@ def _check_excited(problem: Problem) -> None:
 def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:
     """Measured and simulated outputs of each experiment, at a point of the search and at an earlier one."""
     plant = plant_of(problem.vehicle_at(point))
-    supply = problem.vehicle.supply.voltage
     experiments = []
     for number, data in enumerate(problem.data):
         states = problem.states(point, number)
         earlier = None if before is None else problem.states(before, number)
-        voltage = applied_voltage(data, supply)
-        phases = phases_of(plant, data.times, voltage, states)
+        voltage = applied_voltage(data, problem.vehicle.supply.voltage)
+        frame = Frame(data.times, voltage, phases_of(plant, data.times, voltage, states))
         series = []
         for name in problem.outputs:
-            if name in data.outputs and np.any(np.isfinite(data.outputs[name])):
-                column = OUTPUTS.index(name)
-                series.append(
-                    series_of(
-                        name,
-                        data.times,
-                        data.outputs[name],
-                        states[:, column],
-                        None if earlier is None else earlier[:, column],
-                        voltage,
-                        phases,
-                    )
-                )
+            measured = data.outputs.get(name)
+            if measured is None or not np.any(np.isfinite(measured)):
+                continue
+            column = OUTPUTS.index(name)
+            simulated = states[:, column]
+            was = None if earlier is None else earlier[:, column]
+            series.append(series_of(name, frame, measured, simulated, was))
+            speed = name.replace("position_rev", "speed_rps")
+            if speed != name and speed not in data.outputs:
+                series.append(speed_series(speed, frame, measured, simulated, was))
         experiments.append(Experiment(data.name, data.times, voltage, tuple(series)))
     return experiments
 
@@ -184,7 +185,9 @@ def _estimates(
             name, quantity = sought.parameter.name, sought.parameter.quantity
         else:
             unknown = problem.unknowns[k - len(problem.sought)]
-            name = f"{problem.data[unknown.experiment].name}: {unknown.name}"
+            name = unknown.name
+            if unknown.experiment != ALL:
+                name = f"{problem.data[unknown.experiment].name}: {name}"
             quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
         remark = ""
         if k in known.silent:

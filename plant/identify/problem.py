@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
+ALL = -1  # experiment of an unknown that all share
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class Problem:
     data: Sequence[Data]
     outputs: Sequence[str]
     angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
+    delay: float = 0.0  # s from a change of the inputs' columns to its effect
+    is_delay_sought: bool = False
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
     beginnings: list[Beginning] = field(init=False)
@@ -58,6 +61,8 @@ class Problem:
             for number, data in enumerate(self.data)
         ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
+        if self.is_delay_sought:
+            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-0.5, high=0.5))
         self.measured = np.concatenate([self._columns(data) for data in self.data])
 
     def _columns(self, data: Data) -> Floats:
@@ -81,7 +86,7 @@ class Problem:
         """What counts as a change of the order of one."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
-        default = {"angle": 0.01, "rate": 0.1}
+        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:
@@ -109,11 +114,11 @@ class Problem:
         plant = plant_of(vehicle)
         values = point[len(self.sought) :]
         data, start = self.data[number], self.beginnings[number].start
-        offsets = {}
+        aside = {"input_delay": self.delay}
         for unknown, value in zip(self.unknowns, values, strict=True):
-            if unknown.experiment == number:
-                if unknown.name.endswith("_offset"):
-                    offsets[unknown.name] = float(value)
+            if unknown.experiment in (number, ALL):
+                if unknown.name not in Start._fields:
+                    aside[unknown.name] = float(value)
                 else:
                     start = start._replace(**{unknown.name: float(value)})
                     if unknown.name == "left_position" and not self._has_right(number):
@@ -121,18 +126,19 @@ class Problem:
         base = load_of(vehicle)._replace(latch_released=1.0)
         if start.moving > 0.0:
             start = self._with_currents(plant, data, base, start)
+        times, inputs, kept = _delayed(data, aside["input_delay"])
         out = trajectory(
             plant,
             vehicle.sensors if data.through_sensors else _IDEAL,
             base,
             start,
             MODELS[self.model],
-            data.times,
-            data.inputs,
+            times,
+            inputs,
             self.longest,
-        )
-        out[:, 4] += offsets.get("left_offset", 0.0)
-        out[:, 5] += offsets.get("right_offset", 0.0)
+        )[kept]
+        out[:, 4] += aside.get("left_offset", 0.0)
+        out[:, 5] += aside.get("right_offset", 0.0)
         return out
 
     def _has_right(self, number: int) -> bool:
@@ -166,3 +172,14 @@ class Problem:
                 above[k] - below[k]
             )
         return slopes
+
+
+def _delayed(data: Data, delay: float) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
+    """(times, inputs, rows of the samples) with every input `delay` seconds later."""
+    if delay == 0.0:
+        return data.times, data.inputs, slice(None)
+    later = data.times + delay
+    inside = (later > data.times[0]) & (later < data.times[-1])
+    times = np.union1d(data.times, later[inside])
+    row = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
+    return times, data.inputs[row], np.searchsorted(times, data.times)

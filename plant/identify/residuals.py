@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,14 +56,16 @@ def _open_angle(plant: Plant) -> float:
     return gate.angle_of_extension(plant.link, plant.link.stroke)
 
 
+class Frame(NamedTuple):
+    """What all outputs of an experiment share: times (n,), motor voltage (n,), phases (n,)."""
+
+    times: Floats
+    voltage: Floats
+    phases: NDArray[np.int64]
+
+
 def series_of(
-    output: str,
-    times: Floats,
-    measured: Floats,
-    simulated: Floats,
-    before: Floats | None,
-    voltage: Floats,
-    phases: NDArray[np.int64],
+    output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None
 ) -> Series:
     """One output, from columns with a row for each time; rows without a sample are left out."""
     there = np.isfinite(measured)
@@ -70,7 +73,7 @@ def series_of(
     errors = y - model
     parts = {}
     for number, name in enumerate(PHASES):
-        own = errors[phases[there] == number]
+        own = errors[frame.phases[there] == number]
         if len(own):
             parts[name] = (
                 float(np.sqrt(np.mean(own**2))),
@@ -80,7 +83,7 @@ def series_of(
     earlier = before[there] if before is not None else np.zeros(0)
     return Series(
         output=output,
-        times=times[there],
+        times=frame.times[there],
         measured=y,
         simulated=model,
         before=earlier,
@@ -90,7 +93,48 @@ def series_of(
         maximum=float(np.max(np.abs(errors))),
         phases=parts,
         autocorrelation=statistics.autocorrelation(errors),
-        crosscorrelation=statistics.crosscorrelation(errors, voltage[there]),
+        crosscorrelation=statistics.crosscorrelation(errors, frame.voltage[there]),
         band=statistics.BAND / math.sqrt(len(y)),
         is_white=statistics.is_white(errors),
     )
+
+
+def speed_series(
+    output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None
+) -> Series:
+    """The speed of a drive whose position alone was measured: slopes of the measured and of the simulated
+    position, taken alike.
+    """
+    there = np.isfinite(position)
+    times = frame.times[there]
+
+    def slope(values: Floats) -> Floats:
+        return local_slope(times, values[there])
+
+    return series_of(
+        output,
+        Frame(times, frame.voltage[there], frame.phases[there]),
+        slope(position),
+        slope(simulated),
+        None if before is None else slope(before),
+    )
+
+
+def local_slope(times: Floats, values: Floats, half_width: float = 0.05) -> Floats:
+    """Slope (n,) of the straight line through all samples within `half_width` seconds, by least squares."""
+    t = times - np.mean(times)
+    y = values - np.mean(values)
+    first = np.searchsorted(times, times - half_width - 1e-9)
+    last = np.searchsorted(times, times + half_width + 1e-9)
+
+    def total(column: Floats) -> Floats:
+        sums = np.concatenate([[0.0], np.cumsum(column)])
+        result: Floats = sums[last] - sums[first]
+        return result
+
+    # About each window's own middle, so that little cancels.
+    count = (last - first).astype(np.float64)
+    middle = total(t) / count
+    spread = total(t * t) - count * middle * middle
+    along = total(t * y) - middle * total(y)
+    return np.where(count > 1.0, along / np.where(spread > 0.0, spread, np.inf), 0.0)
