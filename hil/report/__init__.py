@@ -1,1 +1,1 @@
-"""Results of identification and validation for people and programs: terminal text, JSON, figures, one HTML page."""
+"""Results of identification and validation: terminal text, JSON, figures, one HTML page."""

@@ -96,7 +96,8 @@ def estimates():
         Estimate(
             "motor.rotor_inertia", "J", "kg m²", 1.47e-5, 2.81633e-7, 1.28e-5, 1e-6, 1e-3, True
         ),
-        Estimate("motor.load_torque", "M0", "N m", 0.001, 0.00043, 0.00124, 0.001, 0.1, True, "at its lower bound"),
+        Estimate("motor.load_torque", "M0", "N m", 0.001, 0.00043, 0.00124, 0.001, 0.1, True,
+                 "at its lower bound"),
         Estimate("hinge.friction", "Mh", "N m", 0.3, float("inf"), 0.0, 0.0, float("inf"), False),
     )  # fmt: skip
 
