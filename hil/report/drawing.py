@@ -10,11 +10,14 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hil.report.numbers import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,6 +51,7 @@ _SETTINGS: dict[Any, Any] = {
     "axes.titlesize": 9.0,
     "legend.fontsize": 8.5,
     "xtick.labelsize": 8.0,
+    "xtick.minor.pad": 3.5,
     "ytick.labelsize": 8.0,
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -139,8 +143,6 @@ def log_axis(axis: Axes, side: str) -> None:
 
 def svg(figure: Figure, name: str, title: str) -> str:
     """A figure to be put into a page; `name` keeps its identifiers apart from other figures'."""
-    from html import escape
-
     stream = io.StringIO()
     with style():
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -148,7 +150,9 @@ def svg(figure: Figure, name: str, title: str) -> str:
     text = stream.getvalue()
     text = text[text.index("<svg") :]
     box = re.search(r'viewBox="[^"]*"', text)
-    head = f'<svg class="plot" role="img" aria-label="{escape(title)}" {box[0] if box else ""}>'
+    head = (
+        f'<svg class="plot" role="img" aria-label="{escape(clean(title))}" {box[0] if box else ""}>'
+    )
     text = head + text[text.index(">") + 1 :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)

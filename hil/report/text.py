@@ -25,7 +25,7 @@ from hil.report.numbers import (
 from plant.identify.result import Estimate, Experiment, Identification, Series, Validation
 
 WIDTH = 110
-_ACROSS = 7  # columns of a matrix side by side
+_ACROSS = 6  # columns of a matrix side by side
 
 
 def identification_text(result: Identification) -> str:
