@@ -108,7 +108,7 @@ def _correlation(result: Identification) -> str:
     ]
     drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
     caption = (
-        "Correlation of the estimates. Condition number of the information matrix: "
+        "Correlation of the estimates. Condition number: "
         f"{significant(result.condition_number, 3)}."
     )
     return figure(drawing, caption, small=len(result.parameters) < 8) + bullets(pairs)

@@ -26,7 +26,7 @@ th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top; 
 th { font-weight: 600; border-bottom: 1px solid var(--measured); }
 td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
 td.name { overflow-wrap: anywhere; min-width: 9rem; }
-td.n { white-space: nowrap; }
+td.n { white-space: nowrap; } td.soft:last-child { min-width: 14rem; }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
 svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
 svg.plot text { font-family: system-ui, sans-serif !important; }
