@@ -51,7 +51,7 @@ _SETTINGS: dict[Any, Any] = {
     "axes.titlesize": 9.0,
     "legend.fontsize": 8.5,
     "xtick.labelsize": 8.0,
-    "xtick.minor.pad": 3.5,
+    "xtick.minor.pad": 5.0,
     "ytick.labelsize": 8.0,
     "text.color": INK,
     "axes.labelcolor": INK,

@@ -69,6 +69,7 @@ def validation_html(result: Validation) -> str:
 
 
 def _parameters(estimates: Sequence[Estimate]) -> str:
+    """Without the remarks: they are among the warnings above."""
     rows = [
         (
             each.name,
@@ -80,12 +81,11 @@ def _parameters(estimates: Sequence[Estimate]) -> str:
             percent(relative_change(each.value, each.initial), "+"),
             each.unit,
             "yes" if each.identifiable else "no",
-            each.remark,
         )
         for each in estimates
     ]
-    heads = ("parameter", "", "value", "std", "std %", "initial", "change %", "unit", "told", "")
-    return table(heads, rows, ("name", "soft", "r", "r", "r", "r", "r", "", "", "soft"))
+    heads = ("parameter", "", "value", "std", "std %", "initial", "change %", "unit", "told")
+    return table(heads, rows, ("name", "soft", "r", "r", "r", "r", "r", "n", ""))
 
 
 def _estimates(result: Identification) -> str:
@@ -108,7 +108,7 @@ def _correlation(result: Identification) -> str:
     ]
     drawing = svg(figures_estimates.correlation_figure(result), "correlation", "Correlation")
     caption = (
-        "Correlation of the estimates. Condition number of the information matrix: "
+        "Correlation of the estimates. Condition number: "
         f"{significant(result.condition_number, 3)}."
     )
     return figure(drawing, caption, small=len(result.parameters) < 8) + bullets(pairs)
@@ -142,12 +142,12 @@ def _states(estimates: Sequence[Estimate]) -> str:
         for each in estimates
     ]
     heads = ("state", "value", "std", "initial", "unit", "told", "")
-    return table(heads, rows, ("name", "r", "r", "r", "", "", "soft"))
+    return table(heads, rows, ("name", "r", "r", "r", "n", "", "soft"))
 
 
 def _fits(experiments: Sequence[Experiment], *, before: bool) -> str:
     heads = ["experiment", "output", "fit %", "rms", "largest error", "unit", "residual"]
-    classes = ["name", "", "r", "r", "r", "", "soft"]
+    classes = ["name", "n", "r", "r", "r", "n", "soft"]
     rows = []
     for experiment in experiments:
         for i, each in enumerate(experiment.series):
@@ -215,7 +215,7 @@ def _phases(experiments: Sequence[Experiment]) -> str:
         for phase, (rms, largest, samples) in each.phases.items()
     ]
     heads = ("experiment", "output", "phase", "rms", "largest", "unit", "samples")
-    return table(heads, rows, ("name", "", "", "r", "r", "", "r"))
+    return table(heads, rows, ("name", "n", "", "r", "r", "n", "r"))
 
 
 def _criteria(result: Identification) -> str:

@@ -76,7 +76,7 @@ def validation_json(result: Validation) -> dict[str, Any]:
             for name, rows in columns.items()
         },
         "maximum": {
-            name: _number(max(each.maximum for each in rows)) for name, rows in columns.items()
+            name: _largest([each.maximum for each in rows]) for name, rows in columns.items()
         },
         "phases": {name: _pooled(rows) for name, rows in columns.items()},
         "whiteness": {name: all(each.is_white for each in rows) for name, rows in columns.items()},
@@ -161,6 +161,11 @@ def _rms(parts: Sequence[tuple[float, int]]) -> float:
     return math.sqrt(sum(count * rms**2 for rms, count in parts if count) / samples)
 
 
+def _largest(values: Sequence[float]) -> float | None:
+    """The largest; null where one of them is not known."""
+    return _number(float(np.max(values)))
+
+
 def _pooled(rows: Sequence[Series]) -> dict[str, Any]:
     """Phases of one output over experiments."""
     names = dict.fromkeys(name for each in rows for name in each.phases)
@@ -169,7 +174,7 @@ def _pooled(rows: Sequence[Series]) -> dict[str, Any]:
         parts = [each.phases[name] for each in rows if name in each.phases]
         pooled[name] = {
             "rms": _number(_rms([(rms, samples) for rms, _, samples in parts])),
-            "maximum": _number(max(largest for _, largest, _ in parts)),
+            "maximum": _largest([largest for _, largest, _ in parts]),
             "samples": sum(int(samples) for _, _, samples in parts),
         }
     return pooled

@@ -25,14 +25,15 @@ table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabu
 th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top; }
 th { font-weight: 600; border-bottom: 1px solid var(--measured); }
 td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
-td.name { overflow-wrap: anywhere; min-width: 9rem; } .no { color: var(--initial); font-weight: 600; }
+td.name { overflow-wrap: anywhere; min-width: 9rem; }
+td.n { white-space: nowrap; } td.soft:last-child { min-width: 14rem; }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
 svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
 svg.plot text { font-family: system-ui, sans-serif !important; }
 @page { margin: 15mm; }
 @media print { :root { color-scheme: light; --paper: #ffffff; --ink: #1c2126; --soft: #5a636e;
   --grid: #d9dde2; --measured: #8c939c; --final: #0072b2; --initial: #d55e00; --mark: #009e73; --alert: #ffffff; }
-  body { margin: 0; max-width: none; font-size: 11px; padding: 0; }
+  html { font-size: 11px; } body { margin: 0; max-width: none; font-size: 11px; padding: 0; }
   figure, tr, .alert { break-inside: avoid; } h2, h3 { break-after: avoid; } .wide { overflow: visible; } }
 """
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

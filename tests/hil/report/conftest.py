@@ -1,12 +1,8 @@
 """Results to report on, made once."""
 
-import sys
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 import report_support
 
 
@@ -23,8 +19,6 @@ def judged():
 @pytest.fixture(scope="session")
 def hostile():
     """Every name from a file does its worst."""
-    from dataclasses import replace
-
     bad = report_support.HOSTILE
     found = report_support.identification(300, names=(bad, "b" * 400))
     first = found.experiments[0]

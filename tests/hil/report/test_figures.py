@@ -92,7 +92,11 @@ def test_strange_estimates_are_drawn(found):
     )
     alone = report_support.estimates()[4]
     bare = replace(found, parameters=(alone,), correlation=np.ones((1, 1)), history=np.empty(0))
-    for result in (strange, bare):
+    lost = replace(
+        found,
+        parameters=tuple(replace(each, value=np.nan, std=np.nan) for each in found.parameters),
+    )
+    for result in (strange, bare, lost):
         for draw in ESTIMATES:
             assert png(draw(result), 40)
 

@@ -121,3 +121,19 @@ def test_a_result_with_nothing_in_it_is_still_a_page(judged):
     )  # fmt: skip
     assert "svg" not in Page(identification_html(bare)).tags
     assert "0 experiments" in Page(validation_html(replace(judged, experiments=()))).text
+
+
+def test_a_failed_search_is_still_a_page(found):
+    lost = replace(
+        found,
+        parameters=tuple(
+            replace(each, value=np.nan, std=np.nan, identifiable=False) for each in found.parameters
+        ),
+        covariance=np.full((5, 5), np.nan),
+        correlation=np.full((5, 5), np.nan),
+        noise_variance=np.full((4, 4), np.inf),
+        loss=np.nan,
+        history=np.array([np.nan, np.inf]),
+        condition_number=np.inf,
+    )
+    assert "motor.resistance cannot be told" in Page(identification_html(lost)).text

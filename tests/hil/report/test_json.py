@@ -104,3 +104,11 @@ def test_a_target_without_permission_is_refused(tmp_path, monkeypatch):
 def test_a_failing_write_is_told_with_its_flag():
     with pytest.raises(ConfigError, match="--html /dev/full: cannot be written: No space"):
         write_report("/dev/full", "--html", "x")
+
+
+def test_a_largest_error_that_is_not_known_is_null_whatever_the_order(judged):
+    one, other = judged.experiments
+    lost = replace(one, series=(replace(one.series[0], maximum=math.nan), *one.series[1:]))
+    for order in ((lost, other), (other, lost)):
+        content = strict(validation_json(replace(judged, experiments=order)))
+        assert content["maximum"]["left_current_a"] is None
