@@ -54,7 +54,8 @@ def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
 def vehicle_of(raw: Table, source: str) -> Vehicle:
     """The vehicle of a file's content; `source` names it in messages."""
     faults = Faults(source)
-    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES])
+    # Where values were estimated, the file says how; nothing here depends on it.
+    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
         said = "missing" if drives is None else show(drives)

@@ -51,11 +51,10 @@ def identify(
         statistics.information(found.slopes, found.weighting.root, inverse_std)
     )
     experiments = experiments_of(problem, found.point, problem.initial)
+    there = np.isfinite(problem.measured)
     white = all(
-        series.is_white
-        for each in experiments
-        for series in each.series
-        if series.output in problem.outputs
+        statistics.is_white(errors[own])
+        for errors, own in zip(found.errors.T, there.T, strict=True)
     )
     covariance = known.covariance
     kind = "white residuals"

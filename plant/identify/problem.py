@@ -51,7 +51,8 @@ class Problem:
     evaluations: int = 0
     beginnings: list[Beginning] = field(init=False)
     unknowns: list[Unknown] = field(init=False)
-    measured: Floats = field(init=False)  # (rows, outputs), NaN where there is no sample
+    measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
+    _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         plant = plant_of(self.vehicle)
@@ -64,6 +65,27 @@ class Problem:
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-0.5, high=0.5))
         self.measured = np.concatenate([self._columns(data) for data in self.data])
+        for column, name in enumerate(self.outputs):
+            if name.endswith("_position_rev"):
+                self._compare_edges(column)
+
+    def _compare_edges(self, column: int) -> None:
+        """Where a position is a count, compare at its edges: between two samples that differ the position is, on
+        the mean, half-way between the counts, while a count that stays says little, and says it again and again.
+        """
+        quantum = 1.0 / self.vehicle.sensors.hall_counts
+        values = self.measured[:, column]
+        there = np.flatnonzero(np.isfinite(values))
+        counts = values[there] / quantum
+        if not len(there) or np.any(np.abs(counts - np.round(counts)) > 1e-6 * (1.0 + np.abs(counts))):
+            return
+        earlier = np.arange(len(values))
+        earlier[there[1:]] = there[:-1]
+        first = np.cumsum([0, *(len(data.times) for data in self.data)])[:-1]
+        number = np.searchsorted(first, np.arange(len(values)), side="right")
+        changed = (values != values[earlier]) & (number == number[earlier]) & np.isfinite(values)
+        self.measured[:, column] = np.where(changed, 0.5 * (values + values[earlier]), np.nan)
+        self._counted[column] = earlier
 
     def _columns(self, data: Data) -> Floats:
         nothing = np.full(len(data.times), np.nan)
@@ -105,7 +127,10 @@ class Problem:
         """(rows, outputs) of all experiments, one below the other."""
         columns = [OUTPUTS.index(name) for name in self.outputs]
         parts = [self.states(point, number)[:, columns] for number in range(len(self.data))]
-        return np.concatenate(parts)
+        whole = np.concatenate(parts)
+        for column, earlier in self._counted.items():
+            whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
+        return whole
 
     def states(self, point: Floats, number: int) -> Floats:
         """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""

@@ -199,6 +199,7 @@ def trajectory(
     """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 11), steps of at most `longest` seconds."""
     out = np.empty((len(times), len(OUTPUTS)))
     load = inputs_of(rows[0], base).load
+    start = Start(*(float(value) for value in start))  # machine code tells 0 from 0.0
     state = state_at(plant, load, start, model)
     compiled(run)(plant, sensors, base, state, model, times, rows, longest, out)
     return out
