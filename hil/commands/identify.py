@@ -1,7 +1,8 @@
 """Parameters of a vehicle from measurements: a nonlinear grey box by prediction-error minimisation.
 
-A FILE has time_s, the inputs (motor voltages or duties) and what was measured of currents, speeds, positions or Hall
-counts and the gate's angle: CSV, MF4, or a bus log with its rig. With --plan: which experiment would tell most.
+A FILE has time_s, the inputs (motor voltages or duties) and what was measured of currents, speeds, positions or
+Hall counts and the gate's angle: CSV, MF4, or a bus log with its rig. With --plan: which experiment would tell
+most.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from hil.commands import fitting, options
 from hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from plant.identify.problem import Sought
     from plant.identify.result import Identification
     from plant.vehicle import Vehicle
@@ -59,9 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_measurement_arguments(parser, required=False)
     fitting.add_model(parser)
     parser.add_argument(
-        "--estimate", metavar="LIST", help="keys of the vehicle file, e.g. motor.resistance,gear.backlash"
+        "--estimate",
+        metavar="LIST",
+        help="keys of the vehicle file, e.g. motor.resistance,gear.backlash",
     )
-    parser.add_argument("--preset", choices=tuple(PRESETS), help="a run of the thesis (4.6.1 to 4.6.3)")
+    parser.add_argument(
+        "--preset", choices=tuple(PRESETS), help="a run of the thesis (4.6.1 to 4.6.3)"
+    )
     parser.add_argument(
         "--bounds",
         action="append",
@@ -87,10 +95,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--profile", metavar="LIST", help="show the profile likelihood of these keys"
     )
     parser.add_argument("--result", metavar="FILE.json", help="write the result")
-    parser.add_argument("--save-vehicle", metavar="FILE.toml", help="write the vehicle that was found")
+    parser.add_argument(
+        "--save-vehicle", metavar="FILE.toml", help="write the vehicle that was found"
+    )
     parser.add_argument("--html", metavar="FILE", help="write a report with plots")
     parser.add_argument(
-        "--plan", action="store_true", help="rank experiments by what they would tell; needs no FILE"
+        "--plan",
+        action="store_true",
+        help="rank experiments by what they would tell; needs no FILE",
     )
     parser.add_argument(
         "--duration",
@@ -140,7 +152,9 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         if name in found:
             faults.append(f"--estimate {name}: twice")
         if not same_on_both_sides(vehicle, parameter):
-            faults.append(f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}")
+            faults.append(
+                f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
+            )
         initial, quantity = value_of(vehicle, parameter), parameter.quantity
         low, high = bounds.pop(name, (quantity.low, quantity.high))
         if not quantity.low <= low < high <= quantity.high:
@@ -165,7 +179,11 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
 
 
 def _identified(
-    args: argparse.Namespace, vehicle: Vehicle, model: str, sought: list[Sought], outputs: str | None
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    model: str,
+    sought: list[Sought],
+    outputs: str | None,
 ) -> Identification:
     from hil.measurement.arguments import measurements_from
     from hil.report.progress import Progress
@@ -205,13 +223,13 @@ def _identified(
     return dataclasses.replace(result, vehicle=args.vehicle, notes=tuple(notes))
 
 
-def _noise(args: argparse.Namespace, columns: list[str]):  # type: ignore[no-untyped-def]
+def _noise(args: argparse.Namespace, columns: list[str]) -> NDArray[np.float64] | None:
     """Standard deviations of the outputs' noise, or None. Raises ConfigError."""
     import numpy as np
 
     if not args.noise:
         return None
-    given = {}
+    given: dict[str, float] = {}
     for text in args.noise:
         kind, equals, value = text.partition("=")
         try:
@@ -225,7 +243,9 @@ def _noise(args: argparse.Namespace, columns: list[str]):  # type: ignore[no-unt
         given |= dict.fromkeys(fitting.KINDS[kind], std)
     missing = [name for name in columns if name not in given]
     if missing:
-        raise ConfigError(f"--noise: not given for {', '.join(missing)}; allowed: all outputs, or none")
+        raise ConfigError(
+            f"--noise: not given for {', '.join(missing)}; allowed: all outputs, or none"
+        )
     return np.array([given[name] for name in columns])
 
 
@@ -266,7 +286,9 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
         "std": [result.parameters[k].std for k in told],
         "covariance": result.covariance[told][:, told].tolist(),
         "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
-        "fit_percent": {key: value for key, value in content["fit_percent"].items() if value is not None},
+        "fit_percent": {
+            key: value for key, value in content["fit_percent"].items() if value is not None
+        },
     }
     values = {result.parameters[k].name: result.parameters[k].value for k in told}
     return vehicle_text(find_config("vehicles", args.vehicle), args.settings, values, origin)
@@ -283,7 +305,9 @@ def _plan(args: argparse.Namespace, vehicle: Vehicle, model: str, sought: list[S
     kinds = [each.strip() for each in (args.outputs or "current,position").split(",")]
     unknown = [each for each in kinds if each not in fitting.KINDS]
     if unknown:
-        raise ConfigError([f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown])
+        raise ConfigError(
+            [f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown]
+        )
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
     if args.json:

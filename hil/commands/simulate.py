@@ -86,4 +86,3 @@ def run(args: argparse.Namespace) -> int:
     )
     write_rows(args.output, blocks, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
     return 0
-

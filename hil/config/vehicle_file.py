@@ -55,4 +55,3 @@ def _has(document: Any, path: Sequence[str]) -> bool:
             return False
         document = document[key]
     return True
-

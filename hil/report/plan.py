@@ -23,7 +23,10 @@ def plan_text(plan: Plan) -> str:
 
 def _row(each: Ranked) -> list[str]:
     told = significant(each.log_det) if math.isfinite(each.log_det) else "not all told"
-    stds = ["not told" if math.isinf(std) else f"{percent(100.0 * float(std))} %" for std in each.relative_std]
+    stds = [
+        "not told" if math.isinf(std) else f"{percent(100.0 * float(std))} %"
+        for std in each.relative_std
+    ]
     return [each.candidate.name, told, *stds]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plant import gate
 from plant.dynamics import Plant
 from plant.identify import rigid
-from plant.identify.trajectory import INPUTS, Start
+from plant.identify.trajectory import INPUTS, REST, Start
 
 Floats = NDArray[np.float64]
 
@@ -58,9 +58,6 @@ class Beginning:
 
     start: Start
     unknowns: tuple[Unknown, ...]
-
-
-REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def first_sample(values: Floats | None) -> float:

@@ -77,7 +77,9 @@ class Problem:
         values = self.measured[:, column]
         there = np.flatnonzero(np.isfinite(values))
         counts = values[there] / quantum
-        if not len(there) or np.any(np.abs(counts - np.round(counts)) > 1e-6 * (1.0 + np.abs(counts))):
+        if not len(there) or np.any(
+            np.abs(counts - np.round(counts)) > 1e-6 * (1.0 + np.abs(counts))
+        ):
             return
         earlier = np.arange(len(values))
         earlier[there[1:]] = there[:-1]

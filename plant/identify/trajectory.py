@@ -62,6 +62,9 @@ class Start(NamedTuple):
     rate: float  # rad/s, beyond that of the drives
 
 
+REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @compilable
 def value_or(value: float, default: float) -> float:
     """The value, or the default where it is NaN."""
