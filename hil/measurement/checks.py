@@ -98,12 +98,13 @@ def _position_and_speed(measurement: Measurement, side: str, known: Expected) ->
     ratio = slope_ratio(measurement.times, position, speed)
     if math.isnan(ratio) or 0.8 <= ratio <= 1.25:
         return []
-    said = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
     for factor, unit in _SPEED_UNITS:
+        said = f"{side}_speed_rps is {{:.3g}} x the slope of {name}"
         if abs(ratio / factor - 1.0) < 0.1:
-            return [f"{said}: is it {unit}?"]
+            return [f"{said.format(factor)}: is it {unit}?"]
         if abs(ratio * factor - 1.0) < 0.1:
-            return [f"{said}: is the position in units of 1/{factor:.4g} rev?"]
+            return [f"{said.format(1.0 / factor)}: is the position in 1/{factor:.4g} rev?"]
+    said = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
     if -1.25 <= ratio <= -0.8:
         return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
     return [f"{said}; allowed: 0.8 to 1.25"]

@@ -20,6 +20,8 @@ _KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
 # What only a recording of the emulator has; there the voltages come from duty and supply.
 RECORDED = ("left_coast", "latched")
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
+# The unit that a column out of its range probably has, by the column's ending.
+_RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
 
 @dataclass
@@ -154,8 +156,10 @@ def _check_range(reading: _Reading, ours: str, series: Series) -> None:
         word = reading.file.sample
         more = f" ({len(bad)} such {word}s)" if len(bad) > 1 else ""
         hint = ""
-        if ours.endswith("_duty") and np.nanmax(np.abs(values)) <= 100.0:
-            hint = f"; is it %? --map '{ours}={theirs}[%]'"
+        rather = next((unit for ending, unit in _RATHER.items() if ours.endswith(ending)), None)
+        factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
+        if rather and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
+            hint = f"; is it {rather}? --map '{ours}={theirs}[{rather}]'"
         reading.faults.append(
             f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "
             f"allowed: {low:g} to {high:g}{hint}"

@@ -54,9 +54,7 @@ def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
 
 @CALM
 @given(
-    arrays.arrays(
-        np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)
-    ),
+    arrays.arrays(np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)),
     st.booleans(),
 )
 def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
@@ -151,8 +149,10 @@ def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
         (
             HEAD + "0,1,20000\n0,-2000,2\n",
             [
-                "left_voltage_v: -2000 in row 2; allowed: -1000 to 1000",
-                "left_current_a: 20000 in row 1; allowed: -10000 to 10000",
+                "left_voltage_v: -2000 in row 2; allowed: -1000 to 1000; is it mV? "
+                "--map 'left_voltage_v=left_voltage_v[mV]'",
+                "left_current_a: 20000 in row 1; allowed: -10000 to 10000; is it mA? "
+                "--map 'left_current_a=left_current_a[mA]'",
                 "time_s: row 2; allowed: finite and rising (0 s after 0 s)",
             ],
         ),
