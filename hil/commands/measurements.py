@@ -110,7 +110,7 @@ def _conditioned(
     _raise_if_any(checks.check(measurement, expected_of(vehicle)))
     measurement = condition.cut_time(measurement, args.start, args.end)
     measurement = quality.report_gaps(measurement)
-    measurement = quality.report_outliers(measurement, args.drop_outliers)
+    measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
     if args.resample is not None:
         measurement = raster.resample(measurement, args.resample)
     measurement = raster.decimate(measurement, args.decimate)

@@ -40,6 +40,7 @@ _SENSED = {
 }
 _COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
 _SIDES = ("left", "right")
+_OUT_OF_TURN_NS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
     # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
-    _check_order(path, times)
+    times = _in_order(path, times)
     given, counts = _tracks(rig.input_layout(), quantities.INPUTS, frames, times)
     sensed, sensor_counts = _tracks(
         rig.output_layout(sending=False), quantities.OUTPUTS, frames, times
@@ -115,14 +116,17 @@ def _wrap(rig: Rig, wire: Wire) -> float:
     return abs(wire.scale * float(signal.scale)) * 2.0**signal.length
 
 
-def _check_order(path: Path, times: NDArray[np.int64]) -> None:
-    late = np.flatnonzero(np.diff(times) < 0)
+def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times that do not fall: what was sent and what was received may be stamped a little out of turn."""
+    rising = np.maximum.accumulate(times)
+    late = np.flatnonzero(rising - times > _OUT_OF_TURN_NS)
     if len(late):
-        at = int(late[0]) + 1
+        at = int(late[0])
         raise ConfigError(
             f"{path}: time {times[at] / 1e9:.6f} s of frame {at + 1} of ours comes after "
-            f"{times[at - 1] / 1e9:.6f} s; allowed: rising"
+            f"{rising[at] / 1e9:.6f} s; allowed: rising"
         )
+    return rising
 
 
 def _called(rig: Rig, messages: Sequence[str]) -> str:

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from hil.measurement.checks import Expected
 from hil.measurement.condition import noted
 from hil.measurement.measurement import OUTPUTS, Floats, Measurement
 from hil.measurement.raster import GAP, usual_spacing
 
+HALF_WINDOW = 5  # samples
 _SIGMA = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
 
 
@@ -65,10 +67,15 @@ def report_gaps(measurement: Measurement) -> Measurement:
     return measurement
 
 
-def outliers(values: Floats, half_window: int = 5, limit: float = 6.0) -> NDArray[np.int64]:
+def outliers(
+    values: Floats,
+    allowance: Floats | None = None,
+    half_window: int = HALF_WINDOW,
+    limit: float = 6.0,
+) -> NDArray[np.int64]:
     """Rows of samples that lie off the median of their 2 · half_window + 1 neighbours by more than `limit`
-    standard deviations (Hampel's filter, by the median absolute deviation), and by more than the column's usual
-    changes, so that a quantised or resting signal has none.
+    standard deviations (Hampel's filter, by the median absolute deviation), by more than the column's usual
+    changes, so that a quantised or resting signal has none, and by more than `allowance` has in their row.
     """
     at = np.flatnonzero(np.isfinite(values))
     width = 2 * half_window + 1
@@ -80,24 +87,47 @@ def outliers(values: Floats, half_window: int = 5, limit: float = 6.0) -> NDArra
     deviation = np.median(np.abs(windows - median[:, None]), axis=1)
     changes = np.abs(np.diff(samples))
     usual = float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0
-    centre = samples[half_window : len(samples) - half_window]
-    off = np.abs(centre - median) > np.maximum(limit * _SIGMA * deviation, 10.0 * usual)
+    inner = slice(half_window, len(samples) - half_window)
+    least = np.maximum(limit * _SIGMA * deviation, 10.0 * usual)
+    if allowance is not None:
+        least = np.maximum(least, allowance[at][inner])
+    off = np.abs(samples[inner] - median) > least
     return at[half_window + np.flatnonzero(off)]
 
 
-def find_outliers(measurement: Measurement) -> Mapping[str, NDArray[np.int64]]:
+def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
+    """By how much a motor current may jump in each row, as the motor's voltage does nearby; without it every
+    change of the duty would look like an outlier.
+    """
+    result = np.zeros(len(values))
+    at = np.flatnonzero(np.isfinite(values))
+    if known.stall_current is None or not known.supply_voltage or len(at) == 0:
+        return result
+    volts = {"voltage_v": 1.0 / known.supply_voltage, "duty": 1.0, "coast": 1.0}
+    for name, share in volts.items():
+        column = measurement.columns.get(f"{side}_{name}")
+        if column is not None:
+            near = sliding_window_view(np.pad(column[at], HALF_WINDOW, "edge"), 2 * HALF_WINDOW + 1)
+            result[at] += 1.5 * known.stall_current * share * np.ptp(near, axis=1)
+    return result
+
+
+def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDArray[np.int64]]:
     """Rows, per output column that has any."""
-    found = {
-        name: outliers(values)
-        for name, values in measurement.columns.items()
-        if name in OUTPUTS and not name.endswith("hall_count")
-    }
+    found = {}
+    for name, values in measurement.columns.items():
+        if name in OUTPUTS and not name.endswith("hall_count"):
+            side = name.partition("_")[0]
+            jumps = explained(measurement, side, values, known) if "current" in name else None
+            found[name] = outliers(values, jumps)
     return {name: rows for name, rows in found.items() if len(rows)}
 
 
-def report_outliers(measurement: Measurement, drop: bool) -> Measurement:
+def report_outliers(
+    measurement: Measurement, drop: bool, known: Expected | None = None
+) -> Measurement:
     """A note for each column with outliers; with `drop` they are no samples (NaN) from here on."""
-    found = find_outliers(measurement)
+    found = find_outliers(measurement, known or Expected())
     columns = dict(measurement.columns)
     result = measurement
     for name, rows in found.items():

@@ -135,7 +135,7 @@ def decimate(measurement: Measurement, factor: int) -> Measurement:
     )
     return noted(
         result,
-        f"every {factor}th row after a low-pass of {len(taps)} taps: {count} rows from {len(times)}",
+        f"one row in {factor} after a low-pass of {len(taps)} taps: {count} rows from {len(times)}",
     )
 
 

@@ -162,6 +162,20 @@ def test_a_command_that_ends_before_the_log_goes_stale(tmp_path: Path, rig: Rig)
     assert np.array_equal(m.columns["left_coast"][m.times > 0.004] == 1.0, after[m.times > 0.004])
 
 
+def test_frames_stamped_a_little_out_of_turn_keep_their_order(tmp_path: Path, rig: Rig) -> None:
+    path = tmp_path / "m.log"
+    frames = [
+        (9.0, COMMAND, command_payload(rig, 0, **left(50, OPEN))),
+        (9.01, GATE, gate(rig, 1.0)),
+    ]
+    frames += [(9.009, COMMAND, command_payload(rig, 1, **left(20, OPEN)))]
+    frames += [(9.02, GATE, gate(rig, 2.0))]
+    path.write_text("".join(f"({t:.6f}) can0 {i:03X}#{data.hex()}\n" for t, i, data in frames))
+    m = read_measurement(path, {}, rig)
+    assert np.allclose(m.times, [0.0, 0.01, 0.02], rtol=0, atol=1e-9)
+    assert m.columns["left_duty"].tolist() == [0.5, 0.2, 0.2]
+
+
 def spoiled(frames: list[Frame], rig: Rig) -> list[Frame]:
     """With frames in between that the emulator would refuse."""
     good = drive(rig, 5, 100.0, 999)

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.errors import ConfigError
+from hil.measurement.checks import Expected
 from hil.measurement.condition import cut_angle, cut_time
 from hil.measurement.measurement import Floats, Measurement
 from hil.measurement.quality import gaps_in, outliers, report_gaps, report_outliers
@@ -235,6 +236,18 @@ def test_outliers_are_told_and_dropped_on_request_only() -> None:
     dropped = report_outliers(m, drop=True)
     assert np.flatnonzero(np.isnan(dropped.columns["left_current_a"])).tolist() == [77, 200]
     assert np.all(np.isfinite(m.columns["left_current_a"]))
+
+
+def test_a_jump_of_the_current_after_one_of_the_duty_is_no_outlier() -> None:
+    times = np.arange(400) * 0.005
+    duty = np.full(400, 0.5)
+    duty[200:] = 0.53
+    current = 0.2 + np.random.default_rng(0).normal(0.0, 0.01, 400)
+    current[[200, 300]] += 0.03 * 17.0
+    m = measured(times, left_duty=duty, left_current_a=current)
+    known = Expected(supply_voltage=12.0, stall_current=17.0)
+    kept = report_outliers(m, True, known).columns["left_current_a"]
+    assert np.flatnonzero(np.isnan(kept)).tolist() == [300]
 
 
 @pytest.mark.parametrize(
