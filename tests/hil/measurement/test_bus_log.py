@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import Frame, write_log
 from hil_support import (
     BENCH_CONTROL,
     BRAKE,
@@ -25,6 +24,7 @@ from hil_support import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from measurement_files import Frame, write_log
 
 from hil.config.rig import Rig
 from hil.errors import ConfigError

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import csv_text, read, write_csv
 from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from measurement_files import csv_text, read, write_csv
 
 from hil.errors import ConfigError
 from hil.measurement.csv_file import open_csv

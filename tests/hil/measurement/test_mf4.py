@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import read
+from measurement_files import read
 
 from hil.errors import ConfigError
 

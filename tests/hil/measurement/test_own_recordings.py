@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from files import read
 from hil_support import CLOSE, COAST, OPEN, bench, both, command_frame, frames_of, start_of
+from measurement_files import read
 
 from hil.cli import main
 from hil.codec.frames import empty_frames

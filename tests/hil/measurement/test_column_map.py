@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import read, write_csv
+from measurement_files import read, write_csv
 
 from hil.errors import ConfigError
 from hil.measurement.mapping import KNOWN, Theirs, parse_maps
