@@ -40,9 +40,7 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     reading = _resolve(path, file, mapping)
     faults = reading.faults
     wanted = list(dict.fromkeys(reading.names.values()))
-    unread = [] if faults and "time_s" not in reading.names else faults
-    raw = file.read(wanted, unread)
-    faults += [] if unread is faults else unread
+    raw = file.read(wanted, faults)
     series = {
         ours: _converted(reading, ours, raw[theirs], mapping)
         for ours, theirs in reading.names.items()
