@@ -56,7 +56,9 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     own = {name: each for name, each in own.items() if len(each[0])}
     times = shared
     if times is None:  # to the nanosecond: channels of one raster differ by rounding
-        times = np.unique(np.concatenate([np.round(each, 9) for each, _ in own.values()]))
+        times = np.unique(
+            np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())])
+        )
     return _measurement(reading, times, own, shared is not None)
 
 
@@ -229,8 +231,9 @@ def _measurement(
             columns[name] = 1.0 - columns[name]
         if np.isnan(columns[name][0]):
             start = max(start, float(at[0]))
+    told = bool(reading.faults)
     for what, names in _KINDS:
-        if not reading.faults and not any(name in columns for name in names):
+        if not told and not any(name in columns for name in names):
             reading.faults.append(f"{reading.path}: no sample of any {what} column")
     if reading.faults:
         raise ConfigError(reading.faults)
@@ -240,7 +243,7 @@ def _measurement(
     if "voltage_v" in columns:
         both = columns.pop("voltage_v")
         columns |= {f"{side}_voltage_v": both.copy() for side in SIDES}
-    kept = np.searchsorted(times, round(start, 9))
+    kept = np.searchsorted(times, start - 1e-9)
     if kept:
         notes.append(f"begins at {times[kept]:.6g} s, the first sample of all inputs")
         times, columns = times[kept:], {name: each[kept:] for name, each in columns.items()}

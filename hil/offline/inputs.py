@@ -80,7 +80,7 @@ def read_samples(path: Path) -> Samples:
     if by_rows and "time_s" in series:
         fault = time_fault(series["time_s"].values, "row")
         faults += [f"{path}: time_s: {fault}"] if fault else []
-    if not faults and not any(len(each.values) for each in series.values()):
+    if not faults and not all(len(each.values) for each in series.values()):
         faults.append(f"{path}: no rows")
     if faults:
         raise ConfigError(faults)

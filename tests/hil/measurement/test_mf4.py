@@ -156,3 +156,15 @@ def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
         "left_voltage_v: its time 0.049 s in sample 51 does not come after the one before; "
         "allowed: finite and rising"
     ]
+
+
+def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
+    none = np.zeros(0)
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", none, none, "A"), ("left_voltage_v", none, none, "V")],
+    )
+    assert faults_of(path) == [
+        "no sample of any input column",
+        "no sample of any output column",
+    ]
