@@ -58,7 +58,7 @@ PRESETS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
-    from hil.measurement.arguments import add_measurement_arguments
+    from hil.commands.measurements import add_measurement_arguments
 
     add_measurement_arguments(parser, required=False)
     fitting.add_model(parser)
@@ -185,7 +185,7 @@ def _identified(
     sought: list[Sought],
     outputs: str | None,
 ) -> Identification:
-    from hil.measurement.arguments import measurements_from
+    from hil.commands.measurements import measurements_from
     from hil.report.progress import Progress
     from plant.identify.identification import NothingToTellError, identify
     from plant.identify.problem import Problem

@@ -17,7 +17,7 @@ from hil.errors import ConfigError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
-    from hil.measurement.arguments import add_measurement_arguments
+    from hil.commands.measurements import add_measurement_arguments
 
     add_measurement_arguments(parser)
     fitting.add_model(parser)
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil.build import vehicle_from
-    from hil.measurement.arguments import measurements_from
+    from hil.commands.measurements import measurements_from
     from hil.report.files import check_target, write_report
     from hil.report.json_result import validation_json, write_json
     from plant.identify.identification import validate

@@ -29,7 +29,8 @@ def vehicle_text(
         _put(document, name, value)
     document.pop("identification", None)
     document["identification"] = dict(origin)
-    return tomlkit.dumps(document)
+    text: str = tomlkit.dumps(document)
+    return text
 
 
 def _put(document: Any, name: str, value: float) -> None:
