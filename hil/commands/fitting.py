@@ -49,9 +49,10 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--input-delay",
-        default="0",
+        default="auto",
         metavar="S|estimate",
-        help="seconds from a change of the inputs' columns to its effect; default: 0",
+        help="seconds from a change of the inputs' columns to its effect; default: estimated for bus logs, whose "
+        "stamps are not the time of the effect, else 0",
     )
     parser.add_argument(
         "--step",
@@ -123,8 +124,10 @@ def initial_angle(text: str, vehicle: Vehicle) -> float | None:
     return math.degrees(options.angle(text, vehicle.gate.open_angle))
 
 
-def delay_of(text: str) -> tuple[float, bool]:
+def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
     """(`--input-delay` [s], whether to estimate it). Raises ConfigError."""
+    if text == "auto":
+        return 0.0, any(each.through_sensors for each in data)
     if text == "estimate":
         return 0.0, True
     try:

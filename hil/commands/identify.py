@@ -200,7 +200,7 @@ def _identified(
     measurements = measurements_from(args, vehicle)
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(outputs, data)
-    delay, is_delay_sought = fitting.delay_of(args.input_delay)
+    delay, is_delay_sought = fitting.delay_of(args.input_delay, data)
     try:
         problem = Problem(
             vehicle,

@@ -158,7 +158,7 @@ def solution(vehicle: Vehicle, columns: dict[str, Floats]) -> Floats:
     if len(np.unique(volts)) > _PIECES:
 
         def held(time: float, x: Floats) -> list[float]:
-            return slope(time, x, float(volts[min(int(time * RATE + 1e-6), len(volts) - 1)]))
+            return slope(time, x, float(np.interp(time, times, volts)))
 
         whole = solve_ivp(
             held, (times[0], times[-1]), begin, "LSODA", times, rtol=1e-7, atol=1e-9, max_step=1 / RATE
