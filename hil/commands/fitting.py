@@ -55,6 +55,13 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         "stamps are not the time of the effect, else 0",
     )
     parser.add_argument(
+        "--speed-window",
+        type=options.bounded(0.0, 1.0, "s"),
+        default=0.0,
+        metavar="S",
+        help="a measured speed is the mean over so long before its sample (counts in a period); default: 0",
+    )
+    parser.add_argument(
         "--step",
         type=options.bounded(1e-5, 5e-3, "s"),
         default=1e-3,

@@ -115,21 +115,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from hil.build import vehicle_from
     from hil.report.files import check_target
 
     for flag in ("result", "save_vehicle", "html"):
         if getattr(args, flag) is not None:
             check_target(getattr(args, flag), "--" + flag.replace("_", "-"))
+    if args.plan:
+        return _plan(args)
+    _deliver(args, identified(args))
+    return 0
+
+
+def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str | None]:
+    """Vehicle, model, what is sought, outputs: of the flags, else of the preset. Raises ConfigError."""
+    from hil.build import vehicle_from
+
     preset = PRESETS[args.preset] if args.preset else Preset("", "full", "")
     vehicle = vehicle_from(args.vehicle, args.settings)
     sought = _sought(args, vehicle, args.estimate or preset.estimate)
-    model = args.model or preset.model
-    if args.plan:
-        return _plan(args, vehicle, model, sought)
-    result = _identified(args, vehicle, model, sought, args.outputs or preset.outputs or None)
-    _deliver(args, result)
-    return 0
+    return vehicle, args.model or preset.model, sought, args.outputs or preset.outputs or None
 
 
 def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Sought]:
@@ -178,13 +182,8 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
     return list(found.values())
 
 
-def _identified(
-    args: argparse.Namespace,
-    vehicle: Vehicle,
-    model: str,
-    sought: list[Sought],
-    outputs: str | None,
-) -> Identification:
+def identified(args: argparse.Namespace) -> Identification:
+    """The result of these flags. Raises ConfigError."""
     from hil.commands.measurements import measurements_from
     from hil.report.progress import Progress
     from plant.identify.identification import NothingToTellError, identify
@@ -192,6 +191,7 @@ def _identified(
 
     if not args.files:
         raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
+    vehicle, model, sought, outputs = _wanted(args)
     profiles = [each.strip() for each in (args.profile or "").split(",") if each.strip()]
     names = [each.parameter.name for each in sought]
     unknown = [each for each in profiles if each not in names]
@@ -211,6 +211,7 @@ def _identified(
             fitting.initial_angle(args.initial, vehicle),
             delay,
             is_delay_sought,
+            args.speed_window,
             args.step,
         )
         with Progress(sys.stderr, args.quiet) as progress:
@@ -294,7 +295,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     return vehicle_text(find_config("vehicles", args.vehicle), args.settings, values, origin)
 
 
-def _plan(args: argparse.Namespace, vehicle: Vehicle, model: str, sought: list[Sought]) -> int:
+def _plan(args: argparse.Namespace) -> int:
     """Rank experiments."""
     from hil.report.json_result import write_json
     from hil.report.plan import plan_json, plan_text
@@ -302,7 +303,8 @@ def _plan(args: argparse.Namespace, vehicle: Vehicle, model: str, sought: list[S
 
     if args.files:
         raise ConfigError("--plan: needs no FILE; allowed: one or the other")
-    kinds = [each.strip() for each in (args.outputs or "current,position").split(",")]
+    vehicle, model, sought, outputs = _wanted(args)
+    kinds = [each.strip() for each in (outputs or "current,position").split(",")]
     unknown = [each for each in kinds if each not in fitting.KINDS]
     if unknown:
         raise ConfigError(

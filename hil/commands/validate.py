@@ -58,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
             fitting.initial_angle(args.initial, vehicle),
             delay,
             is_delay_sought,
+            args.speed_window,
             args.step,
         )
         result = validate(problem)

@@ -123,13 +123,15 @@ def begins_at_rest(data: Data) -> bool:
 def beginning_of(
     plant: Plant, data: Data, experiment: int, angle_deg: float | None, full: bool
 ) -> Beginning:
-    """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle.
+    """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle, or in motion
+    there where only a speed was measured.
 
     Raises ValueError where the data do not say.
     """
-    if angle_deg is not None:
+    moves = not begins_at_rest(data)
+    if angle_deg is not None and (_shows_place(data) or not moves):
         return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
-    if begins_at_rest(data):
+    if not moves:
         known = first_sample(data.outputs.get("gate_angle_deg"))
         if math.isnan(known):
             position = first_sample(_position(data))
@@ -137,7 +139,7 @@ def beginning_of(
         if math.isnan(known) or abs(known) < _CLOSED_DEG or data.inputs[0, 10] == 0.0:
             return _at_rest(plant, data, experiment, 0.0, True)
         return _at_rest(plant, data, experiment, math.radians(known), False)
-    return _in_motion(plant, data, experiment, full)
+    return _in_motion(plant, data, experiment, full, angle_deg)
 
 
 def _position(data: Data) -> Floats | None:
@@ -163,9 +165,17 @@ def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
     return unknowns
 
 
-def _in_motion(plant: Plant, data: Data, experiment: int, full: bool) -> Beginning:
+def _shows_place(data: Data) -> bool:
+    """Whether a position or the angle was measured."""
+    return any(name.endswith(("_position_rev", "angle_deg")) for name in data.outputs)
+
+
+def _in_motion(
+    plant: Plant, data: Data, experiment: int, full: bool, angle_deg: float | None
+) -> Beginning:
     speed, _, _ = motion(data)
-    angle = math.radians(first_sample(data.outputs.get("gate_angle_deg")))
+    known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
+    angle = math.radians(known)
     shown = first_sample(_position(data))
     place = shown
     if not math.isnan(angle):
@@ -175,10 +185,12 @@ def _in_motion(plant: Plant, data: Data, experiment: int, full: bool) -> Beginni
     if math.isnan(place) or math.isnan(speed):
         raise ValueError(
             "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
-            "a position or an angle"
+            "a position or an angle, or --initial"
         )
     start = REST._replace(moving=1.0, speed=speed, left_position=place, right_position=place)
-    unknowns = [Unknown(experiment, "speed", speed), Unknown(experiment, "left_position", place)]
+    unknowns = [Unknown(experiment, "speed", speed)]
+    if _shows_place(data):
+        unknowns.append(Unknown(experiment, "left_position", place))
     both = plant.right.active > 0.0 and all(
         f"{side}_position_rev" in data.outputs for side in ("left", "right")
     )

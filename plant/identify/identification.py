@@ -62,7 +62,7 @@ def identify(
         covariance = widened(
             covariance,
             statistics.robust_covariance(
-                found.slopes, found.errors, found.weighting.root, covariance
+                found.slopes, found.errors, found.weighting.root, covariance, inverse_std
             ),
         )
         kind = "robust: the residuals are correlated"

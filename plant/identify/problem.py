@@ -47,6 +47,9 @@ class Problem:
     angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
+    speed_window: float = (
+        0.0  # s before its sample over which a measured speed is the mean; 0: at the sample
+    )
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
     beginnings: list[Beginning] = field(init=False)
@@ -164,6 +167,11 @@ class Problem:
             inputs,
             self.longest,
         )[kept]
+        if self.speed_window > 0.0:
+            for speed, position in ((2, 4), (3, 5)):
+                out[:, speed] = _mean_speed(
+                    data.times, out[:, position], out[:, speed], self.speed_window
+                )
         out[:, 4] += aside.get("left_offset", 0.0)
         out[:, 5] += aside.get("right_offset", 0.0)
         return out
@@ -199,6 +207,14 @@ class Problem:
                 above[k] - below[k]
             )
         return slopes
+
+
+def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
+    """Mean speed (n,) over the last `window` seconds, over what there is of them at the beginning."""
+    before = np.maximum(times - window, times[0])
+    span = times - before
+    way = position - np.interp(before, times, position)
+    return np.where(span > 0.0, way / np.where(span > 0.0, span, 1.0), speed)
 
 
 def _delayed(data: Data, delay: float) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:

@@ -63,15 +63,17 @@ def uncertainty(matrix: Floats) -> Uncertainty:
     return Uncertainty(covariance, condition, silent, apart)
 
 
-def robust_covariance(slopes: Floats, errors: Floats, root: Floats, inverse: Floats) -> Floats:
-    """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel), for residuals that are
-    correlated in time; `inverse` is M⁻¹.
+def robust_covariance(
+    slopes: Floats, errors: Floats, root: Floats, inverse: Floats, inverse_std: Floats
+) -> Floats:
+    """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) and the priors' share,
+    for residuals that are correlated in time; `inverse` is M⁻¹.
     """
     weighted = np.einsum("noj,oq->nqj", slopes, root)
     scores = np.einsum("nqj,nq->nj", weighted, errors @ root)
     size: Floats = np.sqrt(np.mean(scores**2, axis=0))
     width = _bandwidth(scores / np.where(size > 0.0, size, 1.0))
-    total = scores.T @ scores
+    total = scores.T @ scores + np.diag(inverse_std**2)
     for lag in range(1, width + 1):
         shifted = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
