@@ -78,8 +78,9 @@ def _thesis(work: Path, output: Path) -> list[str]:
     lines = [
         "## The three runs of the thesis",
         "",
-        "The thesis's raw data are not public. `python -m tools.identification --data FOLDER` writes an opening and "
-        "a closing of the full plant with true values near what the thesis found, through sensors like its own "
+        "The thesis's raw data are not public. `python -m tools.identification --data FOLDER` writes an "
+        "opening and a closing of the full plant with true values near what the thesis found, through "
+        "sensors like its own "
         "(`tools/identification/measurements.py`). As in the thesis the seal's phase is cut and the data are "
         "thinned out: `liftgate-hil identify opening.csv --preset thesis-1 "
         + " ".join(thesis.CUT)
@@ -163,10 +164,10 @@ def _dc_motor(work: Path, folder: str | None) -> list[str]:
     return [
         "## A motor that nobody here measured",
         "",
-        "Public data of a geared DC motor (nebisman/DCMotor.jl, MIT licence; `tools/identification/dc_motor.py` says "
-        "where and how): commanded voltage, a PRBS of two levels, and encoder counts of 20 ms for 82 s. The vehicle "
-        "is a motor that is joined to no gate. Of voltage and speed alone gain, time constant and dead voltage can "
-        "be told.",
+        "Public data of a geared DC motor (nebisman/DCMotor.jl, MIT licence; "
+        "`tools/identification/dc_motor.py` says where and how): commanded voltage, a PRBS of two levels, "
+        "and encoder counts of 20 ms for 82 s. The vehicle is a motor that is joined to no gate. Of voltage "
+        "and speed alone gain, time constant and dead voltage can be told.",
         "",
         *dc_motor.table(dc_motor.measure(Path(folder), work)),
         "",
