@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from plant.identify import statistics
 from plant.identify.data import applied_voltage
+from plant.identify.pieces import in_pieces, is_far_off
 from plant.identify.problem import ALL, Problem
 from plant.identify.residuals import Frame, phases_of, series_of, speed_series
 from plant.identify.result import Estimate, Experiment, Identification, Profile, Validation
-from plant.identify.search import Found, Report, log_likelihood_deviance, search
+from plant.identify.search import Found, Report, errors_of, log_likelihood_deviance, search
 from plant.identify.statistics import Uncertainty
 from plant.identify.trajectory import OUTPUTS
 from plant.quantity import Quantity
@@ -27,6 +28,10 @@ _SIGNED_SHARE = (
     1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
 )
 _AT_BOUND = 1e-6  # of its size
+_FAR_PERCENT = 50.0  # fit of the initial vehicle below which short pieces come first
+_NEAR_PERCENT = 80.0  # fit that a good search reaches
+_NOWHERE_PERCENT = 0.0  # fit below which a model says nothing of the data
+_ROUGH_ROUNDS = 6
 
 
 class NothingToTellError(ValueError):
@@ -45,7 +50,7 @@ def identify(
     """
     began = time.perf_counter()
     _check_excited(problem)
-    found = search(problem, report, given_std)
+    found = _search(problem, report, given_std)
     _, inverse_std = problem.priors()
     known = statistics.uncertainty(
         statistics.information(found.slopes, found.weighting.root, inverse_std)
@@ -66,6 +71,11 @@ def identify(
             ),
         )
         kind = "robust: the residuals are correlated"
+    if is_far_off(problem, found.errors, _NOWHERE_PERCENT):
+        raise NothingToTellError(
+            "the simulation follows the measured motion worse than its mean value does; allowed: a vehicle, "
+            "inputs and a beginning that are those of the measurement"
+        )
     estimates = _estimates(problem, found.point, covariance, known)
     count = len(problem.sought)
     parameters, states = estimates[:count], estimates[count:]
@@ -112,6 +122,28 @@ def identify(
             for name in profiles
         ),
     )
+
+
+def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
+    """From the initial values; where these are far off or lead nowhere, from what short pieces of the data say."""
+    begin = problem.initial
+    errors = errors_of(problem.measured, problem.predicted(begin))
+    first: Found | None = None
+    if not is_far_off(problem, errors, _FAR_PERCENT):
+        first = search(problem, report, given_std)
+        if not is_far_off(problem, first.errors, _NEAR_PERCENT):
+            return first
+    pieces = in_pieces(problem)
+    if pieces is None:
+        return first or search(problem, report, given_std)
+    rough = search(pieces, report, given_std, rounds=_ROUGH_ROUNDS)
+    problem.evaluations += pieces.evaluations
+    count = len(problem.sought)
+    begin[:count] = rough.point[:count]
+    if problem.is_delay_sought:
+        begin[-1] = rough.point[-1]
+    second = search(problem, report, given_std, begin)
+    return first if first is not None and first.history[-1] <= second.history[-1] else second
 
 
 def validate(problem: Problem) -> Validation:

@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
+_DELAY = 0.1  # s, the longest that is looked for
 ALL = -1  # experiment of an unknown that all share
 
 
@@ -52,7 +53,7 @@ class Problem:
     )
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
-    beginnings: list[Beginning] = field(init=False)
+    beginnings: Sequence[Beginning] = ()  # default: as the data say
     unknowns: list[Unknown] = field(init=False)
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
@@ -60,13 +61,14 @@ class Problem:
     def __post_init__(self) -> None:
         plant = plant_of(self.vehicle)
         full = MODELS[self.model] == 0
-        self.beginnings = [
-            beginning_of(plant, data, number, self.angle_deg, full)
-            for number, data in enumerate(self.data)
-        ]
+        if not self.beginnings:
+            self.beginnings = [
+                beginning_of(plant, data, number, self.angle_deg, full)
+                for number, data in enumerate(self.data)
+            ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
-            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-0.5, high=0.5))
+            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
         self.measured = np.concatenate([self._columns(data) for data in self.data])
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
@@ -131,7 +133,13 @@ class Problem:
     def predicted(self, point: Floats) -> Floats:
         """(rows, outputs) of all experiments, one below the other."""
         columns = [OUTPUTS.index(name) for name in self.outputs]
-        parts = [self.states(point, number)[:, columns] for number in range(len(self.data))]
+        vehicle = self.vehicle_at(point)
+        plant = plant_of(vehicle)
+        self.evaluations += 1
+        parts = [
+            self._states(vehicle, plant, point, number)[:, columns]
+            for number in range(len(self.data))
+        ]
         whole = np.concatenate(parts)
         for column, earlier in self._counted.items():
             whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
@@ -139,9 +147,10 @@ class Problem:
 
     def states(self, point: Floats, number: int) -> Floats:
         """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
-        self.evaluations += 1
         vehicle = self.vehicle_at(point)
-        plant = plant_of(vehicle)
+        return self._states(vehicle, plant_of(vehicle), point, number)
+
+    def _states(self, vehicle: Vehicle, plant: Plant, point: Floats, number: int) -> Floats:
         values = point[len(self.sought) :]
         data, start = self.data[number], self.beginnings[number].start
         aside = {"input_delay": self.delay}

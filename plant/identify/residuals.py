@@ -120,12 +120,24 @@ def speed_series(
     )
 
 
-def local_slope(times: Floats, values: Floats, half_width: float = 0.05) -> Floats:
-    """Slope (n,) of the straight line through all samples within `half_width` seconds, by least squares."""
-    t = times - np.mean(times)
-    y = values - np.mean(values)
-    first = np.searchsorted(times, times - half_width - 1e-9)
-    last = np.searchsorted(times, times + half_width + 1e-9)
+def local_slope(times: Floats, values: Floats) -> Floats:
+    """Slope (n,) of the straight line through all samples within 0.05 s, by least squares."""
+    return local_line(times, values, times)[1]
+
+
+def local_line(
+    times: Floats, values: Floats, at: Floats, half_width: float = 0.05
+) -> tuple[Floats, Floats]:
+    """Value and slope (n,) `at` times (n,) of the straight line through all samples within `half_width`
+    seconds, by least squares; where there are none the nearest sample, without a slope.
+    """
+    origin, level = np.mean(times), np.mean(values)
+    t, y = times - origin, values - level
+    first = np.searchsorted(times, at - half_width - 1e-9)
+    last = np.searchsorted(times, at + half_width + 1e-9)
+    empty = last <= first
+    nearest = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
+    first, last = np.where(empty, nearest, first), np.where(empty, nearest + 1, last)
 
     def total(column: Floats) -> Floats:
         sums = np.concatenate([[0.0], np.cumsum(column)])
@@ -134,7 +146,8 @@ def local_slope(times: Floats, values: Floats, half_width: float = 0.05) -> Floa
 
     # About each window's own middle, so that little cancels.
     count = (last - first).astype(np.float64)
-    middle = total(t) / count
+    middle, mean = total(t) / count, total(y) / count
     spread = total(t * t) - count * middle * middle
     along = total(t * y) - middle * total(y)
-    return np.where(count > 1.0, along / np.where(spread > 0.0, spread, np.inf), 0.0)
+    slope = np.where(count > 1.0, along / np.where(spread > 0.0, spread, np.inf), 0.0)
+    return level + mean + slope * (at - origin - middle), slope

@@ -200,8 +200,20 @@ def next_motor(
     )
 
 
+@compilable
 def rigid_start(state: State) -> State:
     """The same state of a gate that moves with its drives: the left one's speed and position hold for all."""
-    left = state.left
-    right = state.right._replace(speed=left.speed, position=left.position)
-    return state._replace(right=right)
+    left, right = state.left, state.right
+    return State(
+        left,
+        DriveState(
+            right.current,
+            left.speed,
+            left.position,
+            right.winding_temperature,
+            right.housing_temperature,
+        ),
+        state.gate_angle,
+        state.gate_rate,
+        state.latched,
+    )

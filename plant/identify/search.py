@@ -59,7 +59,7 @@ def is_whole(measured: Floats) -> bool:
 
 def errors_of(measured: Floats, predicted: Floats) -> Floats:
     """ε = y − ŷ, 0 where there is no sample."""
-    predicted = np.where(np.isfinite(predicted), predicted, _HUGE)
+    predicted = np.where(np.abs(predicted) < _HUGE, predicted, _HUGE)  # not a number is not less
     return np.where(np.isfinite(measured), measured - predicted, 0.0)
 
 
@@ -94,6 +94,7 @@ def search(
     given_std: Floats | None = None,
     begin: Floats | None = None,
     fixed: Sequence[int] = (),
+    rounds: int = _ROUNDS,
 ) -> Found:
     """Minimise the loss from `begin`, with the unknowns numbered in `fixed` held there."""
     measured = problem.measured
@@ -103,9 +104,9 @@ def search(
     errors = errors_of(measured, problem.predicted(point))
     weighting = weighting_of(measured, errors, given_std)
     history = [_loss(measured, weighting, errors, given_std)]
-    reason = f"no end after {_ROUNDS} iterations"
+    reason = f"no end after {rounds} iterations"
     cache = _Cache(problem)
-    for number in range(1, _ROUNDS + 1):
+    for number in range(1, rounds + 1):
         before = errors
         point = _least_squares(problem, cache, point, free, weighting, means, inverse_std)
         errors = errors_of(measured, cache.predicted(point))

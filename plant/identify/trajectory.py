@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from plant import dynamics, gate, integrate
 from plant.bridge import DriveInput
 from plant.compiler import compilable, compiled
-from plant.dynamics import Inputs, Load, Plant, State
+from plant.dynamics import DriveState, Inputs, Load, Plant, State
 from plant.identify import rigid
 from plant.sensors import Sensors
 
@@ -92,24 +92,48 @@ def inputs_of(row: Floats, base: Load) -> Inputs:
 
 
 @compilable
+def resting_state(plant: Plant, start: Start, ambient: float) -> State:
+    """At rest at an angle, each drive in the middle of its play: `dynamics.initial_state`, for compiled code."""
+    extended = gate.extension(plant.link, start.angle)
+    left, right = extended / plant.left.travel, extended / plant.right.travel
+    return State(
+        DriveState(0.0, 0.0, left, ambient, ambient),
+        DriveState(0.0, 0.0, right * plant.right.active, ambient, ambient),
+        start.angle,
+        0.0,
+        start.latched,
+    )
+
+
+@compilable
+def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
+    """A gate that moves along with its drives."""
+    return State(
+        DriveState(start.left_current, start.speed, start.left_position, ambient, ambient),
+        DriveState(start.right_current, start.speed, start.right_position, ambient, ambient),
+        angle,
+        rate,
+        0.0,
+    )
+
+
+@compilable
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
     """Torque [N m] on a gate that moves along with its drives, at an angle: falls as the angle grows."""
     link = plant.link
     arm = gate.lever(link, angle)
     rate = plant.left.travel * start.speed / arm
-    state = dynamics.initial_state(plant, angle, False)
-    left = state.left._replace(position=start.left_position, speed=start.speed)
-    right = state.right._replace(position=start.right_position, speed=start.speed)
-    torque = dynamics.drive_force(plant.left, link, left, angle, rate) * arm
-    torque += dynamics.drive_force(plant.right, link, right, angle, rate) * arm
+    state = moving_state(start, angle, rate, load.ambient_temperature)
+    torque = dynamics.drive_force(plant.left, link, state.left, angle, rate) * arm
+    torque += dynamics.drive_force(plant.right, link, state.right, angle, rate) * arm
     torque += dynamics.smooth_torque(plant, load, angle)
     return torque - math.copysign(plant.hinge.coulomb, start.speed)
 
 
+@compilable
 def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
     """The angle [rad] at which the gate follows its drives without being accelerated."""
-    link = plant.link
-    middle = rigid.angle_at(link, plant.left.travel * start.left_position)
+    middle = rigid.angle_at(plant.link, plant.left.travel * start.left_position)
     low, high = middle - 0.1, middle + 0.1
     for _ in range(50):
         half = 0.5 * (low + high)
@@ -120,25 +144,18 @@ def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
     return 0.5 * (low + high)
 
 
+@compilable
 def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
     """The state in which a trajectory begins."""
+    ambient = plant.environment.ambient_temperature
     if start.moving == 0.0:
-        state = dynamics.initial_state(plant, start.angle, start.latched > 0.0)
+        state = resting_state(plant, start, ambient)
         return rigid.rigid_start(state) if model else state
-    link = plant.link
-    state = dynamics.initial_state(plant, 0.0, False)
-    left = state.left._replace(
-        current=start.left_current, speed=start.speed, position=start.left_position
-    )
-    right = state.right._replace(
-        current=start.right_current, speed=start.speed, position=start.right_position
-    )
-    state = state._replace(left=left, right=right)
     if model:
-        return rigid.rigid_start(state)
+        return rigid.rigid_start(moving_state(start, 0.0, 0.0, ambient))
     angle = balanced_angle(plant, load, start) + start.angle
-    rate = plant.left.travel * start.speed / gate.lever(link, angle) + start.rate
-    return state._replace(gate_angle=angle, gate_rate=rate)
+    rate = plant.left.travel * start.speed / gate.lever(plant.link, angle) + start.rate
+    return moving_state(start, angle, rate, ambient)
 
 
 @compilable
@@ -146,7 +163,7 @@ def run(
     plant: Plant,
     sensors: Sensors,
     base: Load,
-    state: State,
+    start: Start,
     model: int,
     times: Floats,
     rows: Floats,
@@ -157,6 +174,7 @@ def run(
     them.
     """
     degrees = 180.0 / math.pi
+    state = state_at(plant, inputs_of(rows[0], base).load, start, model)
     left, right = state.left.current, state.right.current
     last = len(times) - 1
     for k in range(last + 1):
@@ -201,8 +219,6 @@ def trajectory(
 ) -> Floats:
     """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 11), steps of at most `longest` seconds."""
     out = np.empty((len(times), len(OUTPUTS)))
-    load = inputs_of(rows[0], base).load
     start = Start(*(float(value) for value in start))  # machine code tells 0 from 0.0
-    state = state_at(plant, load, start, model)
-    compiled(run)(plant, sensors, base, state, model, times, rows, longest, out)
+    compiled(run)(plant, sensors, base, start, model, times, rows, longest, out)
     return out
