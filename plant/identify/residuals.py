@@ -95,7 +95,7 @@ def series_of(
         autocorrelation=statistics.autocorrelation(errors),
         crosscorrelation=statistics.crosscorrelation(errors, frame.voltage[there]),
         band=statistics.BAND / math.sqrt(len(y)),
-        is_white=statistics.is_white(errors),
+        is_white=statistics.is_nothing(errors, y) or statistics.is_white(errors),
     )
 
 

@@ -116,6 +116,11 @@ def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats
     return result
 
 
+def is_nothing(errors: Floats, measured: Floats) -> bool:
+    """Whether errors are no more than rounding in double precision, as of data without noise."""
+    return bool(np.max(np.abs(errors)) <= 1e-9 * np.ptp(measured))
+
+
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
     """Ljung and Box's test of a residual's first autocorrelations."""
     from scipy.special import gammaincc
