@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -122,6 +123,15 @@ def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
 
 def _measured_kinds(measured: set[str]) -> str:
     return ", ".join(kind for kind, names in KINDS.items() if measured.intersection(names))
+
+
+def tell_of_compiling(quiet: bool) -> None:
+    """The first run on a machine compiles for some seconds: say so."""
+    from plant import compiler
+    from plant.identify.trajectory import run
+
+    if not quiet and not compiler.is_cached(run):
+        print("compiling the model (once for this version and machine) …", file=sys.stderr)
 
 
 def initial_angle(text: str, vehicle: Vehicle) -> float | None:

@@ -201,6 +201,7 @@ def identified(args: argparse.Namespace) -> Identification:
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(outputs, data)
     delay, is_delay_sought = fitting.delay_of(args.input_delay, data)
+    fitting.tell_of_compiling(args.quiet)
     try:
         problem = Problem(
             vehicle,

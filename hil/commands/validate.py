@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> int:
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(args.outputs, data)
     delay, is_delay_sought = fitting.delay_of(args.input_delay, data)
+    fitting.tell_of_compiling(args.quiet)
     try:
         problem = Problem(
             vehicle,

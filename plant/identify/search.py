@@ -106,7 +106,7 @@ def search(
     history = [_loss(measured, weighting, errors, given_std)]
     reason = f"no end after {rounds} iterations"
     cache = _Cache(problem)
-    for number in range(1, rounds + 1):
+    for number in range(1, rounds + 1 if free else 1):
         before = errors
         point = _least_squares(problem, cache, point, free, weighting, means, inverse_std)
         errors = errors_of(measured, cache.predicted(point))
