@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -85,7 +86,7 @@ def sought(names: Sequence[str], vehicle: Vehicle | None = None, **limits: Any) 
         parameter = find_parameter(vehicle, name)
         quantity = parameter.quantity
         each = Sought(parameter, value_of(vehicle, parameter), quantity.low, quantity.high)
-        found.append(each._replace(**limits) if hasattr(each, "_replace") else each)
+        found.append(dataclasses.replace(each, **limits))
     return found
 
 
