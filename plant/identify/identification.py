@@ -58,13 +58,13 @@ def identify(
     )
     covariance = known.covariance
     kind = "white residuals"
-    if not white and np.all(np.isfinite(covariance)):
-        covariance = widened(
-            covariance,
-            statistics.robust_covariance(
-                found.slopes, found.errors, found.weighting.root, covariance
-            ),
+    told = np.isfinite(np.diag(covariance))
+    if not white and np.any(told):
+        own = np.ix_(told, told)
+        robust = statistics.robust_covariance(
+            found.slopes[:, :, told], found.errors, found.weighting.root, covariance[own]
         )
+        covariance[own] = widened(covariance[own], robust)
         kind = "robust: the residuals are correlated"
     estimates = _estimates(problem, found.point, covariance, known)
     count = len(problem.sought)
