@@ -234,8 +234,18 @@ def _largest_std(value: float, quantity: Quantity) -> float:
 def profile(
     problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
 ) -> Profile:
-    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each."""
-    best = log_likelihood_deviance(problem.measured, found.weighting)
+    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each.
+    What is known beforehand counts as it does in the search.
+    """
+    means, inverse_std = problem.priors()
+
+    def deviance(at: Found) -> float:
+        beside = float(np.sum(((means - at.point) * inverse_std) ** 2))
+        if given_std is not None:
+            return len(problem.measured) * at.history[-1] + beside
+        return log_likelihood_deviance(problem.measured, at.weighting) + beside
+
+    best = deviance(found)
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
     values, deviances = [estimate.value], [0.0]
     for direction in (-1.0, 1.0):
@@ -249,10 +259,7 @@ def profile(
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)
-            if given_std is None:
-                deviances.append(log_likelihood_deviance(problem.measured, there.weighting) - best)
-            else:
-                deviances.append(len(problem.measured) * (there.history[-1] - found.history[-1]))
+            deviances.append(deviance(there) - best)
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
     return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))

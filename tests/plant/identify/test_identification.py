@@ -84,9 +84,7 @@ def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_misle
     edges, naive = [], []
     for seed in SEEDS[:15]:
         angle = float(np.random.default_rng(seed).uniform(18.0, 22.0))
-        data = counted(
-            measured(vehicle, noise=noise, seed=seed, angle_deg=angle, drive=drive)
-        )
+        data = counted(measured(vehicle, noise=noise, seed=seed, angle_deg=angle, drive=drive))
         edges.append(scores(estimated(vehicle, "third-order", names, [data], angle)))
         data = as_any_number(data)
         naive.append(scores(estimated(vehicle, "third-order", names, [data], angle)))
@@ -99,7 +97,6 @@ def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_misle
 def delayed(seconds: float, seed: int) -> Data:
     """A measurement whose input's column is logged that much before it acts."""
     fine, volts = there_and_back(2.0, 1000.0)
-    acts = np.interp(np.arange(len(fine)) - 1000.0 * seconds, np.arange(len(fine)), volts)
     shifted = np.round(np.arange(len(fine)) - 1000.0 * seconds).astype(int)
     acts = volts[np.clip(shifted, 0, len(fine) - 1)]
     data = measured(true_vehicle(), seed=seed, drive=(fine, acts))
@@ -154,9 +151,7 @@ def test_the_zero_of_a_position_counter_is_recovered() -> None:
     data = measured(vehicle, seed=1, noise={**NOISE, "left_position_rev": 0.1})
     moved = dict(data.outputs)
     moved["left_position_rev"] = moved["left_position_rev"] - 500.0
-    result = estimated(
-        vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=moved)]
-    )
+    result = estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=moved)])
     (offset,) = result.initial_states
     assert (offset.name, offset.unit) == ("run: left_offset", "rev")
     assert abs(offset.value + 500.0) < 3.0 * offset.std < 0.2
@@ -255,7 +250,7 @@ def test_an_estimate_at_its_bound_says_so() -> None:
 
 def test_an_estimate_that_says_nothing_says_so() -> None:
     vehicle = true_vehicle()
-    drive = there_and_back(0.3)
+    drive = there_and_back(0.1)
     data = measured(vehicle, seed=1, drive=drive)
     result = estimated(vehicle, "third-order", ["motor.resistance", "motor.load_torque"], [data])
     assert result.parameters[0].identifiable
@@ -269,9 +264,7 @@ def test_outputs_that_never_change_tell_nothing() -> None:
     data = measured(vehicle)
     constant = {name: np.full(len(data.times), 3.0) for name in data.outputs}
     with pytest.raises(NothingToTellError, match="constant from beginning to end"):
-        estimated(
-            vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=constant)]
-        )
+        estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=constant)])
 
 
 def test_an_input_that_excites_nothing_tells_nothing() -> None:
@@ -317,7 +310,10 @@ def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> N
         error = [each.value - TRUTH[each.name] for each in result.parameters]
         classic.append(error)
     white = estimated(
-        vehicle, "third-order", names, [measured(vehicle, seed=1, drive=(clean.times, there_and_back(2.0, 500.0)[1]))]
+        vehicle,
+        "third-order",
+        names,
+        [measured(vehicle, seed=1, drive=(clean.times, there_and_back(2.0, 500.0)[1]))],
     )
     assert white.covariance_kind == "white residuals"
     assert 0.7 < np.std(robust) < 1.4
@@ -339,9 +335,7 @@ def test_correlated_residuals_widen_the_others_beside_a_silent_parameter() -> No
 def linear(names: list[str], seed: int) -> Problem:
     """Sensor offset and gain: linear in what is sought."""
     vehicle = suv("sensors.current_offset=0.1")
-    data = measured(
-        vehicle, "second-order", {"left_current_a": 0.5}, seed, sensors=vehicle.sensors
-    )
+    data = measured(vehicle, "second-order", {"left_current_a": 0.5}, seed, sensors=vehicle.sensors)
     return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
 
 
@@ -355,8 +349,8 @@ def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str]) -> No
     parabola = ((profile.values - estimate.value) / estimate.std) ** 2
     assert len(profile.values) == 13
     assert profile.deviance == pytest.approx(parabola, abs=1e-6)
-    assert profile.low == pytest.approx(estimate.value - 1.96 * estimate.std, rel=1e-4)
-    assert profile.high == pytest.approx(estimate.value + 1.96 * estimate.std, rel=1e-4)
+    interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=1e-3 * estimate.std)
 
 
 def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
@@ -378,7 +372,8 @@ def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does() -> None
     (profile,) = result.profiles
     estimate = result.parameters[0]
     assert estimate.std < 0.9 * 0.02
-    assert profile.high == pytest.approx(estimate.value + 1.96 * estimate.std, rel=1e-3)
+    interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=1e-3 * estimate.std)
 
 
 def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
@@ -393,8 +388,8 @@ def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
     assert result.loss == pytest.approx(result.history[-1])
     assert result.loss_initial == pytest.approx(result.history[0])
     assert result.loss < result.loss_initial
-    assert result.noise_variance[0, 0] == pytest.approx(0.05**2, rel=0.15)
-    assert result.noise_variance[1, 1] == pytest.approx(0.5**2, rel=0.15)
+    assert result.noise_variance[0, 0] == pytest.approx(0.05**2, rel=0.25)
+    assert result.noise_variance[1, 1] == pytest.approx(0.5**2, rel=0.25)
     std = [each.std for each in result.parameters]
     assert np.sqrt(np.diag(result.covariance)) == pytest.approx(std)
     assert np.diag(result.correlation) == pytest.approx(np.ones(5))

@@ -66,9 +66,7 @@ def test_the_least_determinant_is_the_largest_likelihood() -> None:
     clean = measured(true_vehicle(), noise={"left_current_a": 0.0, "left_speed_rps": 0.0})
     rng = np.random.default_rng(5)
     noise = rng.standard_normal((len(clean.times), 2)) @ np.array([[0.2, 0.5], [0.0, 1.0]])
-    outputs = {
-        name: values + noise[:, k] for k, (name, values) in enumerate(clean.outputs.items())
-    }
+    outputs = {name: values + noise[:, k] for k, (name, values) in enumerate(clean.outputs.items())}
     small = problem(names, [dataclasses.replace(clean, outputs=outputs)])
     found = search(small)
 
@@ -147,9 +145,7 @@ def test_an_output_that_one_experiment_lacks_is_taken_from_the_other() -> None:
 
 def test_a_bound_holds_where_the_truth_lies_beyond_it() -> None:
     limits = {"low": 0.6, "high": 0.75, "initial": 0.7}
-    found = search(
-        problem(["motor.resistance"], [measured(true_vehicle(), seed=1)], limits=limits)
-    )
+    found = search(problem(["motor.resistance"], [measured(true_vehicle(), seed=1)], limits=limits))
     assert found.point[0] == pytest.approx(0.75, abs=1e-9)
     assert found.point[0] <= 0.75
 
@@ -173,9 +169,7 @@ def test_a_strong_prior_wins_and_a_weak_one_loses() -> None:
 def linear(seed: int, **limits: float) -> Problem:
     """The offset of a current sensor: the output is linear in what is sought."""
     vehicle = suv("sensors.current_offset=0.1")
-    data = measured(
-        vehicle, noise={"left_current_a": 0.5}, seed=seed, sensors=vehicle.sensors
-    )
+    data = measured(vehicle, noise={"left_current_a": 0.5}, seed=seed, sensors=vehicle.sensors)
     return Problem(
         suv(),
         "second-order",
@@ -224,7 +218,9 @@ def test_the_history_tells_of_each_iteration() -> None:
     found = search(one, lambda *values: told.append(values))
     assert [number for number, _, _ in told] == list(range(1, len(found.history)))
     assert [loss for _, loss, _ in told] == list(found.history[1:])
-    assert all(later <= earlier * (1.0 + 1e-9) for earlier, later in itertools.pairwise(found.history))
+    assert all(
+        later <= earlier * (1.0 + 1e-9) for earlier, later in itertools.pairwise(found.history)
+    )
 
 
 def test_a_prediction_that_diverges_counts_as_far_away() -> None:

@@ -51,9 +51,7 @@ def by_hand(vehicle: Vehicle, model: str, volts: np.ndarray, step: float) -> lis
         if MODELS[model] == 0:
             state = integrate.step(plant, state, Inputs(drive, drive, load), step)
         else:
-            state = rigid.step_rigid(
-                plant, state, Inputs(drive, drive, load), step, MODELS[model]
-            )
+            state = rigid.step_rigid(plant, state, Inputs(drive, drive, load), step, MODELS[model])
         states.append(state)
     return states
 
@@ -172,9 +170,7 @@ def test_sensors_show_the_current_with_gain_offset_and_filter(model: str) -> Non
     assert shown[:, :2] == pytest.approx(1.1 * true[:, :2] + 0.3)
     assert shown[:, 2:6] == pytest.approx(true[:, 2:6])
     assert shown[:, 6] == pytest.approx(true[:, 6] + 2.0)
-    lag = rows(
-        vehicle, model, times, left_voltage_v=12.0, sensors=Sensors(current_filter=0.02)
-    )
+    lag = rows(vehicle, model, times, left_voltage_v=12.0, sensors=Sensors(current_filter=0.02))
     filtered = np.zeros(len(times))
     for k in range(1, len(times)):
         share = 1.0 - math.exp(-1e-3 / 0.02)
