@@ -222,6 +222,8 @@ def test_two_parameters_of_one_sum_are_named_together() -> None:
     assert resistance.identifiable
     assert math.isfinite(resistance.std)
     assert [(each.identifiable, each.std) for each in both] == [(False, math.inf)] * 2
+    alone = estimated(vehicle, "third-order", names[:2], [measured(vehicle, seed=1)])
+    assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-3)
 
 
 def test_a_prior_tells_two_parameters_of_one_sum_apart() -> None:
@@ -250,8 +252,8 @@ def test_an_estimate_at_its_bound_says_so() -> None:
 
 def test_an_estimate_that_says_nothing_says_so() -> None:
     vehicle = true_vehicle()
-    drive = there_and_back(0.1)
-    data = measured(vehicle, seed=1, drive=drive)
+    noise = {name: 5.0 * std for name, std in NOISE.items()}
+    data = measured(vehicle, noise=noise, seed=1, drive=there_and_back(0.1))
     result = estimated(vehicle, "third-order", ["motor.resistance", "motor.load_torque"], [data])
     assert result.parameters[0].identifiable
     assert not result.parameters[1].identifiable

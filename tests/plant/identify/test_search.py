@@ -212,6 +212,24 @@ def test_what_is_fixed_stays() -> None:
     assert found.point[0] != begin[0]
 
 
+def test_what_has_no_effect_does_not_lead_the_search_astray() -> None:
+    data = [measured(true_vehicle(), seed=1)]
+    alone = search(problem([*TRUTH][:2], data))
+    beside = search(problem([*[*TRUTH][:2], "environment.snow_distance"], data))
+    assert beside.point[:2] == pytest.approx(alone.point, rel=1e-6)
+    assert beside.point[2] == 0.5  # where it began
+    assert beside.weighting.loss == pytest.approx(alone.weighting.loss, rel=1e-6)
+
+
+def test_two_of_one_sum_do_not_lead_the_search_astray() -> None:
+    data = [measured(true_vehicle(), seed=1)]
+    names = ["motor.resistance", "motor.load_torque"]
+    alone = search(problem(names, data))
+    beside = search(problem([*names, "gear.friction_torque"], data))
+    assert beside.point[0] == pytest.approx(alone.point[0], rel=1e-6)
+    assert beside.weighting.loss == pytest.approx(alone.weighting.loss, rel=1e-6)
+
+
 def test_the_history_tells_of_each_iteration() -> None:
     told: list[tuple[int, float, float]] = []
     one = problem([*TRUTH], [measured(true_vehicle(), seed=1)])
