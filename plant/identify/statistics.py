@@ -22,7 +22,9 @@ _SIGNIFICANT = (
 )
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
 _PART = 0.2  # share of a direction at which a parameter is named
-_ROUNDING = 1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
+_ROUNDING = (
+    1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
+)
 
 
 class Uncertainty(NamedTuple):

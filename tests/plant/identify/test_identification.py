@@ -223,7 +223,7 @@ def test_two_parameters_of_one_sum_are_named_together() -> None:
     assert math.isfinite(resistance.std)
     assert [(each.identifiable, each.std) for each in both] == [(False, math.inf)] * 2
     alone = estimated(vehicle, "third-order", names[:2], [measured(vehicle, seed=1)])
-    assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-3)
+    assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-5)
 
 
 def test_a_prior_tells_two_parameters_of_one_sum_apart() -> None:

@@ -114,9 +114,7 @@ def test_the_robust_covariance_is_what_many_drawings_show(share: float) -> None:
         estimate = inverse @ slopes.T @ noise
         errors = (noise - slopes @ estimate)[:, None]
         found.append(estimate)
-        said.append(
-            np.diag(robust_covariance(slopes[:, None, :], errors, np.eye(1), inverse))
-        )
+        said.append(np.diag(robust_covariance(slopes[:, None, :], errors, np.eye(1), inverse)))
     std = np.std(found, axis=0)
     robust = np.sqrt(np.mean(said, axis=0))
     # Bartlett's kernel leaves a part of the correlation out: too small by some per cent, never too large.
@@ -133,9 +131,7 @@ def test_the_robust_covariance_does_not_depend_on_units() -> None:
     units = np.array([1e-5, 1e3])
     inverse = np.linalg.inv(slopes[:, 0].T @ slopes[:, 0])
     plain = robust_covariance(slopes, errors, np.eye(1), inverse)
-    scaled = robust_covariance(
-        slopes * units, errors, np.eye(1), inverse / np.outer(units, units)
-    )
+    scaled = robust_covariance(slopes * units, errors, np.eye(1), inverse / np.outer(units, units))
     assert scaled * np.outer(units, units) == pytest.approx(plain)
 
 
