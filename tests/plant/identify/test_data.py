@@ -14,8 +14,8 @@ from plant import gate
 from plant.identify.data import (
     Data,
     applied_voltage,
-    begins_at_rest,
     beginning_of,
+    begins_at_rest,
     first_sample,
     rows_of,
 )
@@ -123,9 +123,9 @@ def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
 
 def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
     plant = plant_of(suv())
-    whole = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 20.0)
+    whole = measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0)
     data = later(whole, 0.5)
-    truth = measured(suv(), "full", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
+    truth = measured(suv(), "third-order", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
     begin = beginning_of(plant, data, 0, None, True)
     assert begin.start.moving == 1.0
     assert begin.start.speed == pytest.approx(truth["left_speed_rps"][100], abs=30.0)
@@ -138,7 +138,7 @@ def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
 
 def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None:
     plant = plant_of(suv())
-    data = later(measured(suv(), "full", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
+    data = later(measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
     outputs = dict(data.outputs)
     outputs["left_position_rev"] = outputs["left_position_rev"] + 1000.0
     begin = beginning_of(plant, dataclasses.replace(data, outputs=outputs), 0, None, False)
@@ -151,7 +151,7 @@ def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None
 
 def test_a_motion_without_a_place_is_refused() -> None:
     data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
-    with pytest.raises(ValueError, match="begins in motion.*allowed"):
+    with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
         beginning_of(plant_of(suv()), data, 0, None, True)
 
 

@@ -125,7 +125,7 @@ def test_the_slope_of_counts_is_the_speed() -> None:
     position = 40.0 * times + 10.0 * times**2
     counts = np.floor(4.0 * position + 0.5) / 4.0
     slope = local_slope(times, counts)[60:-60]
-    # A quarter turn over a window of 0.1 s: some tenths of a revolution per second, where differences say 0 or 250.
+    # A quarter turn over a window of 0.1 s: tenths of a revolution per second; differences say 0 or 250.
     assert np.abs(slope - (40.0 + 20.0 * times)[60:-60]).max() < 0.6
     assert abs(np.mean(slope - (40.0 + 20.0 * times)[60:-60])) < 0.02
 
