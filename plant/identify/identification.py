@@ -13,8 +13,9 @@ from plant.identify import statistics
 from plant.identify.data import applied_voltage
 from plant.identify.pieces import in_pieces, is_far_off
 from plant.identify.problem import ALL, Problem
+from plant.identify.profile import profile
 from plant.identify.residuals import Frame, phases_of, series_of, speed_series
-from plant.identify.result import Estimate, Experiment, Identification, Profile, Validation
+from plant.identify.result import Estimate, Experiment, Identification, Validation
 from plant.identify.search import Found, Report, errors_of, log_likelihood_deviance, search
 from plant.identify.statistics import Uncertainty
 from plant.identify.trajectory import OUTPUTS
@@ -32,6 +33,7 @@ _FAR_PERCENT = 50.0  # fit of the initial vehicle below which short pieces come 
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = 0.0  # fit below which a model says nothing of the data
 _ROUGH_ROUNDS = 6
+_KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
 class NothingToTellError(ValueError):
@@ -51,31 +53,12 @@ def identify(
     began = time.perf_counter()
     _check_excited(problem)
     found = _search(problem, report, given_std)
-    _, inverse_std = problem.priors()
-    known = statistics.uncertainty(
-        statistics.information(found.slopes, found.weighting.root, inverse_std)
-    )
-    experiments = experiments_of(problem, found.point, problem.initial)
-    there = np.isfinite(problem.measured)
-    white = all(
-        statistics.is_white(errors[own])
-        for errors, own in zip(found.errors.T, there.T, strict=True)
-    )
-    covariance = known.covariance
-    kind = "white residuals"
-    if not white and np.all(np.isfinite(covariance)):
-        covariance = widened(
-            covariance,
-            statistics.robust_covariance(
-                found.slopes, found.errors, found.weighting.root, covariance, inverse_std
-            ),
-        )
-        kind = "robust: the residuals are correlated"
     if is_far_off(problem, found.errors, _NOWHERE_PERCENT):
         raise NothingToTellError(
             "the simulation follows the measured motion worse than its mean value does; allowed: a vehicle, "
             "inputs and a beginning that are those of the measurement"
         )
+    known, covariance, is_robust = _uncertainty(problem, found)
     estimates = _estimates(problem, found.point, covariance, known)
     count = len(problem.sought)
     parameters, states = estimates[:count], estimates[count:]
@@ -114,14 +97,36 @@ def identify(
         iterations=len(found.history) - 1,
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
-        covariance_kind=kind,
+        covariance_kind=_KINDS[is_robust],
         history=np.array(found.history),
-        experiments=tuple(experiments),
+        experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
             profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
             for name in profiles
         ),
     )
+
+
+def _uncertainty(problem: Problem, found: Found) -> tuple[Uncertainty, Floats, bool]:
+    """(what the information says, covariance of all unknowns, whether the robust one)."""
+    _, inverse_std = problem.priors()
+    root = found.weighting.root
+    known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
+    covariance = known.covariance
+    there = np.isfinite(problem.measured)
+    white = all(
+        statistics.is_white(errors[own])
+        for errors, own in zip(found.errors.T, there.T, strict=True)
+    )
+    told = np.isfinite(np.diag(covariance))
+    if white or not np.any(told):
+        return known, covariance, False
+    own = np.ix_(told, told)
+    robust = statistics.robust_covariance(
+        found.slopes[:, :, told], found.errors, root, covariance[own], inverse_std[told]
+    )
+    covariance[own] = widened(covariance[own], robust)
+    return known, covariance, True
 
 
 def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
@@ -261,46 +266,3 @@ def _largest_std(value: float, quantity: Quantity) -> float:
     """The largest standard deviation of an estimate that says something."""
     signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
     return max(_SHARE * abs(value), signed)
-
-
-def profile(
-    problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
-) -> Profile:
-    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each."""
-    best = log_likelihood_deviance(problem.measured, found.weighting)
-    std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
-    values, deviances = [estimate.value], [0.0]
-    for direction in (-1.0, 1.0):
-        point = found.point.copy()
-        for distance in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0):
-            value = estimate.value + direction * distance * std
-            if not estimate.low <= value <= estimate.high:
-                break
-            point = point.copy()
-            point[number] = value
-            there = search(problem, None, given_std, point, (number,))
-            point = there.point
-            values.append(value)
-            if given_std is None:
-                deviances.append(log_likelihood_deviance(problem.measured, there.weighting) - best)
-            else:
-                deviances.append(len(problem.measured) * (there.history[-1] - found.history[-1]))
-    order = np.argsort(values)
-    x, y = np.array(values)[order], np.array(deviances)[order]
-    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))
-
-
-def _crossing(values: Floats, deviance: Floats, side: int) -> float:
-    """Where the deviance passes the 95 % quantile of χ²(1) on one side of its least; NaN: not within the range."""
-    limit = 3.841
-    middle = int(np.argmin(deviance))
-    rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)
-    for k in rows:
-        a, b = deviance[k], deviance[k + side]
-        if a <= limit < b:
-            # Deviances grow with the square of the distance: interpolate their roots.
-            share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (
-                math.sqrt(b) - math.sqrt(max(a, 0.0))
-            )
-            return float(values[k] + share * (values[k + side] - values[k]))
-    return math.nan

@@ -33,7 +33,8 @@ def find_parameter(vehicle: Vehicle, name: str) -> Parameter:
     match = _NAME.fullmatch(name)
     known = {each.name: each for each in all_parameters(vehicle.drives)}
     if match is None or name not in known:
-        near = [key for key in known if name.rpartition(".")[2] in key] or list(known)
+        field = name.rpartition(".")[2].partition("[")[0]
+        near = [key for key in known if field in key] or list(known)
         raise ValueError(
             f"no such parameter; allowed: {', '.join(near[:12])}{' …' * (len(near) > 12)}"
         )

@@ -45,7 +45,7 @@ def bend(link: Linkage, angle: float) -> float:
 def angle_at(link: Linkage, extended: float) -> float:
     """φ [rad] at an extension; beyond what the linkage can reach the nearest it can."""
     s, r = link.body_radius, link.gate_radius
-    total = link.closed_length + extended
+    total = max(link.closed_length + extended, 0.0)
     cosine = (s * s + r * r - total * total) / (2.0 * s * r)
     return math.acos(min(max(cosine, -1.0), 1.0)) - link.offset
 

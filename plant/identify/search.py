@@ -24,6 +24,7 @@ _ROUNDS = 50  # of taking Λ afresh
 _INNER = 6  # evaluations of the least-squares solver in between
 _STILL = 5e-3  # standard deviations: what no longer counts as a step
 _FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
+_HOLD = 1e-6  # 1/sizes: holds what has no effect, without which the solver's steps go astray
 _HUGE = 1e6  # prediction of a model that diverged
 
 
@@ -178,7 +179,7 @@ def _least_squares(
         at = whole(x)
         errors = errors_of(measured, cache.predicted(at)) @ weighting.root
         extra = (means - at)[with_prior] * inverse_std[with_prior]
-        return np.concatenate([errors[there], extra])
+        return np.concatenate([errors[there], extra, _HOLD * (start - x)])
 
     def jacobian(x: Floats) -> Floats:
         slopes = cache.slopes(whole(x))[:, :, free]
@@ -187,7 +188,7 @@ def _least_squares(
         extra = np.zeros((len(with_prior), len(free)))
         for row, k in enumerate(with_prior):
             extra[row, list(free).index(k)] = -inverse_std[k] * sizes[list(free).index(k)]
-        return np.concatenate([weighted[there], extra])
+        return np.concatenate([weighted[there], extra, -_HOLD * np.eye(len(free))])
 
     bottom, top = low[free] / sizes, high[free] / sizes
     start = np.clip(point[free] / sizes, bottom, top)

@@ -22,6 +22,9 @@ _SIGNIFICANT = (
 )
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
 _PART = 0.2  # share of a direction at which a parameter is named
+_ROUNDING = (
+    1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
+)
 
 
 class Uncertainty(NamedTuple):
@@ -52,7 +55,8 @@ def uncertainty(matrix: Floats) -> Uncertainty:
     scaled = matrix[np.ix_(loud, loud)] / np.outer(size[loud], size[loud])
     values, vectors = np.linalg.eigh(scaled)
     floored = np.maximum(values, 1e-16)
-    inverse = (vectors / floored) @ vectors.T / np.outer(size[loud], size[loud])
+    shares = np.where((values < _APART) & (np.abs(vectors) < _ROUNDING), 0.0, vectors)
+    inverse = (shares / floored) @ shares.T / np.outer(size[loud], size[loud])
     covariance[np.ix_(loud, loud)] = inverse
     numbers = np.flatnonzero(loud)
     apart = tuple(
