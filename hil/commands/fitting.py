@@ -108,8 +108,8 @@ def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
         if kind not in KINDS:
             faults.append(f"--outputs {kind}: allowed: {', '.join(KINDS)}")
             continue
-        own = [name for name in KINDS[kind] if name in measured]
-        if wanted is not None and not own:
+        own = [name for name in KINDS[kind] if name in measured and name not in found]
+        if wanted is not None and not measured.intersection(KINDS[kind]):
             faults.append(
                 f"--outputs {kind}: not measured; allowed: {_measured_kinds(measured)}, or a file with "
                 f"{' or '.join(KINDS[kind])}"
@@ -154,7 +154,10 @@ def pairs(given: Sequence[str], flag: str, form: str) -> dict[str, tuple[float, 
         try:
             if match is None:
                 raise ValueError
-            found[match[1]] = (float(match[2]), float(match[3]))
+            values = (float(match[2]), float(match[3]))
         except ValueError:
             raise ConfigError(f"{flag} {text}: allowed: {form}") from None
+        if match[1] in found:
+            raise ConfigError(f"{flag} {match[1]}: twice; allowed: once")
+        found[match[1]] = values
     return found
