@@ -12,6 +12,7 @@ from hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
+_SLOWEST = 0.5  # s between rows
 _TOLD_DEG = 5.0  # a way of the gate that tells something
 # The ratio of a speed to the slope of its position, and the unit that it betrays.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
@@ -36,6 +37,8 @@ def check(measurement: Measurement, expected: Expected | None = None) -> list[st
     """All faults, a line each."""
     known = expected or Expected()
     faults = _soundness(measurement)
+    if not faults:
+        faults += _raster(measurement)
     if not faults:
         for side in ("left", "right"):
             faults += _position_and_speed(measurement, side, known)
@@ -65,6 +68,13 @@ def _soundness(measurement: Measurement) -> list[str]:
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
             faults.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
     return faults
+
+
+def _raster(measurement: Measurement) -> list[str]:
+    usual = float(np.median(np.diff(measurement.times)))
+    if usual <= _SLOWEST:
+        return []
+    return [f"time_s: {usual:.4g} s between rows: is it ms? allowed: up to {_SLOWEST:g} s"]
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
