@@ -96,12 +96,8 @@ def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
 
 def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
     """The columns to look at. Raises ConfigError where one was not measured."""
-    measured = {
-        name
-        for each in data
-        for name, values in each.outputs.items()
-        if np.any(np.isfinite(values))
-    }
+    moving, still = _moving_and_still(data)
+    measured = moving or still  # where nothing moves, who identifies says so
     kinds = list(KINDS) if wanted is None else [each.strip() for each in wanted.split(",")]
     faults = []
     found: list[str] = []
@@ -109,16 +105,33 @@ def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
         if kind not in KINDS:
             faults.append(f"--outputs {kind}: allowed: {', '.join(KINDS)}")
             continue
-        own = [name for name in KINDS[kind] if name in measured]
-        if wanted is not None and not own:
+        own = [name for name in KINDS[kind] if name in measured and name not in found]
+        if wanted is not None and not measured.intersection(KINDS[kind]):
+            why = "never changes" if still.intersection(KINDS[kind]) else "not measured"
             faults.append(
-                f"--outputs {kind}: not measured; allowed: {_measured_kinds(measured)}, or a file with "
+                f"--outputs {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
                 f"{' or '.join(KINDS[kind])}"
             )
         found += own
     if faults:
         raise ConfigError(faults)
     return found
+
+
+def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
+    """Measured columns that change, and those that never do: they say nothing of their noise, so weigh nothing
+    beside others (the Hall counts of a locked rotor).
+    """
+    measured: set[str] = set()
+    moving: set[str] = set()
+    for each in data:
+        for name, values in each.outputs.items():
+            there = values[np.isfinite(values)]
+            if len(there):
+                measured.add(name)
+                if np.ptp(there) > 0.0:
+                    moving.add(name)
+    return moving, measured - moving
 
 
 def _measured_kinds(measured: set[str]) -> str:
@@ -164,7 +177,10 @@ def pairs(given: Sequence[str], flag: str, form: str) -> dict[str, tuple[float, 
         try:
             if match is None:
                 raise ValueError
-            found[match[1]] = (float(match[2]), float(match[3]))
+            values = (float(match[2]), float(match[3]))
         except ValueError:
             raise ConfigError(f"{flag} {text}: allowed: {form}") from None
+        if match[1] in found:
+            raise ConfigError(f"{flag} {match[1]}: twice; allowed: once")
+        found[match[1]] = values
     return found

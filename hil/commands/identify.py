@@ -115,11 +115,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from hil.report.files import check_target
+    from hil.report.files import check_targets
 
-    for flag in ("result", "save_vehicle", "html"):
-        if getattr(args, flag) is not None:
-            check_target(getattr(args, flag), "--" + flag.replace("_", "-"))
+    targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
+    check_targets(targets, args.files)
     if args.plan:
         return _plan(args)
     _deliver(args, identified(args))
@@ -133,7 +132,12 @@ def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str |
     preset = PRESETS[args.preset] if args.preset else Preset("", "full", "")
     vehicle = vehicle_from(args.vehicle, args.settings)
     sought = _sought(args, vehicle, args.estimate or preset.estimate)
-    return vehicle, args.model or preset.model, sought, args.outputs or preset.outputs or None
+    return (
+        vehicle,
+        args.model or preset.model,
+        sought,
+        preset.outputs or None if args.outputs is None else args.outputs,
+    )
 
 
 def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Sought]:
@@ -141,13 +145,14 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
     from plant.identify.parameters import find_parameter, same_on_both_sides, value_of
     from plant.identify.problem import Sought
 
-    if not names:
+    wanted = [each.strip() for each in names.split(",") if each.strip()]
+    if not wanted:
         raise ConfigError("--estimate: missing; allowed: keys of the vehicle file, or --preset")
     bounds = fitting.pairs(args.bounds, "--bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")
     priors = fitting.pairs(args.prior, "--prior", "KEY=MEAN:STD, e.g. motor.resistance=0.7:0.1")
     faults = []
     found: dict[str, Sought] = {}
-    for name in [each.strip() for each in names.split(",") if each.strip()]:
+    for name in wanted:
         try:
             parameter = find_parameter(vehicle, name)
         except ValueError as error:
@@ -155,6 +160,10 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
             continue
         if name in found:
             faults.append(f"--estimate {name}: twice")
+            continue
+        part = name.partition(".")[2]
+        if name.startswith(("left.", "right.")) and part in wanted:
+            faults.append(f"--estimate {name}: within {part}; allowed: one of them")
         if not same_on_both_sides(vehicle, parameter):
             faults.append(
                 f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
@@ -171,9 +180,12 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
                 f"--bounds {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: around "
                 "it, or another one by --set"
             )
+        is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
-        if not std > 0.0:
-            faults.append(f"--prior {name}: standard deviation {std:g}; allowed: above 0")
+        if is_known and not (math.isfinite(mean) and 0.0 < std < math.inf):
+            faults.append(
+                f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0"
+            )
         found[name] = Sought(parameter, initial, low, high, mean, std)
     faults += [f"--bounds {name}: not among --estimate" for name in bounds]
     faults += [f"--prior {name}: not among --estimate" for name in priors]
@@ -302,10 +314,14 @@ def _plan(args: argparse.Namespace) -> int:
     from hil.report.plan import plan_json, plan_text
     from plant.identify.design import candidates, plan
 
-    if args.files:
-        raise ConfigError("--plan: needs no FILE; allowed: one or the other")
+    faults = ["--plan: needs no FILE; allowed: one or the other"] if args.files else []
+    unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}
+    faults += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
+    if faults:
+        raise ConfigError(faults)
     vehicle, model, sought, outputs = _wanted(args)
-    kinds = [each.strip() for each in (outputs or "current,position").split(",")]
+    given = "current,position" if outputs is None else outputs
+    kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))
     unknown = [each for each in kinds if each not in fitting.KINDS]
     if unknown:
         raise ConfigError(

@@ -77,11 +77,13 @@ def measurements_from(args: argparse.Namespace, vehicle: Vehicle) -> list[Measur
     files.
     """
     from hil.build import rig_from
+    from hil.data import find_config
     from hil.measurement.mapping import parse_maps
 
     if args.start is not None and args.end is not None and args.start >= args.end:
         raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: from before to")
     mapping = parse_maps(args.maps)
+    find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
     faults: list[str] = []
     result = []
@@ -131,6 +133,7 @@ def expected_of(vehicle: Vehicle) -> Expected:
         supply_voltage=vehicle.supply.voltage,
         stall_current=vehicle.supply.voltage / vehicle.left.motor.resistance,
         hall_counts=vehicle.sensors.hall_counts,
+        angle_of_position=angle_of_position(vehicle),
     )
 
 

@@ -9,10 +9,13 @@ import argparse
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hil.commands import fitting
 from hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from plant.vehicle import Vehicle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,18 +35,15 @@ def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil.build import vehicle_from
     from hil.commands.measurements import measurements_from
-    from hil.report.files import check_target, write_report
+    from hil.report.files import check_targets, write_report
     from hil.report.json_result import validation_json, write_json
     from plant.identify.identification import validate
     from plant.identify.problem import Problem
 
-    for flag in ("result", "html"):
-        if getattr(args, flag) is not None:
-            check_target(getattr(args, flag), f"--{flag}")
-    settings = list(args.settings)
+    check_targets({"--result": args.result, "--html": args.html}, args.files)
+    vehicle = vehicle_from(args.vehicle, args.settings)
     if args.parameters:
-        settings += _settings_of(Path(args.parameters))
-    vehicle = vehicle_from(args.vehicle, settings)
+        vehicle = _with_result(vehicle, Path(args.parameters))
     measurements = measurements_from(args, vehicle)
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(args.outputs, data)
@@ -82,17 +82,32 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _settings_of(path: Path) -> list[str]:
-    """The values of a result as `--set` takes them; what was not identifiable is left as the vehicle has it."""
+def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
+    """The vehicle with the values of a result; what was not identifiable is left as it is. Raises ConfigError."""
+    from plant.identify.parameters import find_parameter, with_value
+
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         told = content["identifiable"]
-        return [
-            f"{name}={each['value']!r}"
-            for name, each in content["parameters"].items()
-            if told[name]
-        ]
+        values = {
+            name: float(each["value"]) for name, each in content["parameters"].items() if told[name]
+        }
     except OSError as error:
         raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ConfigError(f"--parameters {path}: allowed: a result written by identify") from error
+    faults = []
+    for name, value in values.items():
+        try:
+            parameter = find_parameter(vehicle, name)
+        except ValueError as error:
+            faults.append(f"--parameters {path}: {name}: {error}")
+            continue
+        low, high = parameter.quantity.low, parameter.quantity.high
+        if low <= value <= high:
+            vehicle = with_value(vehicle, parameter, value)
+        else:
+            faults.append(f"--parameters {path}: {name}: {value:g}; allowed: {low:g} to {high:g}")
+    if faults:
+        raise ConfigError(faults)
+    return vehicle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -89,7 +90,7 @@ def apply_setting(raw: Table, setting: str) -> None:
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):  # TOMLDecodeError is one
-        parsed = value
+        parsed = _plain_number(value)
     names = key.strip().split(".")
     if not equals or not all(names):
         raise ConfigError(f"--set {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
@@ -100,6 +101,11 @@ def apply_setting(raw: Table, setting: str) -> None:
             raise ConfigError(f"--set {setting}: {name} is not a table")
         place = inner
     place[names[-1]] = parsed
+
+
+def _plain_number(text: str) -> float | str:
+    """`.5` and `5.` are no TOML, but mean what they say."""
+    return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
 def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, Any]]:

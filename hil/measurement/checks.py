@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ from hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
+_SLOWEST = 0.5  # s between rows
+_TOLD_DEG = 5.0  # a way of the gate that tells something
 # The ratio of a speed to the slope of its position, and the unit that it betrays.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
     (60.0, "1/min"),
@@ -28,6 +30,7 @@ class Expected:
     supply_voltage: float | None = None  # V
     stall_current: float | None = None  # A, supply voltage by winding resistance
     hall_counts: float | None = None  # 1/rev
+    angle_of_position: Callable[[float], float] | None = None  # deg of rev
 
 
 def check(measurement: Measurement, expected: Expected | None = None) -> list[str]:
@@ -35,9 +38,12 @@ def check(measurement: Measurement, expected: Expected | None = None) -> list[st
     known = expected or Expected()
     faults = _soundness(measurement)
     if not faults:
+        faults += _raster(measurement)
+    if not faults:
         for side in ("left", "right"):
             faults += _position_and_speed(measurement, side, known)
             faults += _count_and_position(measurement, side, known)
+            faults += _angle_and_position(measurement, side, known)
             faults += _current(measurement, side, known)
             faults += _voltage(measurement, side, known)
     return [f"{measurement.source}: {fault}" for fault in faults]
@@ -62,6 +68,13 @@ def _soundness(measurement: Measurement) -> list[str]:
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
             faults.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
     return faults
+
+
+def _raster(measurement: Measurement) -> list[str]:
+    usual = float(np.median(np.diff(measurement.times)))
+    if usual <= _SLOWEST:
+        return []
+    return [f"time_s: {usual:.4g} s between rows: is it ms? allowed: up to {_SLOWEST:g} s"]
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
@@ -107,6 +120,9 @@ def _position_and_speed(measurement: Measurement, side: str, known: Expected) ->
     said = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
     if -1.25 <= ratio <= -0.8:
         return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
+    for factor, unit in ((1e3, "ms"), (1e6, "us")):
+        if 0.8 <= ratio / factor <= 1.25:
+            return [f"{said}: is time_s in {unit}?"]
     return [f"{said}; allowed: 0.8 to 1.25"]
 
 
@@ -125,6 +141,48 @@ def _count_and_position(measurement: Measurement, side: str, known: Expected) ->
         f"{side}_hall_count is {ratio:.3g} x {side}_position_rev; allowed: "
         f"{known.hall_counts:g}, the vehicle's sensors.hall_counts"
     ]
+
+
+def _angle_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    """An angle that goes another way than the position's by far is in another unit, or turns the other way."""
+    angle = measurement.columns.get("gate_angle_deg")
+    position = _position(measurement, side, known)
+    if angle is None or position is None or known.angle_of_position is None:
+        return []
+    both = np.flatnonzero(np.isfinite(angle) & np.isfinite(position))
+    if len(both) < MIN_ROWS:
+        return []
+    first, last = both[np.argmin(position[both])], both[np.argmax(position[both])]
+    # The counter may have a zero of its own: as far from closed, the angle changes about as much.
+    by_position = known.angle_of_position(float(position[last] - position[first]))
+    by_angle = float(np.median(_near(angle, last)) - np.median(_near(angle, first)))
+    if math.isnan(by_position) or by_position < _TOLD_DEG:
+        return []
+    said = f"gate_angle_deg changes by {by_angle:.3g} where {side}_position_rev says {by_position:.3g} deg"
+    ratio = by_angle / by_position
+    if 0.3 <= ratio <= 3.0:
+        return []
+    if 0.3 <= math.degrees(ratio) <= 3.0:
+        return [f"{said}: is it rad?"]
+    if -3.0 <= ratio <= -0.3:
+        return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
+    return [f"{said}; allowed: 0.3 to 3 times that"]
+
+
+def _position(measurement: Measurement, side: str, known: Expected) -> Floats | None:
+    count = measurement.columns.get(f"{side}_hall_count")
+    if (
+        count is not None
+        and known.hall_counts
+        and f"{side}_position_rev" not in measurement.columns
+    ):
+        return count / known.hall_counts
+    return measurement.columns.get(f"{side}_position_rev")
+
+
+def _near(values: Floats, row: np.intp) -> Floats:
+    window = values[max(0, row - 5) : row + 6]
+    return window[np.isfinite(window)]
 
 
 def _current(measurement: Measurement, side: str, known: Expected) -> list[str]:

@@ -20,6 +20,11 @@ _KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
 # What only a recording of the emulator has; there the voltages come from duty and supply.
 RECORDED = ("left_coast", "latched")
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
+# One of them says what drives the motors.
+DRIVES = (
+    *_VOLTAGES,
+    *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")),
+)
 # The unit that a column out of its range probably has, by the column's ending.
 _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
@@ -93,6 +98,12 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
             faults.append(
                 f"{path}: no {what} column; allowed: {', '.join(columns)}, others by --map"
             )
+    told = {*names, *mapping}
+    if told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
+        faults.append(
+            f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
+            "others by --map"
+        )
     faults += _clashes(path, names)
     return _Reading(path, file, names, recorded, faults)
 

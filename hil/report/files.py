@@ -3,9 +3,35 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.errors import ConfigError
+
+
+def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> None:
+    """Raise ConfigError with all faults of the files that flags name, where they are given: none could be written
+    twice, none is one that is read (`sources`).
+    """
+    faults: list[str] = []
+    taken = {_place(each): "it is read" for each in sources}
+    for flag, path in targets.items():
+        if path is None:
+            continue
+        try:
+            check_target(path, flag)
+        except ConfigError as error:
+            faults += error.faults
+            continue
+        if _place(path) in taken:
+            faults.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a file of its own")
+        taken.setdefault(_place(path), f"{flag} writes it")
+    if faults:
+        raise ConfigError(faults)
+
+
+def _place(path: str) -> str:
+    return os.path.realpath(path)
 
 
 def check_target(path: str, flag: str) -> None:

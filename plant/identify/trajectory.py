@@ -169,9 +169,9 @@ def run(
     rows: Floats,
     longest: float,
     out: Floats,
-) -> State:
+) -> None:
     """Fill `out` (n, 7) with OUTPUTS at `times`; the currents as a sensor of that filter, gain and offset shows
-    them.
+    them. Gives no tuple back: numba crashes where an interrupt comes while it makes one for Python.
     """
     degrees = 180.0 / math.pi
     state = state_at(plant, inputs_of(rows[0], base).load, start, model)
@@ -204,7 +204,6 @@ def run(
                 state = rigid.step_rigid(plant, state, inputs, step, model)
             left += (state.left.current - left) * follow
             right += (state.right.current - right) * follow
-    return state
 
 
 def trajectory(
