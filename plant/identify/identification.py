@@ -171,7 +171,7 @@ def _check_excited(problem: Problem) -> None:
     still = [
         name
         for name, column in zip(problem.outputs, measured.T, strict=True)
-        if np.nanmax(column) == np.nanmin(column)
+        if len(np.unique(column[np.isfinite(column)])) <= 1
     ]
     if len(still) == len(problem.outputs):
         raise NothingToTellError(f"{', '.join(still)}: constant from beginning to end")
