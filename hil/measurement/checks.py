@@ -12,6 +12,9 @@ from hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
+_LEAST_CURRENT = (
+    100.0  # A: what may well be amperes, however large the resistance that a search begins with
+)
 _SLOWEST = 0.5  # s between rows
 _TOLD_DEG = 5.0  # a way of the gate that tells something
 # The ratio of a speed to the slope of its position, and the unit that it betrays.
@@ -191,7 +194,7 @@ def _current(measurement: Measurement, side: str, known: Expected) -> list[str]:
         return []
     limit = _MAX_CURRENT
     if known.stall_current is not None:
-        limit = min(limit, 10.0 * known.stall_current)
+        limit = min(limit, max(10.0 * known.stall_current, _LEAST_CURRENT))
     return _too_large(f"{side}_current_a", values, limit, "A", "mA")
 
 

@@ -218,6 +218,14 @@ def test_all_reports_are_written_and_quiet_is_quiet(
     assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
+def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    others = settings({name: value for name, value in TRUTH.items() if name != "motor.resistance"})
+    flags = ("--estimate", "motor.resistance", "--set", "motor.resistance=40", *others)
+    assert_true(found(capsys, opening, *flags), {"motor.resistance": TRUTH["motor.resistance"]})
+
+
 def test_bounds_hold_and_are_told_where_they_do(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
