@@ -79,9 +79,12 @@ def test_the_expected_standard_deviation_is_that_of_the_identification(model: st
 def test_informations_add_up() -> None:
     single = one_way_and_back()[2]
     names = ["motor.resistance", "spring.preload"]
-    found = plan(suv(), "third-order", sought(names), OUTPUTS, [single, single], 2)
+    found = plan(suv(), "third-order", sought(names), OUTPUTS, [single] * 3, 3)
     assert found.order[1].relative_std == pytest.approx(
         found.order[0].relative_std / math.sqrt(2.0)
+    )
+    assert found.order[2].relative_std == pytest.approx(
+        found.order[0].relative_std / math.sqrt(3.0)
     )
     assert found.order[1].log_det - found.order[0].log_det == pytest.approx(2 * math.log10(2.0))
 

@@ -123,3 +123,20 @@ def test_an_input_delay_shifts_the_prediction_in_time() -> None:
     assert late[200 : 200 + shift, 1] == pytest.approx(plain[190:200, 1], rel=0.01)
     assert early[:190, 1] == pytest.approx(plain[:190, 1], rel=1e-9)
     assert early[190:200, 1] == pytest.approx(plain[200:210, 1], rel=0.01, abs=0.5)
+
+
+def test_a_winding_in_motion_begins_with_its_steady_current() -> None:
+    noise = {"left_current_a": 0.0, "left_speed_rps": 0.0, "left_position_rev": 0.0}
+    whole = measured(suv(), "third-order", noise)
+    data = dataclasses.replace(
+        whole,
+        times=whole.times[100:] - whole.times[100],
+        inputs=whole.inputs[100:],
+        outputs={name: values[100:] for name, values in whole.outputs.items()},
+    )
+    problem = Problem(suv(), "third-order", [], [data], [*noise])
+    # At the true speed and place the prediction goes on as the measurement did, from the first sample on.
+    at = np.array([data.outputs["left_speed_rps"][0], data.outputs["left_position_rev"][0]])
+    assert [each.name for each in problem.unknowns] == ["speed", "left_position"]
+    assert problem.predicted(at) == pytest.approx(problem.measured, abs=2e-3)
+    assert problem.predicted(at)[0, 0] > 0.1
