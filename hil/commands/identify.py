@@ -209,7 +209,7 @@ def identified(args: argparse.Namespace) -> Identification:
     unknown = [each for each in profiles if each not in names]
     if unknown:
         raise ConfigError([f"--profile {each}: allowed: {', '.join(names)}" for each in unknown])
-    measurements = measurements_from(args, vehicle)
+    measurements = measurements_from(args, vehicle, model != "full")
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(outputs, data)
     delay, is_delay_sought = fitting.delay_of(args.input_delay, data)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hil.measurement.measurement import Measurement
     from plant.vehicle import Vehicle
 
+_MARGIN_DEG = 0.5  # from seal and end stops
 _TIME = bounded(-1e9, 1e10, "s")
 
 
@@ -72,9 +73,12 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
     )
 
 
-def measurements_from(args: argparse.Namespace, vehicle: Vehicle) -> list[Measurement]:
-    """The measurements of all files, read, checked and conditioned. Raises ConfigError with all faults of all
-    files.
+def measurements_from(
+    args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False
+) -> list[Measurement]:
+    """The measurements of all files, read, checked and conditioned; `travel_only`: for a model that has neither
+    seal nor end stops, cut to the travel between these where `--cut-angle` does not say. Raises ConfigError with
+    all faults of all files.
     """
     from hil.build import rig_from
     from hil.data import find_config
@@ -92,7 +96,10 @@ def measurements_from(args: argparse.Namespace, vehicle: Vehicle) -> list[Measur
             from hil.measurement.read import read_measurement
 
             measurement = read_measurement(Path(name), mapping, rig, _surroundings(vehicle))
-            result.append(_conditioned(measurement, args, vehicle))
+            cut = args.cut_angle
+            if cut is None and travel_only and _shows_angle(measurement):
+                cut = _travel(vehicle)
+            result.append(_conditioned(measurement, args, vehicle, cut))
         except ConfigError as error:
             faults += [fault for fault in error.faults if fault not in faults]
     if faults:
@@ -100,8 +107,30 @@ def measurements_from(args: argparse.Namespace, vehicle: Vehicle) -> list[Measur
     return result
 
 
+def _shows_angle(measurement: Measurement) -> bool:
+    """Whether there is something that says where the gate is."""
+    shown = ("_position_rev", "_hall_count", "gate_angle_deg")
+    return any(name.endswith(shown) for name in measurement.columns)
+
+
+def _travel(vehicle: Vehicle) -> tuple[float, float]:
+    """Where neither the seal nor an end stop acts on the gate [deg]."""
+    from plant import gate
+
+    link, seal = gate.linkage(vehicle.gate), vehicle.seal
+    low, high = -math.inf, math.inf
+    if seal.force > 0.0 and seal.stiffness > 0.0:
+        low = math.degrees(gate.angle_of_extension(link, seal.force / seal.stiffness)) + _MARGIN_DEG
+    if vehicle.left.spring.stop_stiffness > 0.0:
+        high = math.degrees(vehicle.gate.open_angle) - _MARGIN_DEG
+    return low, high
+
+
 def _conditioned(
-    measurement: Measurement, args: argparse.Namespace, vehicle: Vehicle
+    measurement: Measurement,
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    cut: tuple[float, float] | None,
 ) -> Measurement:
     """Checked, and the part of it that is asked for."""
     from hil.measurement import checks, condition, quality, raster
@@ -116,8 +145,8 @@ def _conditioned(
     if args.resample is not None:
         measurement = raster.resample(measurement, args.resample)
     measurement = raster.decimate(measurement, args.decimate)
-    if args.cut_angle is not None:
-        low, high = args.cut_angle
+    if cut is not None:
+        low, high = cut
         measurement = condition.cut_angle(
             measurement, low, high, angle_of_position(vehicle), vehicle.sensors.hall_counts
         )

@@ -6,6 +6,7 @@ It starts unlatched and at rest. A sample of the input holds from its time until
 from __future__ import annotations
 
 import argparse
+import itertools
 from pathlib import Path
 
 from hil.commands import options
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if duration is None:
         raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
     plant = plant_of(vehicle)
+    stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
     blocks = simulate(
         plant,
         vehicle.sensors,
@@ -84,5 +86,6 @@ def run(args: argparse.Namespace) -> int:
         args.step,
         args.every,
     )
-    write_rows(args.output, blocks, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
-    return 0
+    whole = itertools.takewhile(lambda _: not stopped(), blocks)
+    write_rows(args.output, whole, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
+    return 130 if stopped() else 0

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     vehicle = vehicle_from(args.vehicle, args.settings)
     if args.parameters:
         vehicle = _with_result(vehicle, Path(args.parameters))
-    measurements = measurements_from(args, vehicle)
+    measurements = measurements_from(args, vehicle, args.model not in (None, "full"))
     data = [fitting.data_of(each, vehicle) for each in measurements]
     columns = fitting.outputs_of(args.outputs, data)
     delay, is_delay_sought = fitting.delay_of(args.input_delay, data)

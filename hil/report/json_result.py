@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hil.report.files import write_report
-from hil.report.findings import columns_of, mean_over, series_of, whiteness
+from hil.report.findings import (
+    columns_of,
+    experiment_warnings,
+    mean_over,
+    series_of,
+    warnings_of,
+    whiteness,
+)
 from hil.report.numbers import relative_error
 from plant.identify.result import Estimate, Experiment, Identification, Series, Validation
 
@@ -59,6 +66,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
             for each in result.profiles
         },
         "experiments": [_experiment(each, before=True) for each in result.experiments],
+        "warnings": warnings_of(result),
         "notes": list(result.notes),
     }
 
@@ -81,6 +89,7 @@ def validation_json(result: Validation) -> dict[str, Any]:
         "phases": {name: _pooled(rows) for name, rows in columns.items()},
         "whiteness": {name: all(each.is_white for each in rows) for name, rows in columns.items()},
         "experiments": [_experiment(each, before=False) for each in experiments],
+        "warnings": experiment_warnings(result),
         "notes": list(result.notes),
     }
 

@@ -18,13 +18,10 @@ Floats = NDArray[np.float64]
 
 _CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
 _REST_SHARE = 0.2  # of the largest speed: what a start from rest extrapolates to at most
-_OFFSET_REV = (
-    1.5  # how far position and angle may disagree before the counter has a zero of its own
-)
-_SPREAD_DEG, _SPREAD_DEGPS = (
-    0.2,
-    3.0,
-)  # how far a moving gate may be from the balance of forces (std)
+# How far position and angle may disagree before the counter has a zero of its own, rev.
+_OFFSET_REV = 1.5
+# How far a moving gate may be from the balance of forces, and how warm its windings may be already: std.
+_SPREAD_DEG, _SPREAD_DEGPS, _SPREAD_K = 0.2, 3.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -84,21 +81,23 @@ def motion(data: Data) -> tuple[float, float, float]:
     return math.nan, math.nan, math.nan
 
 
-def _moving(times: Floats, position: Floats) -> tuple[float, float, float]:
-    """The same from a position."""
+def _moving(times: Floats, position: Floats, window: float = 0.04) -> tuple[float, float, float]:
+    """The same from a position, by its first `window` seconds."""
     there = np.isfinite(position)
     times, position = times[there], position[there]
-    _, first, _, std = _beginning(times, position, 2)
+    _, first, _, std = _beginning(times, position, 2, window)
     edges = np.arange(times[0], times[-1], 0.1)
     speeds = np.diff(np.interp(edges, times, position)) / 0.1
     return first, std, float(np.max(np.abs(speeds), initial=0.0))
 
 
-def _beginning(times: Floats, values: Floats, degree: int) -> tuple[float, float, float, float]:
+def _beginning(
+    times: Floats, values: Floats, degree: int, window: float = 0.04
+) -> tuple[float, float, float, float]:
     """Value and slope at the first sample, and their standard deviations, by a polynomial through the first
-    40 ms (ten samples at least).
+    `window` seconds (ten samples at least).
     """
-    count = max(10, int(np.searchsorted(times, times[0] + 0.04)))
+    count = max(10, int(np.searchsorted(times, times[0] + window)))
     t, y = times[:count] - times[0], values[:count]
     if len(t) <= degree + 1:
         return float(y[0]), 0.0, math.inf, math.inf
@@ -116,7 +115,11 @@ def begins_at_rest(data: Data) -> bool:
         angle = data.outputs.get("gate_angle_deg")
         if angle is None:
             return True
+        if abs(np.nanmedian(angle[:10])) < _CLOSED_DEG:
+            return True
         first, std, largest = _moving(data.times, angle)
+        if 3.0 * std > _REST_SHARE * largest:  # too noisy to tell in so short a time
+            first, std, largest = _moving(data.times, angle, 0.15)
     return abs(first) <= _REST_SHARE * largest + 3.0 * std
 
 
@@ -128,7 +131,7 @@ def beginning_of(
 
     Raises ValueError where the data do not say.
     """
-    moves = not begins_at_rest(data)
+    moves = data.inputs[0, 10] != 0.0 and not begins_at_rest(data)  # a latch holds it closed
     if angle_deg is not None and (_shows_place(data) or not moves):
         return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
     if not moves:
@@ -199,6 +202,8 @@ def _in_motion(
     if full:
         unknowns.append(Unknown(experiment, "angle", 0.0, math.radians(_SPREAD_DEG)))
         unknowns.append(Unknown(experiment, "rate", 0.0, math.radians(_SPREAD_DEGPS)))
+    if plant.left.thermal.enabled > 0.0:
+        unknowns.append(Unknown(experiment, "warmth", 0.0, _SPREAD_K, -_SPREAD_K, 200.0))
     return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
 
 

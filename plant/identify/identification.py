@@ -31,7 +31,7 @@ _SIGNED_SHARE = (
 _AT_BOUND = 1e-6  # of its size
 _FAR_PERCENT = 50.0  # fit of the initial vehicle below which short pieces come first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
-_NOWHERE_PERCENT = 0.0  # fit below which a model says nothing of the data
+_NOWHERE_PERCENT = -5.0  # fit below which a model says nothing of the data
 _ROUGH_ROUNDS = 6
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
@@ -53,10 +53,10 @@ def identify(
     began = time.perf_counter()
     _check_excited(problem)
     found = _search(problem, report, given_std)
-    if is_far_off(problem, found.errors, _NOWHERE_PERCENT):
+    if is_far_off(problem, found.errors, _NOWHERE_PERCENT, currents=True):
         raise NothingToTellError(
-            "the simulation follows the measured motion worse than its mean value does; allowed: a vehicle, "
-            "inputs and a beginning that are those of the measurement"
+            "the simulation follows what was measured worse than its mean value does; allowed: a vehicle, "
+            "inputs and a beginning that are those of the measurement, and currents of the right sign"
         )
     known, covariance, is_robust = _uncertainty(problem, found)
     estimates = _estimates(problem, found.point, covariance, known)
@@ -119,14 +119,16 @@ def _uncertainty(problem: Problem, found: Found) -> tuple[Uncertainty, Floats, b
         for errors, own in zip(found.errors.T, there.T, strict=True)
     )
     told = np.isfinite(np.diag(covariance))
-    if white or not np.any(told):
-        return known, covariance, False
-    own = np.ix_(told, told)
-    robust = statistics.robust_covariance(
-        found.slopes[:, :, told], found.errors, root, covariance[own], inverse_std[told]
-    )
-    covariance[own] = widened(covariance[own], robust)
-    return known, covariance, True
+    own, slopes = np.ix_(told, told), found.slopes[:, :, told]
+    inverse = covariance[own]
+    if not white and np.any(told):
+        robust = statistics.robust_covariance(
+            slopes, found.errors, root, inverse, inverse_std[told]
+        )
+        covariance[own] = widened(inverse, robust)
+    rounding = statistics.rounding_information(problem.measured, slopes, root)
+    covariance[own] += inverse @ rounding @ inverse
+    return known, covariance, not white
 
 
 def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
@@ -259,7 +261,14 @@ def _estimates(
 def _unit_of(name: str) -> str:
     if name.endswith(("_offset", "_position")):
         return "rev"
-    return {"angle": "rad", "rate": "rad/s", "speed": "rev/s", "input_delay": "s"}.get(name, "")
+    units = {
+        "angle": "rad",
+        "rate": "rad/s",
+        "speed": "rev/s",
+        "input_delay": "s",
+        "warmth": "K",
+    }
+    return units.get(name, "")
 
 
 def _largest_std(value: float, quantity: Quantity) -> float:

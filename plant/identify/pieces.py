@@ -124,11 +124,15 @@ def _path_of_speed(
     return None
 
 
-def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
-    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`."""
+def is_far_off(
+    problem: Problem, errors: Floats, worst_percent: float, currents: bool = False
+) -> bool:
+    """Whether the motion (and the currents) that was measured is followed worse than with an NRMSE fit of
+    `worst_percent`.
+    """
     measured = problem.measured
     for column, name in enumerate(problem.outputs):
-        if name.endswith("current_a"):
+        if name.endswith("current_a") and not currents:
             continue
         there = np.isfinite(measured[:, column])
         if np.sum(there) < 3:

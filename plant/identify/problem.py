@@ -48,9 +48,7 @@ class Problem:
     angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
-    speed_window: float = (
-        0.0  # s before its sample over which a measured speed is the mean; 0: at the sample
-    )
+    speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
     beginnings: Sequence[Beginning] = ()  # default: as the data say
@@ -115,7 +113,7 @@ class Problem:
         """What counts as a change of the order of one."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
-        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
+        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01, "warmth": 10.0}
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:

@@ -21,7 +21,10 @@ Floats = NDArray[np.float64]
 Report = Callable[[int, float, float], None]  # iteration, loss, relative step
 
 _ROUNDS = 50  # of taking Λ afresh
-_INNER = 6  # evaluations of the least-squares solver in between
+_INNER, _PATIENCE = (
+    6,
+    100,
+)  # evaluations of the least-squares solver in between, at first and at most
 _STILL = 5e-3  # standard deviations: what no longer counts as a step
 _FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
 _HOLD = 1e-6  # 1/sizes: holds what has no effect, without which the solver's steps go astray
@@ -107,9 +110,12 @@ def search(
     history = [_loss(measured, weighting, errors, given_std)]
     reason = f"no end after {rounds} iterations"
     cache = _Cache(problem)
+    inner = _INNER
     for number in range(1, rounds + 1 if free else 1):
         before = errors
-        point = _least_squares(problem, cache, point, free, weighting, means, inverse_std)
+        point, is_cut_short = _least_squares(
+            problem, cache, point, free, weighting, means, inverse_std, inner
+        )
         errors = errors_of(measured, cache.predicted(point))
         weighting = weighting_of(measured, errors, given_std)
         history.append(_loss(measured, weighting, errors, given_std))
@@ -118,7 +124,9 @@ def search(
         moved = math.sqrt(float(np.sum(change**2)) / max(1, len(free)))
         if report is not None:
             report(number, history[-1], moved)
-        if moved < _STILL:
+        if moved < _STILL and is_cut_short and inner < _PATIENCE:
+            inner *= 4  # all its trials went too far: that is no convergence
+        elif moved < _STILL:
             reason = f"converged: the last step is less than {_STILL:g} standard deviations"
             break
     slopes = np.where(np.isfinite(measured)[:, :, None], cache.slopes(point), 0.0)
@@ -161,7 +169,9 @@ def _least_squares(
     weighting: Weighting,
     means: Floats,
     inverse_std: Floats,
-) -> Floats:
+    evaluations: int,
+) -> tuple[Floats, bool]:
+    """(the point with the least weighted squares, whether the evaluations did not suffice to find it)."""
     from scipy.optimize import least_squares
 
     measured = problem.measured
@@ -202,6 +212,6 @@ def _least_squares(
         xtol=1e-12,
         ftol=1e-12,
         gtol=1e-14,
-        max_nfev=_INNER,
+        max_nfev=evaluations,
     )
-    return whole(solution.x)
+    return whole(solution.x), bool(solution.status == 0)

@@ -6,6 +6,7 @@ MATLAB's `compare`; the robust covariance is that of Newey and West (1987) with 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,6 +21,7 @@ BAND = 2.5758  # of the standard normal distribution, 99 %
 _SIGNIFICANT = (
     1e-3  # of the Ljung-Box test: fewer than this share of white residuals are called not white
 )
+_SAME = 10  # samples of the same value, whose rounding is one and the same
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
 _PART = 0.2  # share of a direction at which a parameter is named
 _ROUNDING = (
@@ -83,6 +85,36 @@ def robust_covariance(
         total += (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
     result: Floats = inverse @ total @ inverse
     return result
+
+
+def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floats:
+    """Covariance (p, p) of the scores that rounding adds where a rounded output stays the same for ten samples or
+    more: there its error, q²/12 for the step q, is not one a sample but one for all of them.
+    """
+    total = np.zeros((slopes.shape[2], slopes.shape[2]))
+    inverse = root @ root.T
+    for column, values in enumerate(measured.T):
+        there = np.flatnonzero(np.isfinite(values))
+        step = _rounding_step(values[there])
+        if step == 0.0:
+            continue
+        scores = np.einsum("noj,o->nj", slopes[there], inverse[:, column])
+        edges = np.flatnonzero(np.diff(values[there], prepend=np.nan, append=np.nan) != 0.0)
+        for first, last in itertools.pairwise(edges):
+            if last - first >= _SAME:
+                whole = np.sum(scores[first:last], axis=0)
+                total += step * step / 12.0 * np.outer(whole, whole)
+    return total
+
+
+def _rounding_step(values: Floats) -> float:
+    """The step of a rounded output; 0 of one that is not."""
+    levels = np.unique(values)
+    if len(levels) < 2 or 2 * len(levels) > len(values):
+        return 0.0
+    step = float(np.min(np.diff(levels)))
+    number = (levels - levels[0]) / step
+    return step if np.all(np.abs(number - np.round(number)) < 0.01) else 0.0
 
 
 def _bandwidth(scores: Floats) -> int:

@@ -60,6 +60,7 @@ class Start(NamedTuple):
     right_position: float
     angle: float  # rad; at rest the gate's, moving what it is beyond the balance of forces
     rate: float  # rad/s, beyond that of the drives
+    warmth: float = 0.0  # K, of the windings above the surroundings
 
 
 REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -97,8 +98,8 @@ def resting_state(plant: Plant, start: Start, ambient: float) -> State:
     extended = gate.extension(plant.link, start.angle)
     left, right = extended / plant.left.travel, extended / plant.right.travel
     return State(
-        DriveState(0.0, 0.0, left, ambient, ambient),
-        DriveState(0.0, 0.0, right * plant.right.active, ambient, ambient),
+        DriveState(0.0, 0.0, left, ambient + start.warmth, ambient),
+        DriveState(0.0, 0.0, right * plant.right.active, ambient + start.warmth, ambient),
         start.angle,
         0.0,
         start.latched,
@@ -108,9 +109,10 @@ def resting_state(plant: Plant, start: Start, ambient: float) -> State:
 @compilable
 def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
     """A gate that moves along with its drives."""
+    warm = ambient + start.warmth
     return State(
-        DriveState(start.left_current, start.speed, start.left_position, ambient, ambient),
-        DriveState(start.right_current, start.speed, start.right_position, ambient, ambient),
+        DriveState(start.left_current, start.speed, start.left_position, warm, ambient),
+        DriveState(start.right_current, start.speed, start.right_position, warm, ambient),
         angle,
         rate,
         0.0,

@@ -91,7 +91,9 @@ def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_misle
     assert np.abs(edges).max() < 3.0
     assert np.abs(np.mean(edges, axis=0)).max() < 0.8
     assert 0.6 < np.std(edges) < 1.3
-    assert np.abs(np.array(naive)[:, 2]).max() > 10.0  # measured 48
+    assert (
+        np.abs(np.array(naive)[:, 2]).max() > 5.0
+    )  # measured 8.2; 48 without the rounding's share
 
 
 def delayed(seconds: float, seed: int) -> Data:
