@@ -45,7 +45,7 @@ lint: setup
 bench: setup
 	$(BIN)/python -m tools.benchmark --output docs
 
-# What identification finds from data of known truth, its coverage and its speed: docs/identification.md, some 20 minutes.
+# What identification finds from data of known truth, its coverage and its speed: docs/identification.md, some ten minutes.
 identification: setup
 	$(BIN)/python -m tools.identification --output docs
 

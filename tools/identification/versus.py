@@ -37,15 +37,16 @@ Floats = NDArray[np.float64]
 NAMES = ("motor.resistance", "motor.inductance", "motor.rotor_inertia", "motor.load_torque")
 NOISE = (0.05, 0.5, 0.1)  # A, rev/s, rev
 ANGLE_DEG = 8.0  # where it begins: above the seal
-_DURATION = 10.0
 _PIECES = 100  # of constant voltage, at most, to solve one by one
 
 
-def make_data(path: Path, ripple: float, seed: int = 1) -> dict[str, Floats]:
-    """10 s of opening at steps of voltage with a ripple [V, std], by the model itself, with Gaussian noise."""
+def make_data(
+    path: Path, ripple: float, duration: float = 10.0, seed: int = 1
+) -> dict[str, Floats]:
+    """An opening at steps of voltage with a ripple [V, std], by the model itself, with Gaussian noise."""
     rng = np.random.default_rng(seed)
     vehicle = true_vehicle()
-    times = np.arange(round(_DURATION * RATE) + 1) / RATE
+    times = np.arange(round(duration * RATE) + 1) / RATE
     volts = np.select([times < 2.0, times < 4.0, times < 6.0], [6.0, 8.0, 5.0], 7.0)
     volts = volts + ripple * rng.standard_normal(len(times))
     rows = rows_of({"left_voltage_v": volts}, len(times))
