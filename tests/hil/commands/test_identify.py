@@ -468,3 +468,34 @@ def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(
     assert process.returncode == 130
     assert errors == ""
     assert not result.exists()
+
+
+def test_a_current_of_the_wrong_sign_gives_no_number(
+    columns: dict[str, Floats], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns["left_current_a"] = -columns["left_current_a"]
+    path = write_columns(tmp_path / "turned.csv", columns)
+    (line,) = complaint(capsys, "identify", path, "--estimate", "motor.resistance")
+    assert "currents of the right sign" in line
+
+
+def test_a_model_without_end_stops_sees_the_travel_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = simulated(tmp_path, driven(6.5, 12.0), *settings(TRUTH))
+    assert out["gate_angle_deg"].max() > 80.0
+    path = write_columns(tmp_path / "whole.csv", noisy(out, (*KEPT, "gate_angle_deg")))
+    flags = ("--estimate", "motor.resistance", "--set", "motor.torque_constant=0.0131")
+    result = found(
+        capsys, path, *flags, "--set", "motor.rotor_inertia=1.6e-5", "--model", "third-order"
+    )
+    (cut,) = [note for note in result["notes"] if "cut to" in note]
+    assert "79.5 deg" in cut
+    assert result["fit_percent"]["left_current_a"] > 80.0
+    assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.95, rel=0.01)
+
+
+def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = found(capsys, opening, "--estimate", "motor.resistance,spring.stop_stiffness")
+    assert not result["identifiable"]["spring.stop_stiffness"]
+    assert any("spring.stop_stiffness cannot be told" in each for each in result["warnings"])

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hil.build import vehicle_from
 from plant import gate
 from plant.identify.data import (
     Data,
@@ -20,7 +21,7 @@ from plant.identify.data import (
     rows_of,
 )
 from plant.identify.trajectory import INPUTS
-from plant.vehicle import plant_of
+from plant.vehicle import Vehicle, plant_of
 from tests.plant.identify.simulated import measured
 from tests.plant.runs import suv
 
@@ -180,3 +181,24 @@ def test_the_first_sample_is_the_first_there_is() -> None:
     assert first_sample(np.array([np.nan, 2.0, 3.0])) == 2.0
     assert math.isnan(first_sample(np.array([np.nan])))
     assert math.isnan(first_sample(None))
+
+
+def heavy_suv() -> Vehicle:
+    return vehicle_from("heavy-suv")
+
+
+def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
+    cold, warm = suv(), heavy_suv()
+    assert warm.left.thermal.enabled > 0.0
+    for vehicle, expected in ((cold, False), (warm, True)):
+        whole = measured(vehicle, "full", {"left_position_rev": 0.0}, angle_deg=20.0)
+        row = 300
+        cut = Data(
+            "cut",
+            whole.times[row:],
+            whole.inputs[row:],
+            {name: values[row:] for name, values in whole.outputs.items()},
+        )
+        begin = beginning_of(plant_of(vehicle), cut, 0, None, True)
+        assert begin.start.moving == 1.0
+        assert ("warmth" in [each.name for each in begin.unknowns]) == expected

@@ -17,6 +17,7 @@ from plant.identify.statistics import (
     is_white,
     named,
     robust_covariance,
+    rounding_information,
     uncertainty,
 )
 
@@ -237,3 +238,22 @@ def test_correlations_of_what_is_not_known_are_not_numbers() -> None:
     found = correlation_of(covariance)
     assert found[:2, :2] == pytest.approx(np.array([[1.0, 0.5], [0.5, 1.0]]))
     assert np.all(np.isnan(found[2]))
+
+
+def test_rounding_that_stays_is_one_error_not_many() -> None:
+    step = 0.1
+    ramp = np.linspace(0.0, 1.0, 1100)
+    rounded = np.round(ramp / step) * step
+    slopes = np.ones((1100, 1, 1))
+    found = rounding_information(rounded[:, None], slopes, np.eye(1))
+    lengths = np.array([55.0, *[110.0] * 9, 55.0])
+    assert found[0, 0] == pytest.approx(step**2 / 12.0 * np.sum(lengths**2), rel=0.02)
+
+
+def test_what_is_not_rounded_or_never_stays_adds_nothing() -> None:
+    rng = np.random.default_rng(3)
+    slopes = np.ones((500, 2, 1))
+    noise = rng.standard_normal((500, 2))
+    assert np.all(rounding_information(noise, slopes, np.eye(2)) == 0.0)
+    restless = np.round(5.0 * noise)
+    assert np.all(rounding_information(restless, slopes, np.eye(2)) == 0.0)
