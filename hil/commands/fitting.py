@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import re
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from hil.errors import ConfigError
 if TYPE_CHECKING:
     from hil.measurement.measurement import Measurement
     from plant.identify.data import Data
+    from plant.identify.problem import Problem, Sought
     from plant.vehicle import Vehicle
 
 MODEL_NAMES = ("full", "third-order", "second-order")
@@ -71,6 +73,60 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def problem_of(
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    model: str,
+    sought: Sequence[Sought],
+    outputs: str | None,
+) -> tuple[Problem, tuple[str, ...]]:
+    """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
+    from hil.commands.measurements import measurements_from
+    from plant.identify.problem import Problem
+
+    measurements = measurements_from(args, vehicle, model != "full")
+    data = [data_of(each, vehicle) for each in measurements]
+    delay, is_delay_sought = delay_of(args.input_delay, data)
+    tell_of_compiling(args.quiet)
+    try:
+        problem = Problem(
+            vehicle,
+            model,
+            sought,
+            data,
+            outputs_of(outputs, data),
+            initial_angle(args.initial, vehicle),
+            delay,
+            is_delay_sought,
+            args.speed_window,
+            args.step,
+        )
+    except ValueError as error:
+        raise ConfigError(f"{', '.join(args.files)}: {error}") from error
+    notes = [f"{each.source}: {note}" for each in measurements for note in each.notes]
+    return problem, tuple(notes)
+
+
+def deliver(
+    args: argparse.Namespace,
+    content: Mapping[str, Any],
+    text: Callable[[], str],
+    page: Callable[[], str],
+) -> None:
+    """Print and write a result: `content` as JSON, `text` for the terminal, `page` as HTML. Raises ConfigError."""
+    from hil.report.files import write_report
+    from hil.report.json_result import write_json
+
+    if args.json:
+        print(json.dumps(content, allow_nan=False))
+    elif not args.quiet:
+        print(text())
+    if args.result:
+        write_json(args.result, "--result", content)
+    if args.html:
+        write_report(args.html, "--html", page())
 
 
 def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:

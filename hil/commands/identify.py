@@ -12,6 +12,7 @@ import dataclasses
 import json
 import math
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from hil.commands import fitting, options
@@ -196,10 +197,8 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
 
 def identified(args: argparse.Namespace) -> Identification:
     """The result of these flags. Raises ConfigError."""
-    from hil.commands.measurements import measurements_from
     from hil.report.progress import Progress
     from plant.identify.identification import NothingToTellError, identify
-    from plant.identify.problem import Problem
 
     if not args.files:
         raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
@@ -209,35 +208,17 @@ def identified(args: argparse.Namespace) -> Identification:
     unknown = [each for each in profiles if each not in names]
     if unknown:
         raise ConfigError([f"--profile {each}: allowed: {', '.join(names)}" for each in unknown])
-    measurements = measurements_from(args, vehicle, model != "full")
-    data = [fitting.data_of(each, vehicle) for each in measurements]
-    columns = fitting.outputs_of(outputs, data)
-    delay, is_delay_sought = fitting.delay_of(args.input_delay, data)
-    fitting.tell_of_compiling(args.quiet)
+    problem, notes = fitting.problem_of(args, vehicle, model, sought, outputs)
     try:
-        problem = Problem(
-            vehicle,
-            model,
-            sought,
-            data,
-            columns,
-            fitting.initial_angle(args.initial, vehicle),
-            delay,
-            is_delay_sought,
-            args.speed_window,
-            args.step,
-        )
         with Progress(sys.stderr, args.quiet) as progress:
-            result = identify(problem, progress.update, _noise(args, columns), profiles)
+            noise = _noise(args, problem.outputs)
+            result = identify(problem, progress.update, noise, profiles)
     except NothingToTellError as error:
         raise ConfigError(f"{', '.join(args.files)}: nothing to identify from: {error}") from error
-    except ValueError as error:
-        raise ConfigError(f"{', '.join(args.files)}: {error}") from error
-    notes = [f"{each.source}: {note}" for each in measurements for note in each.notes]
-    return dataclasses.replace(result, vehicle=args.vehicle, notes=tuple(notes))
+    return dataclasses.replace(result, vehicle=args.vehicle, notes=notes)
 
 
-def _noise(args: argparse.Namespace, columns: list[str]) -> NDArray[np.float64] | None:
+def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float64] | None:
     """Standard deviations of the outputs' noise, or None. Raises ConfigError."""
     import numpy as np
 
@@ -266,22 +247,21 @@ def _noise(args: argparse.Namespace, columns: list[str]) -> NDArray[np.float64] 
 def _deliver(args: argparse.Namespace, result: Identification) -> None:
     """Print and write the result."""
     from hil.report.files import write_report
-    from hil.report.json_result import identification_json, write_json
+    from hil.report.json_result import identification_json
 
-    if args.json:
-        print(json.dumps(identification_json(result), allow_nan=False))
-    elif not args.quiet:
+    def text() -> str:
         from hil.report.text import identification_text
 
-        print(identification_text(result))
-    if args.result:
-        write_json(args.result, "--result", identification_json(result))
-    if args.save_vehicle:
-        write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
-    if args.html:
+        return identification_text(result)
+
+    def page() -> str:
         from hil.report.html import identification_html
 
-        write_report(args.html, "--html", identification_html(result))
+        return identification_html(result)
+
+    fitting.deliver(args, identification_json(result), text, page)
+    if args.save_vehicle:
+        write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
 
 
 def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:

@@ -34,51 +34,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from hil.build import vehicle_from
-    from hil.commands.measurements import measurements_from
-    from hil.report.files import check_targets, write_report
-    from hil.report.json_result import validation_json, write_json
+    from hil.report.files import check_targets
+    from hil.report.json_result import validation_json
     from plant.identify.identification import validate
-    from plant.identify.problem import Problem
 
     check_targets({"--result": args.result, "--html": args.html}, args.files)
     vehicle = vehicle_from(args.vehicle, args.settings)
     if args.parameters:
         vehicle = _with_result(vehicle, Path(args.parameters))
-    measurements = measurements_from(args, vehicle, args.model not in (None, "full"))
-    data = [fitting.data_of(each, vehicle) for each in measurements]
-    columns = fitting.outputs_of(args.outputs, data)
-    delay, is_delay_sought = fitting.delay_of(args.input_delay, data)
-    fitting.tell_of_compiling(args.quiet)
-    try:
-        problem = Problem(
-            vehicle,
-            args.model or "full",
-            [],
-            data,
-            columns,
-            fitting.initial_angle(args.initial, vehicle),
-            delay,
-            is_delay_sought,
-            args.speed_window,
-            args.step,
-        )
-        result = validate(problem)
-    except ValueError as error:
-        raise ConfigError(f"{', '.join(args.files)}: {error}") from error
-    notes = [f"{each.source}: {note}" for each in measurements for note in each.notes]
-    result = dataclasses.replace(result, vehicle=args.vehicle, notes=tuple(notes))
-    if args.json:
-        print(json.dumps(validation_json(result), allow_nan=False))
-    elif not args.quiet:
+    problem, notes = fitting.problem_of(args, vehicle, args.model or "full", [], args.outputs)
+    result = dataclasses.replace(validate(problem), vehicle=args.vehicle, notes=notes)
+
+    def text() -> str:
         from hil.report.text import validation_text
 
-        print(validation_text(result))
-    if args.result:
-        write_json(args.result, "--result", validation_json(result))
-    if args.html:
+        return validation_text(result)
+
+    def page() -> str:
         from hil.report.html import validation_html
 
-        write_report(args.html, "--html", validation_html(result))
+        return validation_html(result)
+
+    fitting.deliver(args, validation_json(result), text, page)
     return 0
 
 

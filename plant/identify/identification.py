@@ -29,7 +29,7 @@ _SIGNED_SHARE = (
     1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
 )
 _AT_BOUND = 1e-6  # of its size
-_FAR_PERCENT = 50.0  # fit of the initial vehicle below which short pieces come first
+_FAR_PERCENT = 0.0  # fit of the initial vehicle below which short pieces come first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -5.0  # fit below which a model says nothing of the data
 _ROUGH_ROUNDS = 6
@@ -53,7 +53,7 @@ def identify(
     began = time.perf_counter()
     _check_excited(problem)
     found = _search(problem, report, given_std)
-    if is_far_off(problem, found.errors, _NOWHERE_PERCENT, currents=True):
+    if is_far_off(problem, found.errors, _NOWHERE_PERCENT, everything=True):
         raise NothingToTellError(
             "the simulation follows what was measured worse than its mean value does; allowed: a vehicle, "
             "inputs and a beginning that are those of the measurement, and currents of the right sign"

@@ -18,6 +18,7 @@ from plant.dynamics import Plant
 from plant.identify.data import Beginning, Data
 from plant.identify.problem import Problem
 from plant.identify.residuals import local_line
+from plant.identify.statistics import fit_percent
 from plant.identify.trajectory import REST
 from plant.vehicle import plant_of
 
@@ -125,21 +126,26 @@ def _path_of_speed(
 
 
 def is_far_off(
-    problem: Problem, errors: Floats, worst_percent: float, currents: bool = False
+    problem: Problem, errors: Floats, worst_percent: float, everything: bool = False
 ) -> bool:
-    """Whether the motion (and the currents) that was measured is followed worse than with an NRMSE fit of
-    `worst_percent`.
+    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`:
+    positions and angle, speeds where there are none of these; or `everything`, currents too.
     """
-    measured = problem.measured
-    for column, name in enumerate(problem.outputs):
-        if name.endswith("current_a") and not currents:
-            continue
-        there = np.isfinite(measured[:, column])
-        if np.sum(there) < 3:
-            continue
-        values = measured[there, column]
-        spread = math.sqrt(float(np.sum((values - np.mean(values)) ** 2)))
-        missed = math.sqrt(float(np.sum(errors[there, column] ** 2)))
-        if spread > 0.0 and 100.0 * (1.0 - missed / spread) < worst_percent:
-            return True
+    kinds = [("_position_rev", "_angle_deg"), ("_speed_rps",)]
+    if everything:
+        kinds = [("",)]
+    for kind in kinds:
+        columns = [k for k, name in enumerate(problem.outputs) if name.endswith(kind)]
+        fits = [_fit(problem.measured[:, k], errors[:, k]) for k in columns]
+        fits = [each for each in fits if not math.isnan(each)]
+        if fits:
+            return min(fits) < worst_percent
     return False
+
+
+def _fit(measured: Floats, errors: Floats) -> float:
+    """NRMSE fit [%] of a column; NaN where it has no samples or never changes."""
+    there = np.isfinite(measured)
+    if not np.any(there):
+        return math.nan
+    return fit_percent(measured[there], measured[there] - errors[there])
