@@ -9,7 +9,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo test test-vcan lint setup bench clean
+.PHONY: demo test test-vcan lint setup bench identification clean
 
 setup: $(VENV)/.ready
 
@@ -44,6 +44,10 @@ lint: setup
 
 bench: setup
 	$(BIN)/python -m tools.benchmark --output docs
+
+# What identification finds from data of known truth, its coverage and its speed: docs/identification.md, some ten minutes.
+identification: setup
+	$(BIN)/python -m tools.identification --output docs
 
 clean:
 	rm -rf $(VENV) $(OUT)

@@ -15,6 +15,8 @@ COMMANDS = {
     "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
     "ecu": "the reference ECU alone, on any bus",
     "simulate": "the plant alone, offline, as fast as it goes",
+    "identify": "parameters of a vehicle from measurements; which experiment tells most",
+    "validate": "a vehicle's model against measurements",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 

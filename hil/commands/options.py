@@ -8,6 +8,8 @@ import signal
 from collections.abc import Callable
 from types import FrameType
 
+from hil.errors import ConfigError
+
 MAX_RATE = 10_000.0
 
 
@@ -59,6 +61,12 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """Which vehicle, and what happens to it."""
+    add_vehicle_file(parser)
+    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
+
+
+def add_vehicle_file(parser: argparse.ArgumentParser) -> None:
     """Which vehicle."""
     parser.add_argument("--vehicle", default="suv", metavar="NAME|FILE", help="default: suv")
     parser.add_argument(
@@ -69,7 +77,21 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="replace a value of the vehicle file, e.g. environment.road_slope_deg=8 (repeatable)",
     )
-    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
+
+
+def angle(text: str, open_angle: float) -> float:
+    """The angle [rad] of `--initial`: closed, open (`open_angle`, rad) or degrees. Raises ConfigError."""
+    named = {"closed": 0.0, "open": open_angle}
+    if text in named:
+        return named[text]
+    top = math.degrees(open_angle)
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not 0.0 <= degrees <= top:
+        raise ConfigError(f"--initial {text}: allowed: closed, open, or 0 to {top:g} degrees")
+    return math.radians(degrees)
 
 
 def add_loop(parser: argparse.ArgumentParser) -> None:

@@ -6,15 +6,11 @@ It starts unlatched and at rest. A sample of the input holds from its time until
 from __future__ import annotations
 
 import argparse
-import math
+import itertools
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from hil.commands import options
 from hil.errors import ConfigError
-
-if TYPE_CHECKING:
-    from plant.vehicle import Vehicle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,31 +74,18 @@ def run(args: argparse.Namespace) -> int:
     if duration is None:
         raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
     plant = plant_of(vehicle)
+    stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
     blocks = simulate(
         plant,
         vehicle.sensors,
         scenario.program,
         load_of(vehicle)._replace(latch_released=1.0),
-        initial_state(plant, _angle(args.initial, vehicle)),
+        initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle)),
         samples,
         round(duration / args.step),
         args.step,
         args.every,
     )
-    write_rows(args.output, blocks, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
-    return 0
-
-
-def _angle(text: str, vehicle: Vehicle) -> float:
-    """The `--initial` angle [rad]. Raises ConfigError."""
-    named = {"closed": 0.0, "open": vehicle.gate.open_angle}
-    if text in named:
-        return named[text]
-    top = math.degrees(vehicle.gate.open_angle)
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = math.nan
-    if not 0.0 <= degrees <= top:
-        raise ConfigError(f"--initial {text}: allowed: closed, open, or 0 to {top:g} degrees")
-    return math.radians(degrees)
+    whole = itertools.takewhile(lambda _: not stopped(), blocks)
+    write_rows(args.output, whole, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
+    return 130 if stopped() else 0

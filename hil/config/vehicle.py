@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -54,7 +55,8 @@ def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
 def vehicle_of(raw: Table, source: str) -> Vehicle:
     """The vehicle of a file's content; `source` names it in messages."""
     faults = Faults(source)
-    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES])
+    # Where values were estimated, the file says how; nothing here depends on it.
+    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
         said = "missing" if drives is None else show(drives)
@@ -88,7 +90,7 @@ def apply_setting(raw: Table, setting: str) -> None:
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):  # TOMLDecodeError is one
-        parsed = value
+        parsed = _plain_number(value)
     names = key.strip().split(".")
     if not equals or not all(names):
         raise ConfigError(f"--set {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
@@ -99,6 +101,11 @@ def apply_setting(raw: Table, setting: str) -> None:
             raise ConfigError(f"--set {setting}: {name} is not a table")
         place = inner
     place[names[-1]] = parsed
+
+
+def _plain_number(text: str) -> float | str:
+    """`.5` and `5.` are no TOML, but mean what they say."""
+    return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
 def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, Any]]:

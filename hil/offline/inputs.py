@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
+from hil.measurement.read import open_columns
+from hil.measurement.table import time_fault
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +35,6 @@ ROWS = (
     "road_slope",
     "hand_force",
 )
-_CLASH = {"voltage_v": ("left_voltage_v", "right_voltage_v")}
 
 
 @dataclass(frozen=True)
@@ -58,109 +59,64 @@ def constant_voltage(volts: float) -> Samples:
 
 
 def read_samples(path: Path) -> Samples:
-    """The samples of a .csv or .mf4 file. Raises ConfigError with all faults."""
-    columns = _read_mf4(path) if path.suffix.lower() == ".mf4" else _read_csv(path)
-    faults = []
-    known = ["time_s", *_COLUMNS]
+    """The samples of a CSV or MF4 file. Raises ConfigError with all faults."""
+    file = open_columns(path)
+    faults: list[str] = []
     # A recording of ours is an input too; its output columns are not for us.
-    if "time_s" not in columns:
+    used = [name for name in file.names if name in _COLUMNS]
+    by_rows = file.sample == "row"
+    if by_rows and "time_s" not in file.names:
         faults.append(f"{path}: time_s: missing; allowed: a column of seconds")
-    used = [name for name in columns if name in _COLUMNS]
     if not used:
-        faults.append(f"{path}: no input column; allowed: {', '.join(known)}")
-    for name, others in _CLASH.items():
-        faults += [
-            f"{path}: {name} and {other}: allowed: one or the other"
-            for other in others
-            if name in columns and other in columns
-        ]
-    for side in ("left", "right"):
-        volts = [n for n in ("voltage_v", f"{side}_voltage_v") if n in columns]
-        if volts and f"{side}_duty" in columns:
-            faults.append(f"{path}: {volts[0]} and {side}_duty: allowed: one or the other")
+        faults.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_COLUMNS])}")
+    faults += _clashes(path, used)
+    wanted = [
+        name for name in ("time_s", *used) if name in file.names and (by_rows or name in used)
+    ]
+    series = file.read(wanted, faults)
     for name in used:
-        faults += _range_faults(path, name, columns[name])
-    times = columns.get("time_s", np.zeros(0))
-    if not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0.0):
-        row = int(np.argmin(np.append(np.diff(times) > 0.0, False))) + 1
-        faults.append(f"{path}: time_s: row {row + 1}; allowed: finite and rising")
-    if len(times) == 0 and "time_s" in columns:
+        if name in series:
+            faults += _range_faults(path, name, series[name].values, file.sample)
+    if by_rows and "time_s" in series:
+        fault = time_fault(series["time_s"].values, "row")
+        faults += [f"{path}: time_s: {fault}"] if fault else []
+    if not faults and not all(len(each.values) for each in series.values()):
         faults.append(f"{path}: no rows")
     if faults:
         raise ConfigError(faults)
+    own = [each.times for each in series.values() if each.times is not None]
+    times = series["time_s"].values if by_rows else np.unique(np.concatenate(own))
     values: dict[str, Floats] = {}
     for name in used:
+        held = series[name].values
+        at = series[name].times
+        if at is not None:
+            held = held[np.maximum(np.searchsorted(at, times, side="right") - 1, 0)]
         factor = np.pi / 180.0 if name.endswith("_deg") else 1.0
         for row_name in _COLUMNS[name][0]:
-            values[row_name] = columns[name] * factor
+            values[row_name] = held * factor
     return Samples(times, values)
 
 
-def _range_faults(path: Path, name: str, values: Floats) -> list[str]:
+def _clashes(path: Path, used: Sequence[str]) -> list[str]:
+    """Drives that are told two things at once."""
+    faults = []
+    for side in ("left", "right"):
+        own, duty = f"{side}_voltage_v", f"{side}_duty"
+        for pair in (("voltage_v", own), ("voltage_v", duty), (own, duty)):
+            if pair[0] in used and pair[1] in used:
+                faults.append(f"{path}: {pair[0]} and {pair[1]}: allowed: one or the other")
+    return faults
+
+
+def _range_faults(path: Path, name: str, values: Floats, word: str) -> list[str]:
     _, low, high = _COLUMNS[name]
     bad = np.flatnonzero(~((values >= low) & (values <= high)))
     if len(bad) == 0:
         return []
     first = int(bad[0])
+    shown = "empty cell" if np.isnan(values[first]) else repr(float(values[first]))
     return [
-        f"{path}: {name}: {float(values[first])!r} in row {first + 1} ({len(bad)} such rows); "
+        f"{path}: {name}: {shown} in {word} {first + 1} ({len(bad)} such {word}s); "
         f"allowed: {low:g} to {high:g}"
     ]
-
-
-def _read_csv(path: Path) -> dict[str, Floats]:
-    import csv
-
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            rows = list(csv.reader(stream))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
-    if not rows:
-        raise ConfigError(f"{path}: empty; allowed: a header and rows")
-    names = [name.strip() for name in rows[0]]
-    body = [row for row in rows[1:] if row]
-    return {
-        name: _numbers(path, name, [row[i] if i < len(row) else "" for row in body])
-        for i, name in enumerate(names)
-        if name == "time_s" or name in _COLUMNS
-    }
-
-
-def _numbers(path: Path, name: str, cells: Sequence[str]) -> Floats:
-    try:
-        return np.array([float(cell) for cell in cells], dtype=np.float64)
-    except ValueError:
-        for row, cell in enumerate(cells):
-            try:
-                float(cell)
-            except ValueError:
-                raise ConfigError(
-                    f"{path}: {name}: {cell!r} in row {row + 1}; allowed: a number"
-                ) from None
-        raise
-
-
-def _read_mf4(path: Path) -> dict[str, Floats]:
-    try:
-        from asammdf import MDF
-    except ImportError as error:
-        raise ConfigError(
-            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
-        ) from error
-    try:
-        with MDF(path) as measurement:
-            wanted = [name for name in _COLUMNS if name in measurement.channels_db]
-            signals = [measurement.get(name) for name in wanted]
-    except Exception as error:  # asammdf raises what its parsers raise
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
-    if not signals:
-        return {}
-    times = np.unique(np.concatenate([signal.timestamps for signal in signals]))
-    columns = {"time_s": times.astype(np.float64)}
-    for name, signal in zip(wanted, signals, strict=True):
-        index = np.searchsorted(signal.timestamps, times, side="right") - 1
-        columns[name] = signal.samples.astype(np.float64)[np.maximum(index, 0)]
-    return columns

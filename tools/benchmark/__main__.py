@@ -8,34 +8,15 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
-import platform
 import sys
 from pathlib import Path
 
 from tools.benchmark import costs, lateness
 from tools.benchmark.lateness import Pairs
+from tools.benchmark.machine import machine_lines
 from tools.twin.build import compare
 
 STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
-
-
-def machine() -> list[str]:
-    """What this was measured on."""
-    model, flags = platform.processor(), ""
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = info.read_text().splitlines()
-        model = next(
-            (x.partition(":")[2].strip() for x in lines if x.startswith("model name")), model
-        )
-        flags = next((x for x in lines if x.startswith("flags")), "")
-    where = "virtual machine" if " hypervisor" in flags else "no hypervisor"
-    return [
-        f"{model}, {os.cpu_count()} CPUs, {where}",
-        f"{platform.system()} {platform.release()} {platform.version()}",
-        f"Python {platform.python_version()}, numba {__import__('numba').__version__}",
-    ]
 
 
 def shown(seconds: float) -> str:
@@ -102,7 +83,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    text = ["# Benchmark", "", "Made by `make bench` on", "", *(f"- {x}" for x in machine()), ""]
+    text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), ""]
 
     figures = costs.measure()
     twin = compare()

@@ -10,6 +10,7 @@ import pytest
 
 from hil import build
 from hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
+from hil.config.vehicle_file import vehicle_text
 from hil.errors import ConfigError
 from plant.vehicle import Vehicle, plant_of
 
@@ -237,3 +238,49 @@ def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
 def test_strange_names_are_no_vehicles(name: str):
     with pytest.raises(ConfigError):
         build.vehicle_from(name)
+
+
+def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
+    source = tmp_path / "gate.toml"
+    source.write_text(SUV + "\n[left.motor]\nresistance = 0.9   # a worn one\n", encoding="utf-8")
+    text = vehicle_text(source, ["gate.mass=30"], {"motor.resistance": 0.8}, {"model": "full"})
+    saved = tmp_path / "saved.toml"
+    saved.write_text(text, encoding="utf-8")
+    vehicle = load_vehicle(saved, [])
+    assert vehicle.left.motor.resistance == vehicle.right.motor.resistance == 0.8
+    assert vehicle.gate.mass == 30.0
+    assert "# a worn one" in text
+
+
+def test_a_saved_value_of_one_drive_leaves_the_other(tmp_path: Path):
+    source = tmp_path / "gate.toml"
+    source.write_text(SUV, encoding="utf-8")
+    values = {"right.motor.resistance": 0.8, "gate.body_point[1]": -0.63}
+    saved = tmp_path / "saved.toml"
+    saved.write_text(vehicle_text(source, [], values, {"model": "full"}), encoding="utf-8")
+    vehicle = load_vehicle(saved, [])
+    assert (vehicle.left.motor.resistance, vehicle.right.motor.resistance) == (0.708, 0.8)
+    assert vehicle.gate.body_point == (-0.04, -0.63)
+
+
+def test_a_vehicle_saved_twice_says_once_where_it_comes_from(tmp_path: Path):
+    path = tmp_path / "gate.toml"
+    path.write_text(SUV, encoding="utf-8")
+    for model in ("full", "third-order"):
+        text = vehicle_text(path, [], {"motor.resistance": 0.8}, {"model": model})
+        path.write_text(text, encoding="utf-8")
+    assert tomllib.loads(text)["identification"] == {"model": "third-order"}
+    before = [line for line in SUV.splitlines() if "resistance = 0.708" not in line]
+    assert set(before) <= set(text.splitlines())
+
+
+@pytest.mark.parametrize(("given", "value"), [(".5", 0.5), ("5.", 5.0), ("+.5e1", 5.0)])
+def test_a_setting_may_leave_out_the_zero_beside_its_point(
+    tmp_path: Path, given: str, value: float
+):
+    assert load(tmp_path, SUV, f"motor.resistance={given}").left.motor.resistance == value
+
+
+@pytest.mark.parametrize("given", [".", "..5", ".5.", ". 5", "5,0", "0x"])
+def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
+    assert keys_of(faults_of(tmp_path, SUV, f"motor.resistance={given}")) == ["motor.resistance"]

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import csv
 import math
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -185,3 +189,23 @@ def test_csv_has_full_double_precision(tmp_path: Path) -> None:
     text = (tmp_path / "out.csv").read_text().splitlines()[-1].split(",")[2]
     assert repr(float(columns["left_current_a"][-1])) == text
     assert math.isfinite(float(text))
+
+
+def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
+    target = tmp_path / "long.csv"
+    command = [
+        sys.executable, "-m", "hil", "simulate", "--voltage", "12", "--duration", "1e6",
+        "--every", "1000", "--output", str(target),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for _ in range(600):
+            if target.exists() and target.stat().st_size > 10_000:
+                break
+            sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == ""
+    rows = target.read_text().splitlines()
+    assert len(rows) > 50
+    assert len({row.count(",") for row in rows}) == 1

@@ -1,0 +1,1 @@
+"""Measurements: read from files of many kinds, cut, thinned out, checked."""

@@ -1,0 +1,229 @@
+"""Measured data as the grey box takes it, and how a measurement may have begun."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant import gate
+from plant.dynamics import Plant
+from plant.identify import rigid
+from plant.identify.trajectory import INPUTS, REST, Start
+
+Floats = NDArray[np.float64]
+
+_CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
+_REST_SHARE = 0.2  # of the largest speed: what a start from rest extrapolates to at most
+# How far position and angle may disagree before the counter has a zero of its own, rev.
+_OFFSET_REV = 1.5
+# How far a moving gate may be from the balance of forces, and how warm its windings may be already: std.
+_SPREAD_DEG, _SPREAD_DEGPS, _SPREAD_K = 0.2, 3.0, 20.0
+
+
+@dataclass(frozen=True)
+class Data:
+    """One experiment: inputs (n, 11) of trajectory.INPUTS, held between `times` (n,); outputs (n,) by their
+    names of trajectory.OUTPUTS, NaN where there is no sample.
+    """
+
+    name: str
+    times: Floats
+    inputs: Floats
+    outputs: Mapping[str, Floats]
+    through_sensors: bool = False
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """Something of an experiment's beginning that is estimated along."""
+
+    experiment: int
+    name: str  # a field of Start, or left_offset, right_offset: zero of a position counter [rev]
+    value: float
+    std: float = math.inf  # of its prior
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """How an experiment begins: what is known, and what is not."""
+
+    start: Start
+    unknowns: tuple[Unknown, ...]
+
+
+def first_sample(values: Floats | None) -> float:
+    """The first one there is; NaN where there is none."""
+    if values is None:
+        return math.nan
+    there = np.flatnonzero(np.isfinite(values))
+    return float(values[there[0]]) if len(there) else math.nan
+
+
+def motion(data: Data) -> tuple[float, float, float]:
+    """(speed at the beginning, its standard deviation, largest speed) [rev/s]; NaN where neither speed nor
+    position was measured.
+    """
+    for side in ("left", "right"):
+        speed = data.outputs.get(f"{side}_speed_rps")
+        if speed is not None:
+            there = np.isfinite(speed)
+            first, _, std, _ = _beginning(data.times[there], speed[there], 1)
+            return first, std, float(np.quantile(np.abs(speed[there]), 0.99))
+        position = data.outputs.get(f"{side}_position_rev")
+        if position is not None:
+            return _moving(data.times, position)
+    return math.nan, math.nan, math.nan
+
+
+def _moving(times: Floats, position: Floats, window: float = 0.04) -> tuple[float, float, float]:
+    """The same from a position, by its first `window` seconds."""
+    there = np.isfinite(position)
+    times, position = times[there], position[there]
+    _, first, _, std = _beginning(times, position, 2, window)
+    edges = np.arange(times[0], times[-1], 0.1)
+    speeds = np.diff(np.interp(edges, times, position)) / 0.1
+    return first, std, float(np.max(np.abs(speeds), initial=0.0))
+
+
+def _beginning(
+    times: Floats, values: Floats, degree: int, window: float = 0.04
+) -> tuple[float, float, float, float]:
+    """Value and slope at the first sample, and their standard deviations, by a polynomial through the first
+    `window` seconds (ten samples at least).
+    """
+    count = max(10, int(np.searchsorted(times, times[0] + window)))
+    t, y = times[:count] - times[0], values[:count]
+    if len(t) <= degree + 1:
+        return float(y[0]), 0.0, math.inf, math.inf
+    powers = t[:, None] ** np.arange(degree + 1)
+    solution, *_ = np.linalg.lstsq(powers, y, rcond=None)
+    spread = float(np.sum((y - powers @ solution) ** 2)) / (len(t) - degree - 1)
+    std = np.sqrt(spread * np.diag(np.linalg.pinv(powers.T @ powers)))
+    return float(solution[0]), float(solution[1]), float(std[0]), float(std[1])
+
+
+def begins_at_rest(data: Data) -> bool:
+    """Whether nothing moves yet at the first sample."""
+    first, std, largest = motion(data)
+    if math.isnan(first):
+        angle = data.outputs.get("gate_angle_deg")
+        if angle is None:
+            return True
+        if abs(np.nanmedian(angle[:10])) < _CLOSED_DEG:
+            return True
+        first, std, largest = _moving(data.times, angle)
+        if 3.0 * std > _REST_SHARE * largest:  # too noisy to tell in so short a time
+            first, std, largest = _moving(data.times, angle, 0.15)
+    return abs(first) <= _REST_SHARE * largest + 3.0 * std
+
+
+def beginning_of(
+    plant: Plant, data: Data, experiment: int, angle_deg: float | None, full: bool
+) -> Beginning:
+    """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle, or in motion
+    there where only a speed was measured.
+
+    Raises ValueError where the data do not say.
+    """
+    moves = data.inputs[0, 10] != 0.0 and not begins_at_rest(data)  # a latch holds it closed
+    if angle_deg is not None and (_shows_place(data) or not moves):
+        return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
+    if not moves:
+        known = first_sample(data.outputs.get("gate_angle_deg"))
+        if math.isnan(known):
+            position = first_sample(_position(data))
+            known = math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
+        if math.isnan(known) or abs(known) < _CLOSED_DEG or data.inputs[0, 10] == 0.0:
+            return _at_rest(plant, data, experiment, 0.0, True)
+        return _at_rest(plant, data, experiment, math.radians(known), False)
+    return _in_motion(plant, data, experiment, full, angle_deg)
+
+
+def _position(data: Data) -> Floats | None:
+    left = data.outputs.get("left_position_rev")
+    return left if left is not None else data.outputs.get("right_position_rev")
+
+
+def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, known: bool) -> Beginning:
+    latched = 1.0 if data.inputs[0, 10] == 0.0 else 0.0
+    start = REST._replace(angle=angle, latched=latched)
+    unknowns = [] if known else [Unknown(experiment, "angle", angle)]
+    place = gate.extension(plant.link, angle) / plant.left.travel
+    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
+
+
+def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
+    """Zeros of the position counters, where these do not show the position that the gate is at."""
+    unknowns = []
+    for side in ("left", "right"):
+        shown = first_sample(data.outputs.get(f"{side}_position_rev"))
+        if abs(shown - place) > _OFFSET_REV:
+            unknowns.append(Unknown(experiment, f"{side}_offset", shown - place))
+    return unknowns
+
+
+def _shows_place(data: Data) -> bool:
+    """Whether a position or the angle was measured."""
+    return any(name.endswith(("_position_rev", "angle_deg")) for name in data.outputs)
+
+
+def _in_motion(
+    plant: Plant, data: Data, experiment: int, full: bool, angle_deg: float | None
+) -> Beginning:
+    speed, _, _ = motion(data)
+    known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
+    angle = math.radians(known)
+    shown = first_sample(_position(data))
+    place = shown
+    if not math.isnan(angle):
+        by_angle = gate.extension(plant.link, angle) / plant.left.travel
+        if math.isnan(shown) or abs(shown - by_angle) > _OFFSET_REV:
+            place = by_angle
+    if math.isnan(place) or math.isnan(speed):
+        raise ValueError(
+            "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
+            "a position or an angle, or --initial"
+        )
+    start = REST._replace(moving=1.0, speed=speed, left_position=place, right_position=place)
+    unknowns = [Unknown(experiment, "speed", speed)]
+    if _shows_place(data):
+        unknowns.append(Unknown(experiment, "left_position", place))
+    both = plant.right.active > 0.0 and all(
+        f"{side}_position_rev" in data.outputs for side in ("left", "right")
+    )
+    if full and both:
+        unknowns.append(Unknown(experiment, "right_position", place))
+    if full:
+        unknowns.append(Unknown(experiment, "angle", 0.0, math.radians(_SPREAD_DEG)))
+        unknowns.append(Unknown(experiment, "rate", 0.0, math.radians(_SPREAD_DEGPS)))
+    if plant.left.thermal.enabled > 0.0:
+        unknowns.append(Unknown(experiment, "warmth", 0.0, _SPREAD_K, -_SPREAD_K, 200.0))
+    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
+
+
+def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
+    """Inputs (n, 11) from columns; a drive that nothing is said of is driven like the other one."""
+    rows = np.full((count, len(INPUTS)), np.nan)
+    for place, name in enumerate(INPUTS):
+        if name in columns:
+            rows[:, place] = columns[name]
+    for own, other in ((0, 1), (1, 0)):
+        if all(np.all(np.isnan(rows[:, own + shift])) for shift in (0, 2, 4)):
+            for shift in (0, 2, 4):
+                rows[:, own + shift] = rows[:, other + shift]
+    return rows
+
+
+def applied_voltage(data: Data, supply: float) -> Floats:
+    """The left motor's voltage (n,) [V] as far as the inputs tell: 0 while it coasts."""
+    rows = data.inputs
+    source = np.where(np.isnan(rows[:, 6]), supply, rows[:, 6])
+    driven = np.nan_to_num(rows[:, 0]) + np.nan_to_num(rows[:, 2]) * source
+    voltage: Floats = np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven)
+    return voltage

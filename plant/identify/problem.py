@@ -1,0 +1,239 @@
+"""The prediction error as a function of what is sought: parameters first, then what begins each experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant.dynamics import Load, Plant
+from plant.identify.data import Beginning, Data, Unknown, beginning_of
+from plant.identify.parameters import Parameter, with_values
+from plant.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
+from plant.sensors import Sensors
+from plant.vehicle import Vehicle, load_of, plant_of
+
+Floats = NDArray[np.float64]
+
+_DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
+_IDEAL = Sensors()
+_DELAY = 0.1  # s, the longest that is looked for
+ALL = -1  # experiment of an unknown that all share
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A parameter to estimate; values in the file's unit."""
+
+    parameter: Parameter
+    initial: float
+    low: float
+    high: float
+    prior: float = math.nan  # mean and std of what is known beforehand
+    prior_std: float = math.inf
+
+
+@dataclass
+class Problem:
+    """Measured data, a model, and what is sought. `outputs` are names of trajectory.OUTPUTS."""
+
+    vehicle: Vehicle
+    model: str
+    sought: Sequence[Sought]
+    data: Sequence[Data]
+    outputs: Sequence[str]
+    angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
+    delay: float = 0.0  # s from a change of the inputs' columns to its effect
+    is_delay_sought: bool = False
+    speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
+    longest: float = 1e-3  # s, of a step
+    evaluations: int = 0
+    beginnings: Sequence[Beginning] = ()  # default: as the data say
+    unknowns: list[Unknown] = field(init=False)
+    measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
+    _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
+    _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
+
+    def __post_init__(self) -> None:
+        plant = plant_of(self.vehicle)
+        full = MODELS[self.model] == 0
+        if not self.beginnings:
+            self.beginnings = [
+                beginning_of(plant, data, number, self.angle_deg, full)
+                for number, data in enumerate(self.data)
+            ]
+        self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
+        if self.is_delay_sought:
+            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
+        self.measured = np.concatenate([self._columns(data) for data in self.data])
+        for column, name in enumerate(self.outputs):
+            if name.endswith("_position_rev"):
+                self._compare_edges(column)
+
+    def _compare_edges(self, column: int) -> None:
+        """Where a position is a count, compare at its edges: between two samples that differ the position is, on
+        the mean, half-way between the counts, while a count that stays says little, and says it again and again.
+        """
+        quantum = 1.0 / self.vehicle.sensors.hall_counts
+        values = self.measured[:, column]
+        there = np.flatnonzero(np.isfinite(values))
+        counts = values[there] / quantum
+        if not len(there) or np.any(
+            np.abs(counts - np.round(counts)) > 1e-6 * (1.0 + np.abs(counts))
+        ):
+            return
+        earlier = np.arange(len(values))
+        earlier[there[1:]] = there[:-1]
+        first = np.cumsum([0, *(len(data.times) for data in self.data)])[:-1]
+        number = np.searchsorted(first, np.arange(len(values)), side="right")
+        changed = (values != values[earlier]) & (number == number[earlier]) & np.isfinite(values)
+        self.measured[:, column] = np.where(changed, 0.5 * (values + values[earlier]), np.nan)
+        self._counted[column] = earlier
+
+    def _columns(self, data: Data) -> Floats:
+        nothing = np.full(len(data.times), np.nan)
+        return np.column_stack([data.outputs.get(name, nothing) for name in self.outputs])
+
+    @property
+    def initial(self) -> Floats:
+        """Where the search begins: parameters, then unknowns."""
+        return np.array([s.initial for s in self.sought] + [u.value for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest values."""
+        low = [s.low for s in self.sought] + [u.low for u in self.unknowns]
+        high = [s.high for s in self.sought] + [u.high for u in self.unknowns]
+        return np.array(low), np.array(high)
+
+    @property
+    def sizes(self) -> Floats:
+        """What counts as a change of the order of one."""
+        by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
+        own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
+        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01, "warmth": 10.0}
+        return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
+
+    def priors(self) -> tuple[Floats, Floats]:
+        """(mean, 1/std) of what is known beforehand; 0 where nothing is."""
+        mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
+        std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
+        weight = 1.0 / np.array(std)
+        return np.where(weight > 0.0, np.array(mean), 0.0), weight
+
+    def vehicle_at(self, point: Floats) -> Vehicle:
+        """The vehicle with the parameters of a point of the search."""
+        names = [s.parameter for s in self.sought]
+        return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
+
+    def predicted(self, point: Floats) -> Floats:
+        """(rows, outputs) of all experiments, one below the other."""
+        columns = [OUTPUTS.index(name) for name in self.outputs]
+        vehicle = self.vehicle_at(point)
+        plant = plant_of(vehicle)
+        self.evaluations += 1
+        parts = [
+            self._states(vehicle, plant, point, number)[:, columns]
+            for number in range(len(self.data))
+        ]
+        whole = np.concatenate(parts)
+        for column, earlier in self._counted.items():
+            whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
+        return whole
+
+    def states(self, point: Floats, number: int) -> Floats:
+        """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
+        vehicle = self.vehicle_at(point)
+        return self._states(vehicle, plant_of(vehicle), point, number)
+
+    def _states(self, vehicle: Vehicle, plant: Plant, point: Floats, number: int) -> Floats:
+        values = point[len(self.sought) :]
+        data, start = self.data[number], self.beginnings[number].start
+        aside = {"input_delay": self.delay}
+        for unknown, value in zip(self.unknowns, values, strict=True):
+            if unknown.experiment in (number, ALL):
+                if unknown.name not in Start._fields:
+                    aside[unknown.name] = float(value)
+                else:
+                    start = start._replace(**{unknown.name: float(value)})
+                    if unknown.name == "left_position" and not self._has_right(number):
+                        start = start._replace(right_position=float(value))
+        base = load_of(vehicle)._replace(latch_released=1.0)
+        if start.moving > 0.0:
+            start = self._with_currents(plant, data, base, start)
+        times, inputs, kept = _delayed(data, aside["input_delay"])
+        out = trajectory(
+            plant,
+            vehicle.sensors if data.through_sensors else _IDEAL,
+            base,
+            start,
+            MODELS[self.model],
+            times,
+            inputs,
+            self.longest,
+        )[kept]
+        if self.speed_window > 0.0:
+            for speed, position in ((2, 4), (3, 5)):
+                out[:, speed] = _mean_speed(
+                    data.times, out[:, position], out[:, speed], self.speed_window
+                )
+        out[:, 4] += aside.get("left_offset", 0.0)
+        out[:, 5] += aside.get("right_offset", 0.0)
+        return out
+
+    def _has_right(self, number: int) -> bool:
+        return any(u.experiment == number and u.name == "right_position" for u in self.unknowns)
+
+    def _with_currents(self, plant: Plant, data: Data, base: Load, start: Start) -> Start:
+        """A winding forgets its beginning in L/R: it begins with the current of its steady state."""
+        inputs = inputs_of(data.inputs[0], base)
+        currents = {}
+        for side in ("left", "right"):
+            drive, given = getattr(plant, side), getattr(inputs, side)
+            volts = given.voltage + given.duty * inputs.load.source_voltage
+            emf = drive.motor.speed_constant * start.speed
+            steady = (volts - emf) / drive.motor.resistance
+            currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady
+        return start._replace(**currents)
+
+    def derivative(self, point: Floats) -> Floats:
+        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound.
+
+        A simulation costs microseconds a sample and is smooth to 1e-12, so differences are good to about 1e-8.
+        """
+        if self._last_derivative[0] == point.tobytes():
+            return self._last_derivative[1]
+        low, high = self.bounds
+        widths = _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        slopes = np.empty((*self.measured.shape, len(point)))
+        for k, width in enumerate(widths):
+            above, below = point.copy(), point.copy()
+            above[k] = min(point[k] + width, high[k])
+            below[k] = max(point[k] - width, low[k])
+            slopes[:, :, k] = (self.predicted(above) - self.predicted(below)) / (
+                above[k] - below[k]
+            )
+        self._last_derivative = (point.tobytes(), slopes)
+        return slopes
+
+
+def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
+    """Mean speed (n,) over the last `window` seconds, over what there is of them at the beginning."""
+    before = np.maximum(times - window, times[0])
+    span = times - before
+    way = position - np.interp(before, times, position)
+    return np.where(span > 0.0, way / np.where(span > 0.0, span, 1.0), speed)
+
+
+def _delayed(data: Data, delay: float) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
+    """(times, inputs, rows of the samples) with every input `delay` seconds later."""
+    if delay == 0.0:
+        return data.times, data.inputs, slice(None)
+    later = data.times + delay
+    inside = (later > data.times[0]) & (later < data.times[-1])
+    times = np.union1d(data.times, later[inside])
+    row = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
+    return times, data.inputs[row], np.searchsorted(times, data.times)

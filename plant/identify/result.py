@@ -1,0 +1,109 @@
+"""What comes out of an identification and of a validation. All values in the units of the vehicle file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter."""
+
+    name: str  # as in the vehicle file: "motor.resistance"
+    symbol: str
+    unit: str
+    value: float
+    std: float  # inf: cannot be told
+    initial: float
+    low: float  # bounds of the search
+    high: float
+    identifiable: bool
+    remark: str = ""  # why not identifiable, or at a bound
+
+
+@dataclass(frozen=True)
+class Series:
+    """One output of one experiment, measured and simulated."""
+
+    output: str  # column name with its unit: "left_current_a"
+    times: Floats  # (n,) s, only where there is a sample
+    measured: Floats  # (n,)
+    simulated: Floats  # (n,), of the final model
+    before: Floats  # (n,), of the initial model; empty in a validation
+    fit_percent: float  # NRMSE fit: 100 (1 - |y - ys| / |y - mean y|)
+    fit_before: float  # nan in a validation
+    rms: float
+    maximum: float  # largest absolute error
+    phases: Mapping[str, tuple[float, float, int]]  # phase: rms, largest error, samples
+    autocorrelation: Floats  # (lags + 1,) of the residual, 1 at lag 0
+    crosscorrelation: Floats  # (2 lags + 1,) with the input, lags -n..n
+    band: float  # 99 % band of both, for white residuals independent of the input
+    is_white: bool
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One measurement with what the model says of it."""
+
+    name: str
+    times: Floats  # (m,) of the input
+    voltage: Floats  # (m,) V, motor voltage of the left drive
+    series: tuple[Series, ...]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of one parameter."""
+
+    name: str
+    values: Floats
+    deviance: Floats  # 2 (log L_max - log L_profile); 3.84 is the 95 % limit
+    low: float  # 95 % interval; nan where the range shown doesn't reach it
+    high: float
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The whole result."""
+
+    model: str  # full, third-order, second-order
+    vehicle: str
+    outputs: tuple[str, ...]  # of noise_variance, in its order
+    parameters: tuple[Estimate, ...]
+    initial_states: tuple[Estimate, ...]
+    covariance: Floats  # (p, p) of the parameters
+    correlation: Floats  # (p, p)
+    noise_variance: Floats  # (outputs, outputs)
+    loss: float  # det of the noise variance (of its diagonal, where the outputs are not sampled together)
+    loss_initial: float
+    fpe: float
+    aic: float
+    aicc: float
+    bic: float
+    condition_number: float
+    inseparable: tuple[str, ...]  # sentences: what cannot be told apart
+    stop_reason: str
+    iterations: int
+    evaluations: int
+    seconds: float
+    covariance_kind: str  # "white residuals" or "robust (autocorrelated residuals)"
+    history: Floats  # (iterations + 1,) loss
+    experiments: tuple[Experiment, ...]
+    profiles: tuple[Profile, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A model against measurements."""
+
+    model: str
+    vehicle: str
+    experiments: tuple[Experiment, ...]
+    notes: tuple[str, ...] = ()

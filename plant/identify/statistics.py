@@ -1,0 +1,221 @@
+"""How sure an estimate is, what cannot be told apart, and how good a model is.
+
+Definitions: Ljung, System Identification, 2nd ed., chapters 9 (covariance) and 16 (FPE, AIC), and the NRMSE fit of
+MATLAB's `compare`; the robust covariance is that of Newey and West (1987) with the bandwidth of Andrews (1991).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LAGS = 25
+BAND = 2.5758  # of the standard normal distribution, 99 %
+_SIGNIFICANT = (
+    1e-3  # of the Ljung-Box test: fewer than this share of white residuals are called not white
+)
+_SAME = 10  # samples of the same value, whose rounding is one and the same
+_APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
+_PART = 0.2  # share of a direction at which a parameter is named
+_ROUNDING = (
+    1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
+)
+
+
+class Uncertainty(NamedTuple):
+    """Covariance of all unknowns, and what the information says."""
+
+    covariance: Floats  # (p, p)
+    condition: float  # of the sensitivities, each scaled to length one
+    silent: tuple[int, ...]  # unknowns without any effect
+    apart: tuple[tuple[int, ...], ...]  # groups that cannot be told apart
+
+
+def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
+    """M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
+    weighted = np.einsum("noj,oq->nqj", slopes, root).reshape(-1, slopes.shape[2])
+    total: Floats = weighted.T @ weighted + np.diag(inverse_std**2)
+    return total
+
+
+def uncertainty(matrix: Floats) -> Uncertainty:
+    """What an information matrix tells."""
+    size = np.sqrt(np.diag(matrix))
+    loud = size > 0.0
+    silent = tuple(int(k) for k in np.flatnonzero(~loud))
+    covariance = np.full(matrix.shape, 0.0)
+    covariance[~loud, ~loud] = np.inf
+    if not np.any(loud):
+        return Uncertainty(covariance, math.inf, silent, ())
+    scaled = matrix[np.ix_(loud, loud)] / np.outer(size[loud], size[loud])
+    values, vectors = np.linalg.eigh(scaled)
+    floored = np.maximum(values, 1e-16)
+    shares = np.where((values < _APART) & (np.abs(vectors) < _ROUNDING), 0.0, vectors)
+    inverse = (shares / floored) @ shares.T / np.outer(size[loud], size[loud])
+    covariance[np.ix_(loud, loud)] = inverse
+    numbers = np.flatnonzero(loud)
+    apart = tuple(
+        tuple(int(k) for k in numbers[np.abs(vectors[:, j]) > _PART])
+        for j in np.flatnonzero(values < _APART)
+    )
+    condition = math.inf if silent else math.sqrt(float(values[-1] / floored[0]))
+    return Uncertainty(covariance, condition, silent, apart)
+
+
+def robust_covariance(
+    slopes: Floats, errors: Floats, root: Floats, inverse: Floats, inverse_std: Floats
+) -> Floats:
+    """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) and the priors' share,
+    for residuals that are correlated in time; `inverse` is M⁻¹.
+    """
+    weighted = np.einsum("noj,oq->nqj", slopes, root)
+    scores = np.einsum("nqj,nq->nj", weighted, errors @ root)
+    size: Floats = np.sqrt(np.mean(scores**2, axis=0))
+    width = _bandwidth(scores / np.where(size > 0.0, size, 1.0))
+    total = scores.T @ scores + np.diag(inverse_std**2)
+    for lag in range(1, width + 1):
+        shifted = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
+    result: Floats = inverse @ total @ inverse
+    return result
+
+
+def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floats:
+    """Covariance (p, p) of the scores that rounding adds where a rounded output stays the same for ten samples or
+    more: there its error, q²/12 for the step q, is not one a sample but one for all of them.
+    """
+    total = np.zeros((slopes.shape[2], slopes.shape[2]))
+    inverse = root @ root.T
+    for column, values in enumerate(measured.T):
+        there = np.flatnonzero(np.isfinite(values))
+        step = _rounding_step(values[there])
+        if step == 0.0:
+            continue
+        scores = np.einsum("noj,o->nj", slopes[there], inverse[:, column])
+        edges = np.flatnonzero(np.diff(values[there], prepend=np.nan, append=np.nan) != 0.0)
+        for first, last in itertools.pairwise(edges):
+            if last - first >= _SAME:
+                whole = np.sum(scores[first:last], axis=0)
+                total += step * step / 12.0 * np.outer(whole, whole)
+    return total
+
+
+def _rounding_step(values: Floats) -> float:
+    """The step of a rounded output; 0 of one that is not."""
+    levels = np.unique(values)
+    if len(levels) < 2 or 2 * len(levels) > len(values):
+        return 0.0
+    step = float(np.min(np.diff(levels)))
+    number = (levels - levels[0]) / step
+    return step if np.all(np.abs(number - np.round(number)) < 0.01) else 0.0
+
+
+def _bandwidth(scores: Floats) -> int:
+    """Andrews's plug-in for Bartlett's kernel, from first-order autoregressions."""
+    count = len(scores)
+    first = np.sum(scores[1:] * scores[:-1], axis=0)
+    rho = np.clip(first / np.maximum(np.sum(scores[:-1] ** 2, axis=0), 1e-300), -0.97, 0.97)
+    spread = np.mean((scores[1:] - rho * scores[:-1]) ** 2, axis=0)
+    above = np.sum(4.0 * rho**2 * spread**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2))
+    below = np.sum(spread**2 / (1.0 - rho) ** 4)
+    alpha = float(above) / float(below) if below > 0.0 else 0.0
+    return min(count // 4, math.ceil(1.1447 * math.cbrt(alpha * count)))
+
+
+def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
+    """(lags + 1,) of a residual, 1 at lag 0; zeros of a residual that is nothing."""
+    centred = errors - np.mean(errors)
+    power = float(centred @ centred)
+    result = np.zeros(lags + 1)
+    if power > 0.0:
+        for lag in range(min(lags, len(errors) - 1) + 1):
+            result[lag] = float(centred[lag:] @ centred[: len(errors) - lag]) / power
+    return result
+
+
+def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats:
+    """(2 lags + 1,) of a residual with the input, lags −n … n; positive: the error follows the input."""
+    e, u = errors - np.mean(errors), inputs - np.mean(inputs)
+    power = math.sqrt(float(e @ e) * float(u @ u))
+    result = np.zeros(2 * lags + 1)
+    if power > 0.0:
+        for lag in range(-min(lags, len(e) - 1), min(lags, len(e) - 1) + 1):
+            part = e[lag:] @ u[: len(u) - lag] if lag >= 0 else e[:lag] @ u[-lag:]
+            result[lags + lag] = float(part) / power
+    return result
+
+
+def is_nothing(errors: Floats, measured: Floats) -> bool:
+    """Whether errors are no more than rounding in double precision, as of data without noise."""
+    return bool(np.max(np.abs(errors)) <= 1e-9 * np.ptp(measured))
+
+
+def is_white(errors: Floats, lags: int = LAGS) -> bool:
+    """Ljung and Box's test of a residual's first autocorrelations."""
+    from scipy.special import gammaincc
+
+    count = len(errors)
+    lags = min(lags, count // 4)
+    if lags < 1:
+        return True
+    rho = autocorrelation(errors, lags)[1:]
+    statistic = count * (count + 2) * np.sum(rho**2 / (count - np.arange(1, lags + 1)))
+    return bool(gammaincc(0.5 * lags, 0.5 * statistic) > _SIGNIFICANT)
+
+
+def fit_percent(measured: Floats, simulated: Floats) -> float:
+    """NRMSE fit 100 (1 − ‖y − ŷ‖/‖y − mean y‖) [%]; NaN for an output that never changes."""
+    spread = float(np.linalg.norm(measured - np.mean(measured)))
+    if spread == 0.0:
+        return math.nan
+    return 100.0 * (1.0 - float(np.linalg.norm(measured - simulated)) / spread)
+
+
+class Criteria(NamedTuple):
+    """Model selection; smaller is better."""
+
+    fpe: float
+    aic: float
+    aicc: float
+    bic: float
+
+
+def criteria(loss: float, deviance: float, samples: int, rows: int, unknowns: int) -> Criteria:
+    """FPE (of the loss, with `rows` sample times), AIC, AICc, BIC from −2 log L without its constants
+    (`deviance`), all `samples` and the number of unknowns.
+    """
+    share = unknowns / rows if rows > unknowns else math.nan
+    likelihood = deviance + samples * (math.log(2.0 * math.pi) + 1.0)
+    aic = likelihood + 2.0 * unknowns
+    spare = rows - unknowns - 1
+    correction = 2.0 * unknowns * (unknowns + 1.0) / spare if spare > 0 else math.nan
+    return Criteria(
+        loss * (1.0 + share) / (1.0 - share),
+        aic,
+        aic + correction,
+        likelihood + unknowns * math.log(rows),
+    )
+
+
+def correlation_of(covariance: Floats) -> Floats:
+    """The correlation matrix; NaN where a variance is not finite."""
+    std = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        result: Floats = covariance / np.outer(std, std)
+    return np.where(np.isfinite(std)[:, None] & np.isfinite(std)[None, :], result, np.nan)
+
+
+def named(groups: Sequence[Sequence[int]], names: Sequence[str]) -> list[str]:
+    """Groups that cannot be told apart, as sentences; those of one unknown are told elsewhere."""
+    return [
+        f"{', '.join(names[k] for k in group[:-1])} and {names[group[-1]]} cannot be told apart"
+        for group in groups
+        if len(group) > 1
+    ]

@@ -1,0 +1,161 @@
+"""`validate`: the fit of a model, of its parameters, and of nothing else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fitting_files import KEPT, TRUTH, call, complaint, driven, noisy, settings, simulated
+from fitting_files import write_columns as write
+
+OUTPUTS = (*KEPT, "gate_angle_deg")
+
+
+@pytest.fixture(scope="module")
+def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """2.5 s of opening by 8 V, of the reference SUV with the TRUTH."""
+    folder = tmp_path_factory.mktemp("opening")
+    out = simulated(folder, driven(2.5, 8.0), *settings(TRUTH))
+    return write(folder / "opening.csv", noisy(out, OUTPUTS))
+
+
+def fit(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    assert call("validate", *arguments, "--json") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    result: dict[str, Any] = json.loads(captured.out)
+    return result
+
+
+def test_the_true_model_leaves_the_noise_alone(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    result = fit(capsys, opening, *settings(TRUTH))
+    assert result["rms"]["left_current_a"] == pytest.approx(0.05, rel=0.1)
+    assert result["rms"]["gate_angle_deg"] == pytest.approx(0.1, rel=0.1)
+    assert result["fit_percent"]["left_current_a"] > 90.0
+    assert result["whiteness"]["left_current_a"]
+
+
+def test_a_wrong_model_fits_worse_and_is_not_adapted(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    right = fit(capsys, opening, *settings(TRUTH))
+    wrong = fit(capsys, opening)
+    for name in ("left_current_a", "left_position_rev", "gate_angle_deg"):
+        assert wrong["fit_percent"][name] < right["fit_percent"][name] - 1.0
+
+
+def test_a_result_of_identify_is_what_its_saved_vehicle_is(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    result, saved = tmp_path / "result.json", tmp_path / "saved.toml"
+    names = ",".join([*TRUTH, "gate.gravity_point[0]"])
+    flags = ("--result", result, "--save-vehicle", saved, "--quiet")
+    assert call("identify", opening, "--estimate", names, *flags) == 0
+    by_result = fit(capsys, opening, "--parameters", result)
+    by_vehicle = fit(capsys, opening, "--vehicle", saved)
+    assert by_result["fit_percent"] == pytest.approx(by_vehicle["fit_percent"])
+    identified = json.loads(result.read_text(encoding="utf-8"))["fit_percent"]
+    assert by_vehicle["fit_percent"] == pytest.approx(identified, rel=1e-6)
+
+
+def test_what_identify_could_not_tell_is_left_as_it_is(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "result.json"
+    content = {
+        "parameters": {
+            "motor.resistance": {"value": TRUTH["motor.resistance"]},
+            "gate.mass": {"value": 999.0},
+        },
+        "identifiable": {"motor.resistance": True, "gate.mass": False},
+    }
+    path.write_text(json.dumps(content), encoding="utf-8")
+    mine = {"motor.resistance": TRUTH["motor.resistance"]}
+    expected = fit(capsys, opening, *settings(mine))
+    assert fit(capsys, opening, "--parameters", path)["rms"] == expected["rms"]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "allowed: a result written by identify"),
+        ("[1]", "allowed: a result written by identify"),
+        ('{"parameters": {}}', "allowed: a result written by identify"),
+        (
+            '{"parameters": {"motor.resistance": {"value": null}}, '
+            '"identifiable": {"motor.resistance": true}}',
+            "allowed: a result written by identify",
+        ),
+        (
+            '{"parameters": {"motor.power": {"value": 1}}, "identifiable": {"motor.power": true}}',
+            "motor.power: no such parameter",
+        ),
+        (
+            '{"parameters": {"gate.mass": {"value": -1}}, "identifiable": {"gate.mass": true}}',
+            "gate.mass: -1; allowed:",
+        ),
+    ],
+)
+def test_what_is_no_result_is_refused(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path, content: str, said: str
+) -> None:
+    path = tmp_path / "result.json"
+    path.write_text(content, encoding="utf-8")
+    (line,) = complaint(capsys, "validate", opening, "--parameters", path)
+    assert str(path) in line
+    assert said in line
+
+
+def test_reports_are_written_and_quiet_is_quiet(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    result, page = tmp_path / "fit.json", tmp_path / "fit.html"
+    assert call("validate", opening, "--result", result, "--html", page, "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+    assert "left_current_a" in json.loads(result.read_text(encoding="utf-8"))["fit_percent"]
+    assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
+
+
+def test_the_text_names_file_output_and_fit(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    assert call("validate", opening, "--outputs", "current", *settings(TRUTH)) == 0
+    text = capsys.readouterr().out
+    assert opening.name in text
+    assert "left_current_a" in text
+    assert "gate_angle_deg" not in text
+
+
+def test_an_output_named_twice_counts_once(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    once = fit(capsys, opening, "--outputs", "current")
+    assert fit(capsys, opening, "--outputs", "current,current") == once
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["none.csv"], "none.csv"),
+        (["--outputs", "speed"], "not measured"),
+        (["--result", "no/where.json"], "no folder"),
+        (["--parameters", "none.json"], "cannot be read"),
+        (["--to", "0.001"], "allowed: 20 or more"),
+        (["--step", "1"], "1e-05 to 0.005"),
+        (["--model", "fourth-order"], "invalid choice"),
+    ],
+)
+def test_wrong_flags_are_one_line(
+    capsys: pytest.CaptureFixture[str], opening: Path, flags: list[str], said: str
+) -> None:
+    (line,) = complaint(capsys, "validate", opening, *flags)
+    assert said in line
+
+
+def test_without_a_file_there_is_nothing_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    (line,) = complaint(capsys, "validate")
+    assert "FILE" in line

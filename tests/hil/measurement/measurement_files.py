@@ -1,0 +1,59 @@
+"""Files that the tests of measurements read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import can
+import numpy as np
+
+from hil.config.rig import Rig
+from hil.measurement.mapping import parse_maps
+from hil.measurement.measurement import Measurement
+from hil.measurement.read import read_measurement
+from hil.recording.bus_log import convert
+
+EPOCH = 1_700_000_000.0
+
+Frame = tuple[float, int, bytes]  # s, identifier (extended above 0x7FF), payload
+
+
+def no_rig() -> Rig:
+    raise AssertionError("only a bus log needs a rig")
+
+
+def read(path: Path, *maps: str) -> Measurement:
+    return read_measurement(path, parse_maps(maps), no_rig)
+
+
+def csv_text(columns: Mapping[str, Sequence[float] | np.ndarray], delimiter: str = ",") -> str:
+    lines = [delimiter.join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(delimiter.join("" if np.isnan(cell) else repr(float(cell)) for cell in row))
+    return "\n".join(lines) + "\n"
+
+
+def write_csv(path: Path, columns: Mapping[str, Sequence[float] | np.ndarray]) -> Path:
+    path.write_text(csv_text(columns), encoding="utf-8")
+    return path
+
+
+def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
+    """A log by python-can's own writer for the suffix."""
+    plain = path.with_suffix(".log") if path.suffix == ".log" else path.with_suffix(".source.log")
+    with can.CanutilsLogWriter(plain) as writer:
+        for time, identifier, payload in frames:
+            writer.on_message_received(
+                can.Message(
+                    timestamp=EPOCH + time,
+                    arbitration_id=identifier,
+                    is_extended_id=identifier > 0x7FF,
+                    is_fd=is_fd,
+                    data=payload,
+                    channel="can0",
+                )
+            )
+    if path.suffix != ".log":
+        convert(plain, path)
+    return path

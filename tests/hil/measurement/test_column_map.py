@@ -1,0 +1,132 @@
+"""`--map`: foreign names and units become ours."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measurement_files import read, write_csv
+
+from hil.errors import ConfigError
+from hil.measurement.mapping import KNOWN, Theirs, parse_maps
+from hil.measurement.units import conversion, units_of
+
+TIMES = np.arange(25) * 0.01
+
+
+@pytest.mark.parametrize(
+    ("given", "ours", "theirs"),
+    [
+        ("left_current_a=Iq", "left_current_a", Theirs("Iq")),
+        ("left_current_a=Iq[mA]", "left_current_a", Theirs("Iq", "mA")),
+        (" left_current_a = Iq [mA] * -0.5", "left_current_a", Theirs("Iq", "mA", -0.5)),
+        ("time_s=a=b*2[ms]", "time_s", Theirs("a=b*2", "ms")),
+        ("voltage_v=U", "voltage_v", Theirs("U")),
+    ],
+)
+def test_a_flag_says_name_unit_and_scale(given: str, ours: str, theirs: Theirs) -> None:
+    assert parse_maps([given]) == {ours: theirs}
+
+
+def test_a_file_says_the_same_and_offsets(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(
+        '[columns]\nleft_current_a = { name = "Iq", unit = "mA", scale = 2.0, offset = -5 }\n'
+        'time_s = "t"\n'
+    )
+    assert parse_maps([str(path), "voltage_v=U"]) == {
+        "left_current_a": Theirs("Iq", "mA", 2.0, -5.0),
+        "time_s": Theirs("t"),
+        "voltage_v": Theirs("U"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "theirs", "ours"),
+    [
+        ("time_s", "ms", 250.0, 0.25),
+        ("time_s", "us", 250.0, 250e-6),
+        ("left_voltage_v", "mV", 12_000.0, 12.0),
+        ("left_current_a", "kA", 0.5, 500.0),
+        ("left_speed_rps", "1/min", 3000.0, 50.0),
+        ("left_speed_rps", "rpm", 3000.0, 50.0),
+        ("left_speed_rps", "rad/s", 4.0 * math.pi, 2.0),
+        ("left_position_rev", "rad", math.pi, 0.5),
+        ("left_position_rev", "deg", 90.0, 0.25),
+        ("left_position_rev", "turns", 3.0, 3.0),
+        ("gate_angle_deg", "rad", math.pi / 3.0, 60.0),
+        ("left_duty", "%", -40.0, -0.4),
+        ("ambient_temperature_degc", "K", 293.15, 20.0),
+        ("ambient_temperature_degc", "degF", 68.0, 20.0),
+        ("road_slope_deg", "mrad", 1000.0 * math.pi / 18.0, 10.0),
+        ("hand_force_n", "kN", 0.2, 200.0),
+        ("left_hall_count", "", 7.0, 7.0),
+    ],
+)
+def test_units_are_converted(column: str, unit: str, theirs: float, ours: float) -> None:
+    factors = conversion(column, unit)
+    assert factors is not None
+    assert factors[0] * theirs + factors[1] == pytest.approx(ours, rel=1e-12)
+
+
+@pytest.mark.parametrize("column", KNOWN)
+def test_every_column_has_its_own_unit(column: str) -> None:
+    assert (1.0, 0.0) in units_of(column).values()
+    assert conversion(column, "") == conversion(column, column.rpartition("_")[2]) == (1.0, 0.0)
+    assert conversion(column, "furlong") is None
+
+
+def test_a_mapped_file_is_read_in_our_units(tmp_path: Path) -> None:
+    columns = {"t": TIMES * 1e3, "U": TIMES * 1e3, "Iq [mA]": TIMES * 1e3, "n": TIMES * 600.0}
+    path = write_csv(tmp_path / "m.csv", columns)
+    measurement = read(
+        path,
+        "time_s=t[ms]",
+        "left_voltage_v=U[mV]*2",
+        "left_current_a=Iq[mA]",
+        "left_speed_rps=n[1/min]*-1",
+    )
+    assert np.allclose(measurement.times, TIMES, rtol=1e-12)
+    assert np.allclose(measurement.columns["left_voltage_v"], 2.0 * TIMES, rtol=1e-12)
+    assert np.allclose(measurement.columns["left_current_a"], TIMES, rtol=1e-12)
+    assert np.allclose(measurement.columns["left_speed_rps"], -10.0 * TIMES, rtol=1e-12)
+
+
+def test_a_map_wins_over_a_column_of_our_name(tmp_path: Path) -> None:
+    columns = {"time_s": TIMES, "voltage_v": TIMES, "left_current_a": TIMES, "other": -TIMES}
+    measurement = read(write_csv(tmp_path / "m.csv", columns), "left_current_a=other")
+    assert np.array_equal(measurement.columns["left_current_a"], -TIMES)
+
+
+def test_a_missing_mapped_column_is_told_with_those_there(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "Iq": TIMES})
+    with pytest.raises(ConfigError) as caught:
+        read(path, "left_current_a=Id", "left_speed_rps=n")
+    assert caught.value.faults == [
+        f"{path}: left_current_a: no column 'Id'; allowed: time_s, voltage_v, Iq",
+        f"{path}: left_speed_rps: no column 'n'; allowed: time_s, voltage_v, Iq",
+    ]
+
+
+def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text('[columns]\nleft_current_a = { name = "I", unit = "V", skale = 1 }\n')
+    with pytest.raises(ConfigError) as caught:
+        parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
+    assert caught.value.faults == [
+        "--map nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, "
+        "or FILE.toml",
+        "--map left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rps, Hz, rpm, rev/s, 1/s, "
+        "1/min, rev/min, rad/s, deg/s",
+        f"--map current=I: current: no such column of ours; allowed: {', '.join(KNOWN)}",
+        "--map time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",
+        f"{path}: columns.left_current_a.skale: 1: unknown key; allowed: name, unit, scale, offset",
+        f"{path}: left_current_a: unit 'V'; allowed: A, mA, kA, uA, µA",
+    ]
+
+
+def test_a_column_may_be_mapped_once_only() -> None:
+    with pytest.raises(ConfigError, match="left_current_a: mapped twice; allowed: once"):
+        parse_maps(["left_current_a=a", "left_current_a=b"])

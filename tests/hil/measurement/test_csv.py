@@ -1,0 +1,226 @@
+"""CSV files: every usual form is read, every fault is told with its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hil_support import CALM
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from measurement_files import csv_text, read, write_csv
+
+from hil.errors import ConfigError
+from hil.measurement.csv_file import open_csv
+from hil.measurement.measurement import INPUTS
+
+TIMES = np.arange(30) * 0.01
+GOOD = {"time_s": TIMES, "left_voltage_v": np.full(30, 6.0), "left_current_a": TIMES * 3.0}
+HEAD = "time_s,left_voltage_v,left_current_a\n"
+
+
+def faults_of(path: Path, *maps: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        read(path, *maps)
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_each_usual_form_gives_the_same_numbers(
+    tmp_path: Path, delimiter: str, encoding: str, newline: str
+) -> None:
+    path = tmp_path / "m.csv"
+    text = csv_text(GOOD, delimiter).replace("\n", newline) + newline
+    path.write_bytes(text.encode(encoding))
+    measurement = read(path)
+    assert measurement.source == str(path)
+    assert not measurement.through_sensors
+    assert np.array_equal(measurement.times, TIMES)
+    for name in ("left_voltage_v", "left_current_a"):
+        assert np.array_equal(measurement.columns[name], GOOD[name])
+
+
+def test_quoted_cells_and_blanks_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text('"time_s", left_voltage_v ,left_current_a\n"0", 1 ,2\n\n"0.1", 1.5 ,"3"\n')
+    measurement = read(path)
+    assert measurement.columns["left_voltage_v"].tolist() == [1.0, 1.5]
+    assert measurement.columns["left_current_a"].tolist() == [2.0, 3.0]
+
+
+@CALM
+@given(
+    arrays.arrays(np.float64, (7, 3), elements=st.floats(-900.0, 900.0, allow_nan=False, width=64)),
+    st.booleans(),
+)
+def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quoted: bool) -> None:
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "m.csv"
+        path.write_text("a,b,c\n" + "\n".join(",".join(map(repr, r)) for r in table.tolist()))
+        file = open_csv(path)
+        faults: list[str] = []
+        fast, slow = file._fast(["a", "c"]), file._slow(["a", "c"], faults)
+        assert fast is not None
+        assert faults == []
+        for i, name in ((0, "a"), (2, "c")):
+            assert np.array_equal(fast[name], slow[name])
+            assert np.array_equal(fast[name], table[:, i])
+
+
+def test_an_empty_output_cell_is_no_sample(tmp_path: Path) -> None:
+    current = TIMES.copy()
+    current[[3, 7]] = np.nan
+    measurement = read(write_csv(tmp_path / "m.csv", {**GOOD, "left_current_a": current}))
+    assert np.array_equal(measurement.columns["left_current_a"], current, equal_nan=True)
+
+
+def test_an_input_of_a_slower_raster_is_held(tmp_path: Path) -> None:
+    volts = np.full(30, np.nan)
+    volts[::5] = [0, 1, 2, 3, 4, 5]
+    measurement = read(write_csv(tmp_path / "m.csv", {**GOOD, "left_voltage_v": volts}))
+    assert measurement.columns["left_voltage_v"].tolist() == np.repeat(np.arange(6.0), 5).tolist()
+
+
+def test_a_hole_in_an_input_is_a_fault(tmp_path: Path) -> None:
+    volts = np.full(30, 6.0)
+    volts[11] = np.nan
+    assert faults_of(write_csv(tmp_path / "m.csv", {**GOOD, "left_voltage_v": volts})) == [
+        "left_voltage_v: empty cell in row 12; allowed: an input has a value in every row, "
+        "or in evenly spaced ones"
+    ]
+
+
+def test_the_voltage_of_both_drives_goes_to_each(tmp_path: Path) -> None:
+    columns = {"time_s": TIMES, "voltage_v": TIMES * 2.0, "left_current_a": TIMES}
+    measurement = read(write_csv(tmp_path / "m.csv", columns))
+    assert list(measurement.columns) == ["left_voltage_v", "right_voltage_v", "left_current_a"]
+    for side in ("left", "right"):
+        assert np.array_equal(measurement.columns[f"{side}_voltage_v"], TIMES * 2.0)
+
+
+def test_position_and_count_are_both_kept(tmp_path: Path) -> None:
+    columns = {**GOOD, "left_position_rev": TIMES, "left_hall_count": np.round(TIMES * 4.0)}
+    measurement = read(write_csv(tmp_path / "m.csv", columns))
+    assert {"left_position_rev", "left_hall_count"} <= set(measurement.columns)
+
+
+def test_columns_that_are_nobodys_business_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("time_s,comment,left_voltage_v,left_current_a\n0,hello,1,2\n1,,1,nan\n")
+    assert faults_of(path) == ["left_current_a: nan in row 2; allowed: a finite number"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", ["empty; allowed: a header and rows"]),
+        (HEAD, ["no rows; allowed: rows below the header"]),
+        ("0,1,2\n1,1,2\n", ["no header; allowed: the columns' names in the first row"]),
+        ("time_s,time_s\n0,1\n", ["time_s: twice in the header; allowed: once"]),
+        (
+            HEAD + "0,1,2\n1,x,inf\n2,y,3\n",
+            [
+                "left_voltage_v: 'x' in row 2 (2 such rows); allowed: a number",
+                "left_current_a: inf in row 2; allowed: a finite number",
+            ],
+        ),
+        (HEAD + "0,1,1e999\n", ["left_current_a: 1e999 in row 1; allowed: a finite number"]),
+        (HEAD + "0,1,1_0\n", ["left_current_a: 1_0 in row 1; allowed: a number"]),
+        (
+            HEAD.replace(",", ";") + "0;1;1,5\n",
+            ["left_current_a: '1,5' in row 1; allowed: a number with a decimal point"],
+        ),
+        (
+            HEAD + "0,5,1,2\n",
+            ["row 1: 4 cells (is it a decimal comma?); allowed: 3, as in the header"],
+        ),
+        (HEAD.replace(",", ";") + "0;5\n", ["row 1: 2 cells; allowed: 3, as in the header"]),
+        (
+            HEAD + "0,1,2\n0.2,1,2\n0.1,1,2\n",
+            ["time_s: row 3; allowed: finite and rising (0.1 s after 0.2 s)"],
+        ),
+        (HEAD + "0,1,2\n,1,2\n", ["time_s: empty cell in row 2; allowed: finite and rising"]),
+        (
+            HEAD + "0,1,20000\n0,-2000,2\n",
+            [
+                "left_voltage_v: -2000 in row 2; allowed: -1000 to 1000; is it mV? "
+                "--map 'left_voltage_v=left_voltage_v[mV]'",
+                "left_current_a: 20000 in row 1; allowed: -10000 to 10000; is it mA? "
+                "--map 'left_current_a=left_current_a[mA]'",
+                "time_s: row 2; allowed: finite and rising (0 s after 0 s)",
+            ],
+        ),
+        (
+            "time_s,left_duty,left_current_a\n0,50,2\n1,100,2\n",
+            [
+                "left_duty: 50 in row 1 (2 such rows); allowed: -1 to 1; is it %? "
+                "--map 'left_duty=left_duty[%]'"
+            ],
+        ),
+        (
+            "time_s,left_voltage_v,left_current_ma\n0,1,2\n",
+            ["left_current_ma: not our unit; allowed: --map 'left_current_a=left_current_ma[mA]'"],
+        ),
+        (
+            "time_ms,left_voltage_v,left_current_a\n0,1,2\n",
+            ["time_ms: not our unit; allowed: --map 'time_s=time_ms[ms]'"],
+        ),
+        (
+            "time_s,left_voltage_v,voltage_v,left_duty,left_current_a\n0,1,1,0,2\n",
+            [
+                "voltage_v and left_voltage_v and left_duty: allowed: one of them",
+            ],
+        ),
+        (
+            "t,left_voltage_v,left_current_a\n0,1,2\n",
+            ["time_s: missing; allowed: a column of seconds, or --map time_s=..."],
+        ),
+        (
+            "time_s,left_current_a\n0,2\n",
+            [f"no input column; allowed: voltage_v, {', '.join(INPUTS)}, others by --map"],
+        ),
+        (
+            "time_s,left_voltage_v,left_current_a\n0,1,\n",
+            ["no sample of any output column"],
+        ),
+    ],
+)
+def test_faults_are_told_all_at_once_with_their_place(
+    tmp_path: Path, text: str, said: list[str]
+) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(text)
+    assert faults_of(path) == said
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"time_s,\xb0\n", "cannot be read: not UTF-8 at byte 7"),
+        (b"time_s\0", "cannot be read: binary; allowed: a CSV text"),
+    ],
+)
+def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "m.csv"
+    path.write_bytes(content)
+    assert faults_of(path) == [said]
+
+
+@pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
+def test_a_file_that_is_not_there_is_told(tmp_path: Path, name: str, rig: object) -> None:
+    from hil.measurement.read import read_measurement
+
+    with pytest.raises(ConfigError, match=r"cannot be read: No such file or directory$"):
+        read_measurement(tmp_path / name, {}, rig)
+
+
+def test_a_suffix_that_nobody_reads_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "m.xlsx"
+    path.write_bytes(b"PK")
+    assert faults_of(path) == ["format '.xlsx'; allowed: .csv, .mf4, .log, .asc, .blf, .trc"]

@@ -1,0 +1,113 @@
+"""What looks like a mistake in a measurement is told with what it is probably."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hil.measurement.checks import Expected, check
+from hil.measurement.measurement import Floats, Measurement
+
+TIMES = np.arange(2000) * 0.001
+SPEED = 40.0 * np.sin(3.0 * TIMES)
+POSITION = 40.0 / 3.0 * (1.0 - np.cos(3.0 * TIMES))
+SUV = Expected(supply_voltage=12.0, stall_current=17.0, hall_counts=4.0)
+
+
+def measured(**columns: Floats) -> Measurement:
+    return Measurement("m.csv", TIMES, {"left_voltage_v": np.full(2000, 6.0), **columns}, False)
+
+
+def test_a_sound_measurement_has_no_faults() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 1.0, 2000)
+    assert (
+        check(
+            measured(
+                left_speed_rps=SPEED + noise,
+                left_position_rev=POSITION,
+                left_hall_count=np.floor(4.0 * POSITION + 0.5),
+                left_current_a=5.0 + noise,
+            ),
+            SUV,
+        )
+        == []
+    )
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (60.0, "left_speed_rps is 60 x the slope of left_position_rev: is it 1/min?"),
+        (2.0 * math.pi, "left_speed_rps is 6.28 x the slope of left_position_rev: is it rad/s?"),
+        (360.0, "left_speed_rps is 360 x the slope of left_position_rev: is it deg/s?"),
+        (
+            1.0 / 360.0,
+            "left_speed_rps is 0.00278 x the slope of left_position_rev: "
+            "is the position in 1/360 rev?",
+        ),
+        (
+            -1.0,
+            "left_speed_rps is -1 x the slope of left_position_rev: has one of them the wrong "
+            "sign? allowed: both grow while opening",
+        ),
+        (3.0, "left_speed_rps is 3 x the slope of left_position_rev; allowed: 0.8 to 1.25"),
+    ],
+)
+def test_a_speed_in_another_unit_is_found(factor: float, said: str) -> None:
+    sparse = np.where(np.arange(2000) % 5 == 0, POSITION, np.nan)
+    m = measured(left_speed_rps=factor * SPEED, left_position_rev=sparse)
+    assert check(m) == [f"m.csv: {said}"]
+
+
+def test_a_speed_is_held_against_the_count_where_there_is_no_position() -> None:
+    m = measured(left_speed_rps=60.0 * SPEED, left_hall_count=np.floor(4.0 * POSITION))
+    assert check(m, SUV) == [
+        "m.csv: left_speed_rps is 60 x the slope of left_hall_count / 4: is it 1/min?"
+    ]
+
+
+def test_a_count_of_another_sensor_is_found() -> None:
+    m = measured(left_position_rev=POSITION, left_hall_count=np.floor(6.0 * POSITION))
+    assert check(m, SUV) == [
+        "m.csv: left_hall_count is 6 x left_position_rev; allowed: 4, the vehicle's "
+        "sensors.hall_counts"
+    ]
+    assert check(m) == []
+
+
+def test_at_rest_nothing_is_compared() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.01, 2000)
+    assert check(measured(left_speed_rps=60.0 * noise, left_position_rev=noise), SUV) == []
+
+
+def test_milliamperes_and_millivolts_are_found() -> None:
+    m = measured(left_current_a=200.0 + TIMES, left_voltage_v=np.full(2000, 900.0))
+    assert check(m, SUV) == [
+        "m.csv: left_current_a: 201.999 in row 2000: is it mA? allowed: up to 170 A with this "
+        "vehicle",
+        "m.csv: left_voltage_v: 900 in row 1: is it mV? allowed: up to 60 V with this vehicle",
+    ]
+
+
+def test_too_few_rows_or_samples_are_faults() -> None:
+    few = np.arange(19) * 0.1
+    assert check(Measurement("m.csv", few, {"left_duty": few * 0.0}, False)) == [
+        "m.csv: 19 rows; allowed: 20 or more"
+    ]
+    sparse = np.where(np.arange(2000) < 7, 1.0, np.nan)
+    assert check(measured(left_current_a=sparse)) == [
+        "m.csv: left_current_a: 7 samples; allowed: 20 or more"
+    ]
+
+
+def test_what_conditioning_must_not_leave_is_a_fault() -> None:
+    times = TIMES.copy()
+    times[100] = times[99]
+    volts = np.full(2000, 6.0)
+    volts[9] = np.nan
+    assert check(Measurement("m.csv", times, {"left_voltage_v": volts}, False)) == [
+        "m.csv: time_s: row 101; allowed: finite and rising",
+        "m.csv: left_voltage_v: nan in row 10; allowed: -1000 to 1000",
+    ]

@@ -1,0 +1,170 @@
+"""MF4 channels: rasters of their own, units of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from measurement_files import read
+
+from hil.errors import ConfigError
+
+asammdf = pytest.importorskip("asammdf")
+
+
+def write(path: Path, *groups: list[tuple[str, np.ndarray, np.ndarray, str]]) -> Path:
+    """Channels (name, times, samples, unit); a list of them is a group with one raster."""
+    with asammdf.MDF(version="4.10") as measurement:
+        for group in groups:
+            measurement.append(
+                [
+                    asammdf.Signal(
+                        samples,
+                        times,
+                        name=name,
+                        unit=unit,
+                        encoding="utf-8" if samples.dtype.kind == "S" else None,
+                    )
+                    for name, times, samples, unit in group
+                ]
+            )
+        measurement.save(path, overwrite=True)
+    return path
+
+
+FINE = np.arange(100) * 0.001
+COARSE = np.arange(10) * 0.01
+
+
+def faults_of(path: Path, *maps: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        read(path, *maps)
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.faults]
+
+
+def test_rasters_join_and_inputs_are_held(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", FINE, FINE * 2.0, "A")],
+        # The same instants by another clock: off by rounding.
+        [("left_voltage_v", COARSE * (1.0 + 1e-12), np.arange(10.0), "V")],
+        [("gate_angle_deg", np.cumsum(np.full(9, 0.01)), np.arange(9.0), "deg")],
+    )
+    m = read(path)
+    assert not m.through_sensors
+    assert np.allclose(m.times, FINE, rtol=0, atol=1e-9)
+    assert np.allclose(m.columns["left_current_a"], FINE * 2.0, rtol=0, atol=1e-12)
+    assert m.columns["left_voltage_v"].tolist() == np.repeat(np.arange(10.0), 10).tolist()
+    angle = m.columns["gate_angle_deg"]
+    assert np.flatnonzero(np.isfinite(angle)).tolist() == list(range(10, 100, 10))
+
+
+def test_it_begins_where_all_inputs_are_known(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", FINE, FINE, "A")],
+        [("left_voltage_v", COARSE + 0.02, np.arange(10.0), "V")],
+    )
+    m = read(path)
+    assert m.times[0] == pytest.approx(0.02)
+    assert m.columns["left_voltage_v"][0] == 0.0
+    assert m.columns["left_current_a"][0] == pytest.approx(0.02)
+    assert m.notes == ("begins at 0.02 s, the first sample of all inputs",)
+
+
+def test_a_channels_own_unit_is_converted(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.mf4",
+        [
+            ("left_current_a", FINE, FINE * 1e3, "mA"),
+            ("left_voltage_v", FINE, FINE, ""),
+            ("speed", FINE, FINE * 60.0, "1/min"),
+            ("angle", FINE, np.degrees(FINE), "no unit at all"),
+        ],
+    )
+    m = read(path, "left_speed_rps=speed", "gate_angle_deg=angle[deg]")
+    assert np.allclose(m.columns["left_current_a"], FINE, rtol=1e-12)
+    assert np.allclose(m.columns["left_speed_rps"], FINE, rtol=1e-12)
+    assert np.allclose(m.columns["gate_angle_deg"], np.degrees(FINE), rtol=1e-12)
+
+
+def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", FINE, FINE, "V"), ("left_voltage_v", FINE, FINE, "V")],
+    )
+    assert faults_of(path) == [
+        "left_current_a: unit 'V'; allowed: A, mA, kA, uA, µA; "
+        "or --map 'left_current_a=left_current_a[unit]'"
+    ]
+    m = read(path, "left_current_a=left_current_a[A]*2")
+    assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
+
+
+def test_whole_numbers_and_switches_are_numbers(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.mf4",
+        [
+            ("left_duty", FINE, np.full(100, 50, dtype=np.uint8), "%"),
+            ("left_hall_count", FINE, np.arange(100, dtype=np.int16), "count"),
+        ],
+    )
+    m = read(path)
+    assert set(m.columns["left_duty"]) == {0.5}
+    assert np.array_equal(m.columns["left_hall_count"], np.arange(100.0))
+
+
+def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
+    current, volts = FINE.copy(), FINE.copy()
+    current[[4, 9]] = np.nan
+    volts[7] = 5000.0
+    path = write(
+        tmp_path / "m.mf4",
+        [
+            ("left_current_a", FINE, current, "A"),
+            ("left_voltage_v", FINE, volts, "V"),
+            ("left_speed_rps", FINE, np.array([b"fast"] * 100), ""),
+        ],
+    )
+    assert faults_of(path) == [
+        "left_current_a: nan in sample 5 (2 such samples); allowed: a finite number",
+        "left_speed_rps: no numbers; allowed: one number a sample",
+        "left_voltage_v: 5000 in sample 8; allowed: -1000 to 1000; is it mV? "
+        "--map 'left_voltage_v=left_voltage_v[mV]'",
+    ]
+
+
+def test_a_channel_in_two_groups_and_times_of_ones_own_are_faults(tmp_path: Path) -> None:
+    group = [("left_current_a", FINE, FINE, "A"), ("left_voltage_v", FINE, FINE, "V")]
+    path = write(tmp_path / "m.mf4", group, group[:1])
+    assert faults_of(path) == ["left_current_a: in 2 groups; allowed: in one"]
+    assert "time_s: mapped; allowed: no such map, MF4 channels have times" in faults_of(
+        path, "time_s=left_current_a"
+    )
+
+
+def test_times_that_do_not_rise_are_a_fault(tmp_path: Path) -> None:
+    late = FINE.copy()
+    late[50] = late[49]
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", FINE, FINE, "A")],
+        [("left_voltage_v", late, FINE, "V")],
+    )
+    assert faults_of(path) == [
+        "left_voltage_v: its time 0.049 s in sample 51 does not come after the one before; "
+        "allowed: finite and rising"
+    ]
+
+
+def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
+    none = np.zeros(0)
+    path = write(
+        tmp_path / "m.mf4",
+        [("left_current_a", none, none, "A"), ("left_voltage_v", none, none, "V")],
+    )
+    assert faults_of(path) == [
+        "no sample of any input column",
+        "no sample of any output column",
+    ]

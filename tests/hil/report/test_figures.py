@@ -1,0 +1,151 @@
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import report_support
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from hil.report import figures, figures_estimates
+from hil.report.drawing import limits, png, svg, thin
+from plant.identify.result import Experiment
+
+EXPERIMENT = (figures.trace_figure, figures.error_figure, figures.residual_figure)
+ESTIMATES = (
+    figures_estimates.parameter_figure,
+    figures_estimates.correlation_figure,
+    figures_estimates.loss_figure,
+    figures_estimates.profile_figure,
+)
+
+
+def words(figure):
+    return {each.get_text() for each in figure.findobj(lambda each: hasattr(each, "get_text"))}
+
+
+@pytest.mark.parametrize("draw", EXPERIMENT)
+def test_figures_of_an_experiment_render(draw, found, judged):
+    for experiment in (found.experiments[0], judged.experiments[0]):
+        assert png(draw(experiment), 50).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("draw", ESTIMATES)
+def test_figures_of_the_estimates_render(draw, found, hostile):
+    for result in (found, hostile):
+        assert png(draw(result), 50).startswith(b"\x89PNG")
+
+
+def test_traces_name_quantities_units_and_models(found, judged):
+    shown = words(figures.trace_figure(found.experiments[0]))
+    assert shown >= {
+        "time [s]", "voltage [V]", "left current\n[A]", "left speed\n[rev/s]", "left position\n[rev]",
+        "gate angle\n[deg]", "measured", "initial model", "estimated model",
+    }  # fmt: skip
+    assert "initial model" not in words(figures.trace_figure(judged.experiments[0]))
+
+
+def spoilt(experiment, value):
+    """The models diverge halfway."""
+    rows = []
+    for each in experiment.series:
+        bad = each.simulated.copy()
+        bad[len(bad) // 2 :] = value
+        rows.append(
+            replace(
+                each, simulated=bad, before=bad, fit_percent=-np.inf, rms=np.inf, maximum=np.nan,
+                autocorrelation=each.autocorrelation * np.nan, band=np.nan,
+            )
+        )  # fmt: skip
+    return replace(experiment, series=tuple(rows))
+
+
+@pytest.mark.parametrize("draw", EXPERIMENT)
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_a_diverged_model_is_drawn_as_far_as_it_goes(draw, value, found):
+    assert png(draw(spoilt(found.experiments[0], value)), 40)
+
+
+@pytest.mark.parametrize("draw", EXPERIMENT)
+def test_an_experiment_with_little_in_it_is_drawn(draw):
+    empty = Experiment("empty", np.empty(0), np.empty(0), ())
+    lone = report_support.experiment_of("short", 60, 1)
+    one = replace(
+        lone.series[0],
+        times=np.zeros(1), measured=np.ones(1), simulated=np.ones(1), before=np.empty(0),
+        autocorrelation=np.ones(1), crosscorrelation=np.zeros(1), band=np.inf,
+    )  # fmt: skip
+    none = replace(one, times=np.empty(0), measured=np.empty(0), simulated=np.empty(0))
+    for experiment in (empty, replace(lone, series=(one,)), replace(lone, series=(none, one))):
+        assert png(draw(experiment), 40)
+
+
+def test_strange_estimates_are_drawn(found):
+    strange = replace(
+        found,
+        history=np.array([np.inf, -1.0, np.nan]),
+        parameters=tuple(replace(each, value=-each.value) for each in found.parameters),
+        correlation=np.full((5, 5), np.nan),
+    )
+    alone = report_support.estimates()[4]
+    bare = replace(found, parameters=(alone,), correlation=np.ones((1, 1)), history=np.empty(0))
+    lost = replace(
+        found,
+        parameters=tuple(replace(each, value=np.nan, std=np.nan) for each in found.parameters),
+    )
+    for result in (strange, bare, lost):
+        for draw in ESTIMATES:
+            assert png(draw(result), 40)
+
+
+def test_colours_are_the_page_s_and_identifiers_are_apart(found):
+    figure = figures_estimates.parameter_figure(found)
+    one, other = svg(figure, "one", "t"), svg(figure, "other", "t")
+    assert "var(--final, #0072b2)" in one
+    assert "var(--ink" in one
+    assert 'id="one-' in one
+    assert "one-" not in other
+    assert "http" not in one
+    assert svg(figure, "one", "t") == one  # the same bytes every time
+
+
+def test_tick_labels_are_not_rounded_with_the_paths(found):
+    first = found.experiments[0]
+    row = first.series[0]
+    small = replace(row, measured=row.measured * 1e-3, simulated=row.simulated * 1e-3)
+    text = svg(figures.error_figure(replace(first, series=(small,))), "x", "t")
+    assert re.search(r">.?0\.000[1-9]", text)
+    assert not re.search(r' d="[^"]*\.\d{3}', text)
+
+
+@given(
+    arrays(np.float64, st.integers(0, 300), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
+    st.integers(4, 60),
+)
+def test_thinning_keeps_the_peaks_and_the_limit(values, limit):
+    times = np.arange(len(values), dtype=np.float64)
+    few_times, few = thin(times, values, limit)
+    assert len(few) == len(few_times) <= max(limit, 0)
+    assert (np.diff(few_times) > 0).all()
+    known = values[np.isfinite(values)]
+    if len(known):
+        assert np.nanmax(few) == known.max()
+        assert np.nanmin(few) == known.min()
+
+
+def test_a_wild_initial_model_does_not_crush_the_measurement():
+    low, high = limits(np.array([0.0, 1.0]), np.array([-1e6, 1e6]))
+    assert -1.5 < low < -0.9
+    assert 1.9 < high < 2.5
+    assert limits(np.array([np.nan]), np.empty(0)) is None
+
+
+def test_matplotlib_is_not_loaded_until_something_is_drawn():
+    code = (
+        "import sys, hil.report.html, hil.report.text, hil.report.json_result;"
+        "sys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,139 @@
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+import report_support
+
+from hil.report.html import identification_html, validation_html
+
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Checks nesting; collects text, identifiers, references and elements."""
+
+    def __init__(self, html):
+        super().__init__(convert_charrefs=True)
+        self.open, self.words, self.ids, self.links, self.tags = [], [], [], [], []
+        self.attributes = set()
+        self.feed(html)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self._note(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self._note(tag, attrs)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.words.append(data)
+
+    def _note(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            self.attributes.add(name)
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "xlink:href", "src", "action", "data"):
+                self.links.append(value)
+            self.links += re.findall(r"url\(([^)]*)\)", value or "")
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def pages(found, judged, hostile):
+    return {
+        "found": identification_html(found),
+        "judged": validation_html(judged),
+        "hostile": identification_html(hostile),
+    }
+
+
+@pytest.mark.parametrize("name", ["found", "judged", "hostile"])
+def test_a_page_is_well_formed_and_refers_to_nothing_outside(name, pages):
+    page = Page(pages[name])
+    assert len(page.ids) == len(set(page.ids))
+    assert page.links
+    for link in page.links:
+        if link.startswith("data:image/png;base64,"):  # the colour bar
+            continue
+        assert link.startswith("#")
+        assert link[1:] in page.ids
+    assert not {"script", "iframe", "object", "link", "base", "form"} & set(page.tags)
+    assert not [each for each in page.attributes if each.startswith("on")]
+    assert not re.search(r"https?:|@import|file:", pages[name])
+    pages[name].encode("utf-8")
+
+
+def test_names_from_files_are_text_only(pages):
+    page = Page(pages["hostile"])
+    assert "<script>alert('x')</script>&\"$\\frac{a}" in page.text
+    assert "\x1b" not in pages["hostile"]
+    assert "\u202e" not in pages["hostile"]
+
+
+def test_warnings_come_first(pages):
+    text = Page(pages["found"]).text
+    order = [
+        "motor.inductance cannot be told: its standard deviation is 15 times its value", "only their product",
+        "residuals are not white", "std %", "2.128", "before %", "Measured and simulated", "decimated from",
+    ]  # fmt: skip
+    places = [text.index(each) for each in order]
+    assert places == sorted(places)
+
+
+def test_a_page_has_every_figure(pages):
+    assert pages["found"].count("<figure") == 4 + 3 * 2
+    assert pages["judged"].count("<figure") == 3 * 2
+    assert Page(pages["found"]).tags.count("svg") == 10
+
+
+def test_a_page_of_long_measurements_stays_small():
+    found = report_support.identification(10_000, names=("a.csv", "b.csv", "c.csv"))
+    assert len(identification_html(found).encode()) < 2_000_000
+
+
+def test_many_experiments_are_all_in_the_table_but_not_all_drawn():
+    judged = report_support.validation(
+        60, names=[f"{i}.csv" for i in range(10)], columns=("left_current_a",)
+    )
+    page = Page(validation_html(judged))
+    assert page.tags.count("svg") == 8 * 3
+    assert "no figures, to keep the page small: 8.csv, 9.csv" in page.text
+
+
+def test_a_result_with_nothing_in_it_is_still_a_page(judged):
+    bare = report_support.identification(
+        50, names=(), columns=(), parameters=(), initial_states=(), profiles=(), inseparable=(),
+        notes=(), covariance=np.empty((0, 0)), correlation=np.empty((0, 0)), history=np.empty(0),
+    )  # fmt: skip
+    assert "svg" not in Page(identification_html(bare)).tags
+    assert "0 experiments" in Page(validation_html(replace(judged, experiments=()))).text
+
+
+def test_a_failed_search_is_still_a_page(found):
+    lost = replace(
+        found,
+        parameters=tuple(
+            replace(each, value=np.nan, std=np.nan, identifiable=False) for each in found.parameters
+        ),
+        covariance=np.full((5, 5), np.nan),
+        correlation=np.full((5, 5), np.nan),
+        noise_variance=np.full((4, 4), np.inf),
+        loss=np.nan,
+        history=np.array([np.nan, np.inf]),
+        condition_number=np.inf,
+    )
+    assert "motor.resistance cannot be told" in Page(identification_html(lost)).text

@@ -1,0 +1,167 @@
+"""How often the 95 % intervals cover the truth, over many seeds: of Gaussian noise, and of the whole sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import build
+from plant.identify.data import Data, rows_of
+from plant.identify.identification import identify
+from plant.identify.parameters import find_parameter, value_of
+from plant.identify.problem import Problem, Sought
+from plant.identify.trajectory import MODELS, REST, trajectory
+from plant.sensors import Sensors
+from plant.vehicle import load_of, plant_of
+from tools.identification.measurements import RATE, measure, true_vehicle
+
+Floats = NDArray[np.float64]
+
+QUANTILE = 1.96  # of the standard normal distribution, 95 %
+
+# What the data are made with; the search begins at the shipped SUV.
+TRUTH = {
+    "motor.resistance": 0.8,
+    "motor.inductance": 4.37e-5,
+    "motor.rotor_inertia": 1.47e-5,
+    "motor.load_torque": 0.0015,
+    "motor.speed_constant": 0.08,
+    "spring.preload": 320.0,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One kind of data."""
+
+    name: str
+    model: str
+    estimate: tuple[str, ...]
+    sensors: (
+        bool  # the whole sensors, with rounding; else Gaussian noise alone, made by the same model
+    )
+
+
+CASES = (
+    Case("third-order model, Gaussian noise", "third-order", tuple(TRUTH)[:4], False),
+    Case(
+        "full plant, Gaussian noise, opening and closing",
+        "full",
+        ("motor.resistance", *tuple(TRUTH)[2:]),
+        False,
+    ),
+    Case(
+        "full plant, Hall counts and converters, opening and closing",
+        "full",
+        ("motor.resistance", *tuple(TRUTH)[2:]),
+        True,
+    ),
+)
+_NOISE = {"left_current_a": 0.05, "left_position_rev": 0.1, "gate_angle_deg": 0.1}
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors in standard deviations (seeds, parameters), and which estimates were called identifiable."""
+
+    names: tuple[str, ...]
+    z: Floats
+    told: NDArray[np.bool_]
+
+    def covered_percent(self) -> Floats:
+        """Share of the seeds (parameters,) in which the 95 % interval covers the truth."""
+        percent: Floats = 100.0 * np.mean(np.abs(self.z) <= QUANTILE, axis=0)
+        return percent
+
+    def worst(self) -> float:
+        """Largest error of an estimate that was called identifiable, in standard deviations."""
+        return float(np.max(np.abs(self.z[self.told])))
+
+
+def scores(case: Case, seeds: int) -> Scores:
+    """Estimate from as many sets of data."""
+    with ProcessPoolExecutor() as pool:
+        results = list(pool.map(_one, [case] * seeds, range(seeds), chunksize=5))
+    return Scores(
+        case.estimate,
+        np.array([z for z, _ in results]),
+        np.array([told for _, told in results], dtype=np.bool_),
+    )
+
+
+def _one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
+    shipped, vehicle = build.vehicle_from("suv"), true_vehicle(TRUTH)
+    data = _sensed(seed) if case.sensors else _gaussian(case.model, seed)
+    sought = []
+    for name in case.estimate:
+        parameter = find_parameter(vehicle, name)
+        quantity = parameter.quantity
+        sought.append(Sought(parameter, value_of(shipped, parameter), quantity.low, quantity.high))
+    outputs = list(data[0].outputs)
+    result = identify(Problem(vehicle, case.model, sought, data, outputs))
+    z = [(each.value - TRUTH[each.name]) / each.std for each in result.parameters]
+    return z, [each.identifiable for each in result.parameters]
+
+
+def _sensed(seed: int) -> list[Data]:
+    """Opening and closing through the sensors, from other angles each time."""
+    rng = np.random.default_rng(10_000 + seed)
+    vehicle = true_vehicle(TRUTH)
+    found = []
+    for name, volts, low, high in (("opening", 12.0, 5.0, 15.0), ("closing", -9.0, 65.0, 75.0)):
+        columns = measure(
+            vehicle, volts, float(rng.uniform(low, high)), 3.0, 2 * seed + (volts > 0)
+        )
+        outputs = {
+            "left_current_a": columns["left_current_a"],
+            "left_position_rev": columns["left_hall_count"] / 4.0,
+            "gate_angle_deg": columns["gate_angle_deg"],
+        }
+        rows = rows_of({"left_voltage_v": columns["voltage_v"]}, len(columns["time_s"]))
+        found.append(Data(name, columns["time_s"], rows, outputs))
+    return found
+
+
+def _gaussian(model: str, seed: int) -> list[Data]:
+    """An opening that stops and closes again, by the model itself, with white noise."""
+    rng = np.random.default_rng(seed)
+    vehicle = true_vehicle(TRUTH)
+    times = np.arange(round(4.0 * RATE) + 1) / RATE
+    share = times / times[-1]
+    volts = np.select(
+        [share < 0.55, share < 0.65], [12.0 * np.minimum(1.0, times / 0.3), 0.0], -8.0
+    )
+    rows = rows_of({"left_voltage_v": volts}, len(times))
+    base = load_of(vehicle)._replace(latch_released=1.0)
+    start = REST._replace(angle=0.0 if model == "full" else 0.1)
+    out = trajectory(plant_of(vehicle), Sensors(), base, start, MODELS[model], times, rows, 1e-3)
+    outputs = {
+        name: out[:, column] + std * rng.standard_normal(len(times))
+        for (name, std), column in zip(_NOISE.items(), (0, 4, 6), strict=True)
+    }
+    return [Data("opening and closing", times, rows, outputs)]
+
+
+def table(cases: Sequence[tuple[Case, Scores]]) -> list[str]:
+    """Lines of a table."""
+    lines = [
+        "| data | parameter | covered by 95 % intervals | mean error, std | spread of errors, std |",
+        "|---|---|---|---|---|",
+    ]
+    for case, found in cases:
+        covered = found.covered_percent()
+        for k, name in enumerate(found.names):
+            z = found.z[:, k]
+            lines.append(
+                f"| {case.name} | `{name}` | {covered[k]:.1f} % | {np.mean(z):+.2f} | {np.std(z):.2f} |"
+            )
+        told = int(np.sum(found.told))
+        lines.append(
+            f"| {case.name} | all | **{float(np.mean(covered)):.1f} %** | worst of {told} identifiable | "
+            f"{found.worst():.2f} |"
+        )
+    return lines

@@ -1,0 +1,110 @@
+"""Opening and closing measurements of a gate of known truth, as the thesis's test assembly would give them.
+
+The thesis's raw data are not public. Here the full plant of the reference SUV, with other motor values, is
+stepped at 0.1 ms; what a logger at 1 kHz sees of it is written:
+
+    voltage_v        proportional to the PWM of the control unit: 8 bit of 12 V, ramped up in 0.3 s (§4.3)
+    left_current_a   with the noise of a shunt's amplifier (0.05 A) and a 12-bit converter of ±20 A
+    left_speed_rps   the control unit's Hall speed, a rounded whole number (§4.6.1)
+    left_hall_count  four counts a revolution
+    gate_angle_deg   the potentiometer on the hinge, with 0.1 deg of noise (§4.2.3)
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil import build
+from plant.identify.data import rows_of
+from plant.identify.parameters import find_parameter, with_values
+from plant.identify.trajectory import REST, trajectory
+from plant.sensors import Sensors
+from plant.vehicle import Vehicle, load_of, plant_of
+
+Floats = NDArray[np.float64]
+
+# What the thesis found (Table 4.1) for resistance, inertia and load; the rest as in the data sheets.
+TRUTH = {
+    "motor.resistance": 2.128,
+    "motor.inductance": 4.37e-5,
+    "motor.rotor_inertia": 1.47e-5,
+    "motor.load_torque": 0.001,
+    "motor.torque_constant": 0.0122,
+    "motor.speed_constant": 0.0769,
+    "motor.efficiency": 0.82,
+}
+CURRENT_NOISE, ANGLE_NOISE = 0.05, 0.1  # A, deg
+_CURRENT_STEP = 40.0 / 4096  # A
+_PWM_STEPS = 255
+_RAMP = 0.3  # s
+_STEP = 1e-4  # s, of the truth
+RATE = 1000.0  # Hz, of the logger
+
+
+def true_vehicle(truth: dict[str, float] | None = None) -> Vehicle:
+    """The reference SUV with the true values."""
+    vehicle = build.vehicle_from("suv")
+    values = TRUTH if truth is None else truth
+    return with_values(
+        vehicle, [find_parameter(vehicle, name) for name in values], [*values.values()]
+    )
+
+
+def pwm_voltage(times: Floats, full: float, supply: float, until: float) -> Floats:
+    """A ramp to `full` volts and off at `until` s, in whole steps of the PWM."""
+    duty = np.clip(times / _RAMP, 0.0, 1.0) * full / supply * (times < until)
+    volts: Floats = np.round(duty * _PWM_STEPS) / _PWM_STEPS * supply
+    return volts
+
+
+def measure(
+    vehicle: Vehicle,
+    volts: float,
+    angle_deg: float,
+    duration: float,
+    seed: int,
+    slope_deg: float = 0.0,
+) -> dict[str, Floats]:
+    """Columns of one measurement: from rest at an angle, with `volts` on both motors."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(round(duration * RATE) + 1) / RATE
+    voltage = pwm_voltage(times, volts, vehicle.supply.voltage, duration - 0.2)
+    rows = rows_of({"left_voltage_v": voltage}, len(times))
+    rows[:, 7] = slope_deg
+    start = REST._replace(angle=math.radians(angle_deg))
+    base = load_of(vehicle)._replace(latch_released=1.0)
+    out = trajectory(plant_of(vehicle), Sensors(), base, start, 0, times, rows, _STEP)
+    current = out[:, 0] + CURRENT_NOISE * rng.standard_normal(len(times))
+    angle = out[:, 6] + ANGLE_NOISE * rng.standard_normal(len(times))
+    return {
+        "time_s": times,
+        "voltage_v": voltage,
+        "left_current_a": np.round(current / _CURRENT_STEP) * _CURRENT_STEP,
+        "left_speed_rps": np.round(out[:, 2]),
+        "left_hall_count": np.floor(4.0 * out[:, 4] + 0.5),
+        "gate_angle_deg": np.round(angle, 3),
+        "road_slope_deg": np.full(len(times), slope_deg),
+    }
+
+
+def write_csv(path: Path, columns: dict[str, Floats]) -> None:
+    """The columns as `identify` reads them."""
+    with path.open("w", encoding="ascii", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(
+            zip(*(column.round(9).tolist() for column in columns.values()), strict=True)
+        )
+
+
+def write_thesis_data(folder: Path, seed: int = 2008) -> None:
+    """opening.csv and closing.csv."""
+    vehicle = true_vehicle()
+    top = math.degrees(vehicle.gate.open_angle)
+    write_csv(folder / "opening.csv", measure(vehicle, 12.0, 0.0, 6.0, seed))
+    write_csv(folder / "closing.csv", measure(vehicle, -12.0, top, 6.0, seed + 1))

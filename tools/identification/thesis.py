@@ -1,0 +1,66 @@
+"""The three runs of the thesis (§4.6) on generated data of known truth, beside its Tables 4.1 and 4.2."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from tools.identification.measurements import TRUTH
+
+# The seal's phase is cut and the data are thinned out, as in §4.6.1.
+CUT = ("--cut-angle", "1:78", "--decimate", "10")
+# (estimate, standard deviation) in the thesis
+TABLE_4_1 = {
+    "motor.resistance": (2.12797, 0.0217914),
+    "motor.inductance": (4.20318e-5, 61.14862e-5),
+    "motor.rotor_inertia": (1.47e-5, 2.81633e-7),
+    "motor.load_torque": (0.001, 0.000434814),
+}
+TABLE_4_2 = {
+    "motor.resistance": (2.11041, 0.0387357),
+    "motor.inductance": (2.47601e-5, 38.388e-5),
+    "motor.torque_constant": (0.0118198, 0.00029829),
+    "motor.speed_constant": (0.0776828, 0.000627679),
+    "motor.efficiency": (0.960724, 0.0283763),
+}
+RUNS: dict[str, dict[str, tuple[float, float]]] = {
+    "thesis-1": TABLE_4_1,
+    "thesis-2": TABLE_4_2,
+    "thesis-3": {},
+}
+
+
+def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
+    """The result of one run on opening.csv."""
+    target = folder / f"{preset}.json"
+    command = [
+        sys.executable, "-m", "hil", "identify", str(folder / "opening.csv"), "--preset", preset,
+        *flags, "--result", str(target), "--quiet",
+    ]  # fmt: skip
+    subprocess.run(command, check=True, timeout=600)
+    content: dict[str, Any] = json.loads(target.read_text())
+    return content
+
+
+def table(result: dict[str, Any], thesis: dict[str, tuple[float, float]]) -> list[str]:
+    """One run's estimates, beside the thesis's."""
+    lines = [
+        "| parameter | truth | initial | found | std | told | thesis found | std |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, each in result["parameters"].items():
+        value, std = thesis.get(name, (None, None))
+        told = "yes" if result["identifiable"][name] else "**no**"
+        lines.append(
+            f"| `{name}` | {TRUTH[name]:.4g} | {each['initial']:.4g} | {each['value']:.4g} | "
+            f"{_shown(each['std'])} | {told} | {_shown(value)} | {_shown(std)} |"
+        )
+    fits = ", ".join(f"{name} {fit:.1f} %" for name, fit in result["fit_percent"].items())
+    return [*lines, "", f"Fit: {fits}."]
+
+
+def _shown(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
