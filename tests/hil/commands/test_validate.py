@@ -22,7 +22,7 @@ def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def fit(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    assert call("validate", *arguments, "--json") == 0
+    assert call("validate", *arguments, "--json", "--quiet") == 0
     captured = capsys.readouterr()
     assert captured.err == ""
     result: dict[str, Any] = json.loads(captured.out)
