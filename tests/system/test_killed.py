@@ -16,6 +16,7 @@ import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import can
 import pytest
@@ -78,26 +79,39 @@ def rows_in(path: Path) -> list[list[float]]:
     return [[float(cell) for cell in row] for row in rows[1:]]
 
 
-def check_text(lines: list[str], rows: list[list[float]], killed: float) -> None:
+class Death(NamedTuple):
+    """When a process was certainly still alive, and when it certainly no longer was."""
+
+    alive: float
+    gone: float
+
+
+def kill(child: subprocess.Popen[str]) -> Death:
+    alive = time.time()
+    child.kill()
+    child.wait(timeout=PATIENCE)
+    return Death(alive, time.time())
+
+
+def check_text(lines: list[str], rows: list[list[float]], death: Death) -> None:
     assert all(LINE.fullmatch(line) for line in lines)
     first, last = (float(line[1:18]) for line in (lines[0], lines[-1]))
-    assert killed - LOST_S <= last <= killed + 0.001
+    assert death.alive - LOST_S <= last <= death.gone
     times = [row[0] for row in rows]
     assert times == sorted(set(times))
     # Model time begins with the first frame, to a cycle of the bus.
-    assert times[-1] >= killed - first - LOST_S
+    assert times[-1] >= death.alive - first - LOST_S
 
 
-def killed_emulator(folder: Path, seed: int) -> float:
+def killed_emulator(folder: Path, seed: int) -> Death:
     """Kill one; when it was, once its orphan has completed the files."""
     with emulator(folder) as child:
         time.sleep(random.Random(seed).uniform(0.1, 1.5))
-        killed = time.time()
-        child.kill()
+        death = kill(child)
         # The recorder holds the same pipe, so that it ends with the recorder.
         _, complaints = child.communicate(timeout=PATIENCE)
         assert complaints == ""
-    return killed
+    return death
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
@@ -107,17 +121,17 @@ def test_a_killed_emulators_recordings_are_whole_to_the_last_second(tmp_path: Pa
         folder.mkdir()
     with ThreadPoolExecutor(4) as pool:
         kills = list(pool.map(killed_emulator, folders, ROUNDS))
-    for folder, killed in zip(folders, kills, strict=True):
+    for folder, death in zip(folders, kills, strict=True):
         assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
         text = (folder / "a.log").read_text()
         assert text.endswith("\n")
-        check_text(text.splitlines(), rows_in(folder / "a.csv"), killed)
+        check_text(text.splitlines(), rows_in(folder / "a.csv"), death)
         frames = frames_in(folder / "a.log")
         assert len(frames) == len(text.splitlines()) > 10
         for name in ("a.blf", "a.mf4"):
             others = frames_in(folder / name)
             assert [frame[:2] for frame in others] == [frame[:2] for frame in frames], name
-            assert killed - LOST_S <= others[-1][2] <= killed + 0.001, name
+            assert death.alive - LOST_S <= others[-1][2] <= death.gone, name
         with MDF(folder / "a.mf4") as measured:
             assert measured.bus_logging_map["CAN"]
             stamps = sum(len(measured.get_master(index)) for index in range(len(measured.groups)))
@@ -130,15 +144,14 @@ def test_the_text_survives_when_all_processes_are_killed(tmp_path: Path, seed: i
         time.sleep(random.Random(seed).uniform(0.1, 1.5))
         recorder = recorder_of(tmp_path)
         assert recorder
-        killed = time.time()
         os.kill(recorder, signal.SIGKILL)
-        child.kill()
+        death = kill(child)
         child.communicate(timeout=PATIENCE)
     for name in ("a.log", "a.mf4.log", "a.blf.log"):
         whole, _, _torn = (tmp_path / name).read_text().rpartition("\n")
         table, _, _torn = (tmp_path / "a.csv").read_text().rpartition("\n")
         (tmp_path / "whole.csv").write_text(table)
-        check_text(whole.splitlines(), rows_in(tmp_path / "whole.csv"), killed)
+        check_text(whole.splitlines(), rows_in(tmp_path / "whole.csv"), death)
     assert not (tmp_path / "a.mf4").exists()
 
 
