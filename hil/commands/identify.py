@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -290,7 +289,6 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
 
 def _plan(args: argparse.Namespace) -> int:
     """Rank experiments."""
-    from hil.report.json_result import write_json
     from hil.report.plan import plan_json, plan_text
     from plant.identify.design import candidates, plan
 
@@ -309,10 +307,6 @@ def _plan(args: argparse.Namespace) -> int:
         )
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
-    if args.json:
-        print(json.dumps(plan_json(result), allow_nan=False))
-    elif not args.quiet:
-        print(plan_text(result))
-    if args.result:
-        write_json(args.result, "--result", plan_json(result))
+    # No page: --html is refused above.
+    fitting.deliver(args, plan_json(result), lambda: plan_text(result), str)
     return 0
