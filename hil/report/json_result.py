@@ -39,6 +39,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
         "parameter_names": [each.name for each in parameters],
         "covariance": _numbers(result.covariance),
         "covariance_kind": result.covariance_kind,
+        "input_jitter": _number(result.input_jitter),
         "correlation": _numbers(result.correlation),
         "noise_variance": _numbers(result.noise_variance),
         "noise_outputs": list(result.outputs),

@@ -175,9 +175,9 @@ def _criteria(result: Identification) -> list[str]:
         ("AICc", plain(result.aicc), ""),
         ("BIC", plain(result.bic), ""),
         ("condition number", significant(result.condition_number, 3), ""),
-        ("covariance", clean(result.covariance_kind), ""),
     ]
-    return table(("", "", ""), rows, "lll")[1:]
+    kind = f"{'covariance':<16}  {clean(result.covariance_kind)}"
+    return [*table(("", "", ""), rows, "lll")[1:], kind]
 
 
 def _residual(series: Series) -> str:

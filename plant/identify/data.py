@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,20 @@ class Beginning:
 
     start: Start
     unknowns: tuple[Unknown, ...]
+
+
+def without_end(data: Data, seconds: float) -> Data:
+    """The data without the samples of their last `seconds`: what drove these need not be among the inputs."""
+    late = data.times > data.times[-1] - seconds
+    outputs = {name: np.where(late, np.nan, values) for name, values in data.outputs.items()}
+    return replace(data, outputs=outputs)
+
+
+def changes_of(data: Data) -> NDArray[np.intp]:
+    """The rows (m,) from which other inputs hold than before; the first one is the first of them."""
+    now, before = data.inputs[1:], data.inputs[:-1]
+    same = (now == before) | (np.isnan(now) & np.isnan(before))
+    return np.concatenate([[0], 1 + np.flatnonzero(~np.all(same, axis=1))])
 
 
 def first_sample(values: Floats | None) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from plant.identify import statistics
 from plant.identify.data import applied_voltage
+from plant.identify.jitter import jitter_of
 from plant.identify.pieces import in_pieces, is_far_off
 from plant.identify.problem import ALL, Problem
 from plant.identify.profile import profile
@@ -58,7 +59,7 @@ def identify(
             "the simulation follows what was measured worse than its mean value does; allowed: a vehicle, "
             "inputs and a beginning that are those of the measurement, and currents of the right sign"
         )
-    known, covariance, is_robust = _uncertainty(problem, found)
+    known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
     estimates = _estimates(problem, found.point, covariance, known)
     count = len(problem.sought)
     parameters, states = estimates[:count], estimates[count:]
@@ -97,7 +98,8 @@ def identify(
         iterations=len(found.history) - 1,
         evaluations=problem.evaluations,
         seconds=time.perf_counter() - began,
-        covariance_kind=_KINDS[is_robust],
+        covariance_kind=_KINDS[is_robust] + _scatter(jitter),
+        input_jitter=jitter,
         history=np.array(found.history),
         experiments=tuple(experiments_of(problem, found.point, problem.initial)),
         profiles=tuple(
@@ -107,8 +109,12 @@ def identify(
     )
 
 
-def _uncertainty(problem: Problem, found: Found) -> tuple[Uncertainty, Floats, bool]:
-    """(what the information says, covariance of all unknowns, whether the robust one)."""
+def _uncertainty(
+    problem: Problem, found: Found, given_std: Floats | None
+) -> tuple[Uncertainty, Floats, bool, float]:
+    """(what the information says, covariance of all unknowns, whether the robust one, scatter of the inputs'
+    stamps [s]).
+    """
     _, inverse_std = problem.priors()
     root = found.weighting.root
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
@@ -128,7 +134,15 @@ def _uncertainty(problem: Problem, found: Found) -> tuple[Uncertainty, Floats, b
         covariance[own] = widened(inverse, robust)
     rounding = statistics.rounding_information(problem.measured, slopes, root)
     covariance[own] += inverse @ rounding @ inverse
-    return known, covariance, not white
+    jitter = 0.0
+    if problem.do_stamps_scatter and np.any(told):
+        jitter, scores = jitter_of(problem, found, slopes, inverse_std[told], given_std)
+        covariance[own] += inverse @ scores @ inverse
+    return known, covariance, not white, jitter
+
+
+def _scatter(jitter: float) -> str:
+    return f"; the inputs' stamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
 
 
 def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.dynamics import Load, Plant
-from plant.identify.data import Beginning, Data, Unknown, beginning_of
+from plant.identify.data import (
+    Beginning,
+    Data,
+    Unknown,
+    beginning_of,
+    changes_of,
+    without_end,
+)
 from plant.identify.parameters import Parameter, with_values
 from plant.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
 from plant.sensors import Sensors
@@ -21,6 +28,7 @@ Floats = NDArray[np.float64]
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
 _DELAY = 0.1  # s, the longest that is looked for
+_END = 0.2  # of an experiment, at most, that is left out for want of its inputs
 ALL = -1  # experiment of an unknown that all share
 
 
@@ -48,11 +56,13 @@ class Problem:
     angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
+    do_stamps_scatter: bool = False  # the inputs' changes are stamped at other times than they act
     speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
     beginnings: Sequence[Beginning] = ()  # default: as the data say
     unknowns: list[Unknown] = field(init=False)
+    changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
     _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
@@ -60,6 +70,13 @@ class Problem:
     def __post_init__(self) -> None:
         plant = plant_of(self.vehicle)
         full = MODELS[self.model] == 0
+        ahead = _DELAY if self.is_delay_sought else max(-self.delay, 0.0)
+        if ahead > 0.0:
+            self.data = [
+                without_end(each, min(ahead, _END * float(np.ptp(each.times))))
+                for each in self.data
+            ]
+        self.changes = [changes_of(data) for data in self.data]
         if not self.beginnings:
             self.beginnings = [
                 beginning_of(plant, data, number, self.angle_deg, full)
@@ -129,14 +146,18 @@ class Problem:
         names = [s.parameter for s in self.sought]
         return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
 
-    def predicted(self, point: Floats) -> Floats:
-        """(rows, outputs) of all experiments, one below the other."""
+    def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
+        """(rows, outputs) of all experiments, one below the other; `late` [s]: for each experiment by how much
+        each of its `changes` comes later than its stamp says.
+        """
         columns = [OUTPUTS.index(name) for name in self.outputs]
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         self.evaluations += 1
         parts = [
-            self._states(vehicle, plant, point, number)[:, columns]
+            self._states(vehicle, plant, point, number, None if late is None else late[number])[
+                :, columns
+            ]
             for number in range(len(self.data))
         ]
         whole = np.concatenate(parts)
@@ -149,7 +170,14 @@ class Problem:
         vehicle = self.vehicle_at(point)
         return self._states(vehicle, plant_of(vehicle), point, number)
 
-    def _states(self, vehicle: Vehicle, plant: Plant, point: Floats, number: int) -> Floats:
+    def _states(
+        self,
+        vehicle: Vehicle,
+        plant: Plant,
+        point: Floats,
+        number: int,
+        late: Floats | None = None,
+    ) -> Floats:
         values = point[len(self.sought) :]
         data, start = self.data[number], self.beginnings[number].start
         aside = {"input_delay": self.delay}
@@ -164,7 +192,8 @@ class Problem:
         base = load_of(vehicle)._replace(latch_released=1.0)
         if start.moving > 0.0:
             start = self._with_currents(plant, data, base, start)
-        times, inputs, kept = _delayed(data, aside["input_delay"])
+        delay = aside["input_delay"] + (np.zeros(1) if late is None else late)
+        times, inputs, kept = _delayed(data, self.changes[number], delay)
         out = trajectory(
             plant,
             vehicle.sensors if data.through_sensors else _IDEAL,
@@ -228,12 +257,14 @@ def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -
     return np.where(span > 0.0, way / np.where(span > 0.0, span, 1.0), speed)
 
 
-def _delayed(data: Data, delay: float) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
-    """(times, inputs, rows of the samples) with every input `delay` seconds later."""
-    if delay == 0.0:
+def _delayed(
+    data: Data, changes: NDArray[np.intp], delay: Floats
+) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
+    """(times, inputs, rows of the samples) with every change of the inputs `delay` (m or 1,) seconds later."""
+    if not np.any(delay):
         return data.times, data.inputs, slice(None)
-    later = data.times + delay
+    later = np.maximum.accumulate(data.times[changes] + delay)
     inside = (later > data.times[0]) & (later < data.times[-1])
     times = np.union1d(data.times, later[inside])
-    row = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
-    return times, data.inputs[row], np.searchsorted(times, data.times)
+    last = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
+    return times, data.inputs[changes[last]], np.searchsorted(times, data.times)

@@ -92,10 +92,11 @@ class Identification:
     iterations: int
     evaluations: int
     seconds: float
-    covariance_kind: str  # "white residuals" or "robust (autocorrelated residuals)"
+    covariance_kind: str  # a sentence: what it takes into account
     history: Floats  # (iterations + 1,) loss
     experiments: tuple[Experiment, ...]
     profiles: tuple[Profile, ...] = ()
+    input_jitter: float = 0.0  # s, std of the inputs' stamps about the time of their effect
     notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data
 
 

@@ -22,6 +22,7 @@ _SIGNIFICANT = (
     1e-3  # of the Ljung-Box test: fewer than this share of white residuals are called not white
 )
 _SAME = 10  # samples of the same value, whose rounding is one and the same
+_SAME_LEVEL = 1e-7  # of an output's range
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
 _PART = 0.2  # share of a direction at which a parameter is named
 _ROUNDING = (
@@ -108,13 +109,21 @@ def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floa
 
 
 def _rounding_step(values: Floats) -> float:
-    """The step of a rounded output; 0 of one that is not."""
+    """The step of a rounded output: the largest that all its levels are multiples of, from one of them on; next to
+    0 of one that is not rounded, 0 of one that never changes.
+    """
     levels = np.unique(values)
-    if len(levels) < 2 or 2 * len(levels) > len(values):
+    if len(levels) < 2:
         return 0.0
-    step = float(np.min(np.diff(levels)))
-    number = (levels - levels[0]) / step
-    return step if np.all(np.abs(number - np.round(number)) < 0.01) else 0.0
+    distances = np.diff(levels)
+    least = _SAME_LEVEL * (levels[-1] - levels[0])
+    step = float(np.max(distances))
+    while True:  # Euclid's
+        over = distances % step
+        over = np.minimum(over, step - over)
+        if not np.any(over > least):
+            return step
+        step = float(np.min(over[over > least]))
 
 
 def _bandwidth(scores: Floats) -> int:

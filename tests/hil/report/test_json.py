@@ -23,7 +23,7 @@ def test_the_public_keys_are_there(found):
         "parameters", "covariance", "correlation", "noise_variance", "fit_percent", "loss", "fpe", "aic", "aicc",
         "bic", "condition_number", "stop_reason", "identifiable", "inseparable", "model", "vehicle",
         "initial_states", "iterations", "evaluations", "seconds", "profiles", "notes", "experiments",
-        "parameter_names", "noise_outputs",
+        "parameter_names", "noise_outputs", "covariance_kind", "input_jitter",
     }  # fmt: skip
     resistance = content["parameters"]["motor.resistance"]
     assert resistance == {

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plant.identify.data import Data
+from plant.identify.data import Data, changes_of
 from plant.identify.problem import Problem
 from tests.plant.identify.simulated import NOISE, TRUTH, measured, sought, true_vehicle
 from tests.plant.runs import suv
@@ -140,3 +140,49 @@ def test_a_winding_in_motion_begins_with_its_steady_current() -> None:
     assert [each.name for each in problem.unknowns] == ["speed", "left_position"]
     assert problem.predicted(at) == pytest.approx(problem.measured, abs=2e-3)
     assert problem.predicted(at)[0, 0] > 0.1
+
+
+def test_samples_that_inputs_not_measured_drive_are_not_compared() -> None:
+    data = measured(suv())
+    end = data.times[-1]
+
+    def compared(**more: object) -> np.ndarray:
+        problem = of([data], [], **more)
+        return data.times[np.isfinite(problem.measured[:, 1])]
+
+    assert compared()[-1] == end
+    assert compared(delay=0.05)[-1] == end
+    # What acts 50 ms before its stamp is not in the file for the last 50 ms.
+    assert compared(delay=-0.0501)[-1] == pytest.approx(end - 0.055)
+    # A delay that is sought may be as early as -0.1 s.
+    assert compared(is_delay_sought=True)[-1] == pytest.approx(end - 0.1)
+    assert np.isfinite(data.outputs["left_speed_rps"]).all()
+
+
+def test_a_short_experiment_keeps_most_of_its_samples() -> None:
+    data = measured(suv(), drive=(np.arange(41) / 200.0, np.full(41, 12.0)))
+    problem = of([data], [], is_delay_sought=True)
+    assert int(np.sum(np.isfinite(problem.measured[:, 1]))) == 33
+
+
+def test_the_rows_at_which_inputs_change() -> None:
+    data = measured(suv(), drive=(np.arange(6) / 200.0, np.array([1.0, 1.0, 2.0, 2.0, 1.0, 1.0])))
+    inputs = data.inputs.copy()
+    inputs[:, 6] = [np.nan, np.nan, np.nan, 12.0, 12.0, np.nan]
+    assert list(changes_of(dataclasses.replace(data, inputs=inputs))) == [0, 2, 3, 4, 5]
+
+
+def test_one_change_may_come_later_than_the_others() -> None:
+    data = measured(suv())  # 12 V, 0 V from 1 s on, -9 V from 1.2 s on
+    problem = of([data, data], [])
+    at, half = np.array([]), len(data.times)
+    plain = problem.predicted(at)
+    late = problem.predicted(at, [np.zeros(3), np.array([0.0, 0.05, 0.0])])
+    assert np.array_equal(late[:half], plain[:half])
+    speed, was = late[half:, 1], plain[half:, 1]
+    assert speed[:201] == pytest.approx(was[:201], rel=1e-9)
+    assert speed[210] == pytest.approx(was[200], rel=0.01)  # not yet switched off
+    shifted = problem.predicted(at, [np.zeros(3), np.full(3, 0.05)])
+    assert shifted[half:, 1] == pytest.approx(
+        of([data, data], [], delay=0.05).predicted(at)[half:, 1]
+    )

@@ -257,3 +257,11 @@ def test_what_is_not_rounded_or_never_stays_adds_nothing() -> None:
     assert np.all(rounding_information(noise, slopes, np.eye(2)) == 0.0)
     restless = np.round(5.0 * noise)
     assert np.all(rounding_information(restless, slopes, np.eye(2)) == 0.0)
+
+
+def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
+    # An angle in 0.01 degrees: another one at each sample of the travel, the same at the end stop.
+    angle = np.round(np.concatenate([np.linspace(0.0, 90.0, 700), np.full(300, 90.004)]), 2)
+    slopes = np.ones((1000, 1, 1))
+    found = rounding_information(angle[:, None], slopes, np.eye(1))
+    assert found[0, 0] == pytest.approx(1e-4 / 12.0 * 301.0**2, rel=0.02)

@@ -1,0 +1,98 @@
+"""The demo's own bus log tells the vehicle that was behind it, and what is found predicts another demo."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.cli import main
+
+FOREIGN = Path(__file__).parent / "foreign" / "foreign.toml"
+TRUTH = {
+    "motor.resistance": 0.95,
+    "motor.torque_constant": 0.0131,
+    "motor.rotor_inertia": 1.6e-5,
+    "spring.preload": 345.0,
+}
+SETTINGS = [part for name, value in TRUTH.items() for part in ("--set", f"{name}={value}")]
+SIGMAS = 4.0
+COMMAND = " 120#"
+
+
+def recorded(folder: Path, *arguments: str) -> Path:
+    """The bus log of a demo's first 18 s, up to before its gate meets the obstacle."""
+    folder.mkdir()
+    fixed = ["demo", "--clock", "free", "--duration", "18", "--quiet", "--output", str(folder)]
+    assert main([*fixed, *SETTINGS, *arguments]) == 0
+    return folder / "demo.log"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With noise on its currents."""
+    folder = tmp_path_factory.mktemp("demo") / "first"
+    return recorded(folder, "--set", "sensors.current_noise=0.05", "--seed", "7")
+
+
+def identified(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    """The result, within its own uncertainty of the truth."""
+    names = ["--estimate", ",".join(TRUTH)]
+    assert main(["identify", *map(str, arguments), *names, "--json", "--quiet"]) == 0
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    for name, value in TRUTH.items():
+        found = result["parameters"][name]
+        assert result["identifiable"][name], (name, found)
+        assert abs(found["value"] - value) < SIGMAS * found["std"], (name, found)
+        assert found["value"] == pytest.approx(value, rel=0.02)
+    return result
+
+
+def with_late_stamps(log: Path, to: Path, seed: int) -> Path:
+    """The log with the commands stamped up to a tick off, as on a bench that runs in real time."""
+    rng = np.random.default_rng(seed)
+    lines: list[tuple[float, str]] = []
+    for line in log.read_text().splitlines():
+        stamp = float(line[1 : line.index(")")])
+        if COMMAND in line and stamp > 0.01:
+            stamp += rng.uniform(-1e-3, 0.0)
+        lines.append((stamp, line[line.index(")") + 1 :]))
+    lines.sort(key=lambda each: each[0])
+    to.write_text("".join(f"({stamp:017.6f}){rest}\n" for stamp, rest in lines))
+    return to
+
+
+def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    vehicle = tmp_path / "found.toml"
+    result = identified(capsys, log, "--save-vehicle", vehicle)
+    assert result["input_jitter"] < 2e-5  # the free clock stamps to the tick
+    other = recorded(tmp_path / "second", "--set", "supply.voltage=13")
+    flags = ["--vehicle", str(vehicle), "--set", "supply.voltage=13", "--json", "--quiet"]
+    assert main(["validate", str(other), *flags]) == 0
+    fits = json.loads(capsys.readouterr().out)["fit_percent"]
+    for output in ("left_current_a", "left_speed_rps", "left_position_rev", "gate_angle_deg"):
+        assert fits[output] > 98.0, fits
+
+
+def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    sharp = identified(capsys, log)
+    result = identified(capsys, with_late_stamps(log, tmp_path / "late.log", 3))
+    assert result["input_jitter"] == pytest.approx(1e-3 / math.sqrt(12.0), rel=0.25)
+    assert f"scatter by {1e3 * result['input_jitter']:.2g} ms" in result["covariance_kind"]
+    wider = [result["parameters"][name]["std"] / sharp["parameters"][name]["std"] for name in TRUTH]
+    assert max(wider) > 1.5
+
+
+def test_a_log_of_a_foreign_database_tells_the_same(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = recorded(tmp_path / "foreign", "--rig", str(FOREIGN))
+    identified(capsys, path, "--rig", FOREIGN)
