@@ -100,7 +100,7 @@ def problem_of(
             initial_angle(args.initial, vehicle),
             delay,
             is_delay_sought,
-            is_delay_sought or any(each.through_sensors for each in data),
+            any(each.through_sensors for each in data),
             args.speed_window,
             args.step,
         )

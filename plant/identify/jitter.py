@@ -30,6 +30,7 @@ _STEP = 5e-3  # s: longest step of the simulations for it, whose own errors do n
 _RANGE = (1e-7, 0.05)  # s, of σ/√c
 _NONE = 1e-6  # s: a σ that no logger's stamps show
 _HEARD = 1e-10  # of the largest eigenvalue: below, a combination of changes says nothing
+_CHANGES = 2000  # at most, and
 _NUMBERS = 80_000_000  # in Ψ; where there would be more, neighbouring changes move together
 _ROUNDS = 3  # of taking Λ and σ in turns
 
@@ -68,7 +69,7 @@ def _effects(problem: Problem, point: Floats, rows: NDArray[np.bool_]) -> Effect
     places = [(number, k) for number, count in enumerate(counts) for k in range(1, count)]
     there = np.isfinite(problem.measured[rows])
     shift = _width(problem)
-    count = min(len(places), max(1, _NUMBERS // there.size))
+    count = min(len(places), _CHANGES, max(1, _NUMBERS // there.size))
     groups = np.array_split(np.array(places), count) if places else []
     effects = np.zeros((count, *there.shape), dtype=np.float32)
     for effect, group in zip(effects, groups, strict=True):
