@@ -273,11 +273,20 @@ NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 def initial_state(plant: Plant, angle: float = 0.0, latched: bool = False) -> State:
     """At rest at `angle` [rad], each drive in the middle of its play, warm as the surroundings."""
+    return resting_state(plant, angle, float(latched), 0.0)
+
+
+@compilable
+def resting_state(plant: Plant, angle: float, latched: float, warmth: float) -> State:
+    """The same with windings that are `warmth` [K] warmer than the surroundings."""
     ambient = plant.environment.ambient_temperature
     extended = gate.extension(plant.link, angle)
-
-    def drive(constants: Drive) -> DriveState:
-        position = extended / constants.travel if constants.active > 0.0 else 0.0
-        return DriveState(0.0, 0.0, position, ambient, ambient)
-
-    return State(drive(plant.left), drive(plant.right), angle, 0.0, 1.0 if latched else 0.0)
+    left = plant.left.active * extended / plant.left.travel
+    right = plant.right.active * extended / plant.right.travel
+    return State(
+        DriveState(0.0, 0.0, left, ambient + warmth, ambient),
+        DriveState(0.0, 0.0, right, ambient + warmth, ambient),
+        angle,
+        0.0,
+        latched,
+    )

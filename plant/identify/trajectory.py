@@ -93,20 +93,6 @@ def inputs_of(row: Floats, base: Load) -> Inputs:
 
 
 @compilable
-def resting_state(plant: Plant, start: Start, ambient: float) -> State:
-    """At rest at an angle, each drive in the middle of its play: `dynamics.initial_state`, for compiled code."""
-    extended = gate.extension(plant.link, start.angle)
-    left, right = extended / plant.left.travel, extended / plant.right.travel
-    return State(
-        DriveState(0.0, 0.0, left, ambient + start.warmth, ambient),
-        DriveState(0.0, 0.0, right * plant.right.active, ambient + start.warmth, ambient),
-        start.angle,
-        0.0,
-        start.latched,
-    )
-
-
-@compilable
 def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
     """A gate that moves along with its drives."""
     warm = ambient + start.warmth
@@ -151,7 +137,7 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
     """The state in which a trajectory begins."""
     ambient = plant.environment.ambient_temperature
     if start.moving == 0.0:
-        state = resting_state(plant, start, ambient)
+        state = dynamics.resting_state(plant, start.angle, start.latched, start.warmth)
         return rigid.rigid_start(state) if model else state
     if model:
         return rigid.rigid_start(moving_state(start, 0.0, 0.0, ambient))
