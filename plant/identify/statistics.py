@@ -24,7 +24,8 @@ _SIGNIFICANT = (
 _SAME = 10  # samples of the same value, whose rounding is one and the same
 _SAME_LEVEL = 1e-7  # of an output's range
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
-_PART = 0.2  # share of a direction at which a parameter is named
+_PART = 0.04  # of a parameter that lies in such directions, at which it is named
+_LINK = 0.05  # of two parameters' shares in common, at which they are named together
 _ROUNDING = (
     1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
 )
@@ -62,12 +63,27 @@ def uncertainty(matrix: Floats) -> Uncertainty:
     inverse = (shares / floored) @ shares.T / np.outer(size[loud], size[loud])
     covariance[np.ix_(loud, loud)] = inverse
     numbers = np.flatnonzero(loud)
-    apart = tuple(
-        tuple(int(k) for k in numbers[np.abs(vectors[:, j]) > _PART])
-        for j in np.flatnonzero(values < _APART)
-    )
+    blind = vectors[:, values < _APART]
+    apart = tuple(tuple(int(k) for k in numbers[group]) for group in _together(blind @ blind.T))
     condition = math.inf if silent else math.sqrt(float(values[-1] / floored[0]))
     return Uncertainty(covariance, condition, silent, apart)
+
+
+def _together(projector: Floats) -> list[list[int]]:
+    """Groups of unknowns that the directions without information mix, by the projector onto these: of two sums of
+    which each cannot be told, the directions are any mixture, the projector is not.
+    """
+    share = np.diag(projector)
+    groups: list[list[int]] = []
+    for k in (int(each) for each in np.flatnonzero(share > _PART)):
+        linked = [
+            group
+            for group in groups
+            if any(abs(projector[k, j]) > _LINK * math.sqrt(share[k] * share[j]) for j in group)
+        ]
+        groups = [group for group in groups if group not in linked]
+        groups.append(sorted([k, *(j for group in linked for j in group)]))
+    return sorted(groups)
 
 
 def robust_covariance(

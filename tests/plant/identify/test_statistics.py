@@ -265,3 +265,18 @@ def test_a_rounded_output_of_many_levels_is_rounded_where_it_rests() -> None:
     slopes = np.ones((1000, 1, 1))
     found = rounding_information(angle[:, None], slopes, np.eye(1))
     assert found[0, 0] == pytest.approx(1e-4 / 12.0 * 301.0**2, rel=0.02)
+
+
+def test_two_sums_that_cannot_be_told_are_not_mixed() -> None:
+    # Both directions have the eigenvalue zero, so that eigenvectors may be any mixture of them.
+    rng = np.random.default_rng(6)
+    one, other, told = rng.standard_normal((3, 40))
+    slopes = np.column_stack([one, other, told, one, other])
+    assert uncertainty(slopes.T @ slopes).apart == ((0, 3), (1, 4))
+
+
+def test_three_of_one_sum_are_named_once() -> None:
+    rng = np.random.default_rng(7)
+    one, told = rng.standard_normal((2, 40))
+    slopes = np.column_stack([one, told, 2.0 * one, -3.0 * one])
+    assert uncertainty(slopes.T @ slopes).apart == ((0, 2, 3),)
