@@ -48,7 +48,8 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         "--initial",
         default="auto",
         metavar="auto|closed|open|ANGLE_deg",
-        help="at rest at this angle; auto: as the first samples say, estimated where they leave it open",
+        help="at rest at this angle; auto: as the first samples say, estimated where they leave it open; for each "
+        "FILE its own: closed,open",
     )
     parser.add_argument(
         "--input-delay",
@@ -97,7 +98,7 @@ def problem_of(
             sought,
             data,
             outputs_of(outputs, data),
-            initial_angle(args.initial, vehicle),
+            initial_angles(args.initial, vehicle, len(data)),
             delay,
             is_delay_sought,
             any(each.through_sensors for each in data),
@@ -106,7 +107,8 @@ def problem_of(
         )
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
-    notes = [f"{each.source}: {note}" for each in measurements for note in each.notes]
+    notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
+    notes += [f"{each.source}: {note}" for each in measurements for note in each.notes]
     return problem, tuple(notes)
 
 
@@ -204,11 +206,18 @@ def tell_of_compiling(quiet: bool) -> None:
         print("compiling the model (once for this version and machine) …", file=sys.stderr)
 
 
-def initial_angle(text: str, vehicle: Vehicle) -> float | None:
-    """The angle of `--initial` [deg], None: as the data say. Raises ConfigError."""
-    if text == "auto":
-        return None
-    return math.degrees(options.angle(text, vehicle.gate.open_angle))
+def initial_angles(text: str, vehicle: Vehicle, files: int) -> list[float | None]:
+    """The angles of `--initial` [deg] for each file, None: as the data say. Raises ConfigError."""
+    parts = [each.strip() for each in text.split(",")]
+    if len(parts) not in (1, files):
+        raise ConfigError(
+            f"--initial {text}: {len(parts)} for {files} files; allowed: one for all, or one for each"
+        )
+    angles = [
+        None if part == "auto" else math.degrees(options.angle(part, vehicle.gate.open_angle))
+        for part in parts
+    ]
+    return angles * (files // len(angles))
 
 
 def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:

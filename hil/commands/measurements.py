@@ -89,7 +89,12 @@ def measurements_from(
     mapping = parse_maps(args.maps)
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
-    faults: list[str] = []
+    paths = [Path(name).resolve() for name in args.files]
+    faults = [
+        f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
+        for k, name in enumerate(args.files)
+        if paths[k] in paths[:k]
+    ]
     result = []
     for name in args.files:
         try:

@@ -53,7 +53,8 @@ class Problem:
     sought: Sequence[Sought]
     data: Sequence[Data]
     outputs: Sequence[str]
-    angle_deg: float | None = None  # at which all experiments begin at rest, where that is known
+    # At which all experiments, or each of them, begin at rest, where that is known.
+    angle_deg: float | Sequence[float | None] | None = None
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
     do_stamps_scatter: bool = False  # the inputs' changes are stamped at other times than they act
@@ -78,9 +79,12 @@ class Problem:
             ]
         self.changes = [changes_of(data) for data in self.data]
         if not self.beginnings:
+            angles = self.angle_deg
+            if not isinstance(angles, Sequence):
+                angles = [angles] * len(self.data)
             self.beginnings = [
-                beginning_of(plant, data, number, self.angle_deg, full)
-                for number, data in enumerate(self.data)
+                beginning_of(plant, data, number, angle, full)
+                for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
             ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:

@@ -117,6 +117,40 @@ def test_opening_and_closing_on_a_slope_are_identified_together(
     assert [each["name"] for each in result["experiments"]] == [str(each) for each in files]
 
 
+def test_each_file_may_begin_at_an_angle_of_its_own(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    # A current alone does not say where the gate is.
+    files = []
+    for initial, volts in (("closed", 9.0), ("open", -9.0)):
+        out = simulated(tmp_path, driven(2.5, volts), "--initial", initial, *settings(TRUTH))
+        kept = ("time_s", "left_voltage_v", "right_voltage_v", "left_current_a")
+        files.append(write_columns(tmp_path / f"{initial}.csv", noisy(out, kept)))
+    result = found(capsys, *files, "--estimate", NAMES, "--initial", "closed,open")
+    assert_true(result, TRUTH)
+    assert result["initial_states"] == {}
+    for text, said in (
+        ("closed,open,open", "--initial closed,open,open: 3 for 2 files; allowed: one for all"),
+        ("closed,ajar", "--initial ajar: allowed: closed, open"),
+    ):
+        lines = complaint(capsys, "identify", *files, "--estimate", NAMES, "--initial", text)
+        assert len(lines) == 1
+        assert said in lines[0]
+
+
+def test_a_file_given_twice_is_refused(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+    again = opening.parent / "." / opening.name
+    lines = complaint(capsys, "identify", opening, again, "--estimate", NAMES)
+    assert len(lines) == 1
+    assert "given twice" in lines[0]
+
+
+def test_the_result_tells_what_was_set(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+    given = ("--set", "motor.torque_constant=0.0131")
+    result = found(capsys, opening, "--estimate", "motor.resistance", *given)
+    assert "suv: with motor.torque_constant=0.0131" in result["notes"]
+
+
 def test_unlike_drives_are_told_apart_by_their_own_columns(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -186,3 +186,12 @@ def test_one_change_may_come_later_than_the_others() -> None:
     assert shifted[half:, 1] == pytest.approx(
         of([data, data], [], delay=0.05).predicted(at)[half:, 1]
     )
+
+
+def test_each_experiment_may_begin_at_an_angle_of_its_own() -> None:
+    low, high = (measured(suv(), angle_deg=angle) for angle in (20.0, 60.0))
+    problem = Problem(suv(), "third-order", [], [low, high], [*NOISE], [20.0, 60.0])
+    assert problem.unknowns == []
+    assert problem.predicted(np.array([])) == pytest.approx(problem.measured, rel=1e-12, abs=1e-12)
+    with pytest.raises(ValueError, match="zip"):
+        Problem(suv(), "third-order", [], [low, high], [*NOISE], [20.0])
