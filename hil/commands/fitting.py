@@ -99,11 +99,10 @@ def problem_of(
             data,
             outputs_of(outputs, data),
             initial_angles(args.initial, vehicle, len(data)),
-            delay,
-            is_delay_sought,
-            any(each.through_sensors for each in data),
-            args.speed_window,
-            args.step,
+            delay=delay,
+            is_delay_sought=is_delay_sought,
+            speed_window=args.speed_window,
+            longest=args.step,
         )
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
@@ -223,7 +222,13 @@ def initial_angles(text: str, vehicle: Vehicle, files: int) -> list[float | None
 def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
     """(`--input-delay` [s], whether to estimate it). Raises ConfigError."""
     if text == "auto":
-        return 0.0, any(each.through_sensors for each in data)
+        logs = [each.name for each in data if each.through_sensors]
+        if logs and len(logs) < len(data):
+            raise ConfigError(
+                f"--input-delay auto: {', '.join(logs)} with files that are no bus logs; allowed: files of one "
+                "kind, or a delay for all"
+            )
+        return 0.0, bool(logs)
     if text == "estimate":
         return 0.0, True
     try:

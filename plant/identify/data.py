@@ -16,7 +16,7 @@ from plant.identify.trajectory import INPUTS, REST, Start
 
 Floats = NDArray[np.float64]
 
-_CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
+CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
 _REST_SHARE = 0.2  # of the largest speed: what a start from rest extrapolates to at most
 # How far position and angle may disagree before the counter has a zero of its own, rev.
 _OFFSET_REV = 1.5
@@ -26,7 +26,7 @@ _SPREAD_DEG, _SPREAD_DEGPS, _SPREAD_K = 0.2, 3.0, 20.0
 
 @dataclass(frozen=True)
 class Data:
-    """One experiment: inputs (n, 11) of trajectory.INPUTS, held between `times` (n,); outputs (n,) by their
+    """One experiment: inputs (n, 11) of trajectory.INPUTS, held between `times` (n,) [s]; outputs (n,) by their
     names of trajectory.OUTPUTS, NaN where there is no sample.
     """
 
@@ -34,7 +34,9 @@ class Data:
     times: Floats
     inputs: Floats
     outputs: Mapping[str, Floats]
-    through_sensors: bool = False
+    through_sensors: bool = (
+        False  # a bus log: sensors' readings, inputs at the stamps of their frames
+    )
 
 
 @dataclass(frozen=True)
@@ -84,29 +86,36 @@ def motion(data: Data) -> tuple[float, float, float]:
     position was measured.
     """
     for side in ("left", "right"):
-        speed = data.outputs.get(f"{side}_speed_rps")
-        if speed is not None:
-            there = np.isfinite(speed)
-            first, _, std, _ = _beginning(data.times[there], speed[there], 1)
-            return first, std, float(np.quantile(np.abs(speed[there]), 0.99))
-        position = data.outputs.get(f"{side}_position_rev")
-        if position is not None:
-            return _moving(data.times, position)
+        for name, degree in ((f"{side}_speed_rps", 1), (f"{side}_position_rev", 2)):
+            values = data.outputs.get(name)
+            if values is not None and np.any(np.isfinite(values)):
+                return _moving(data.times, values, degree)
     return math.nan, math.nan, math.nan
 
 
-def _moving(times: Floats, position: Floats, window: float = 0.04) -> tuple[float, float, float]:
-    """The same from a position, by its first `window` seconds."""
-    there = np.isfinite(position)
-    times, position = times[there], position[there]
-    _, first, _, std = _beginning(times, position, 2, window)
-    edges = np.arange(times[0], times[-1], 0.1)
-    speeds = np.diff(np.interp(edges, times, position)) / 0.1
-    return first, std, float(np.max(np.abs(speeds), initial=0.0))
+def _moving(times: Floats, values: Floats, degree: int) -> tuple[float, float, float]:
+    """The same from a speed (degree 1) or a position (2), by its first 40 ms; by 150 ms where that is too noisy to
+    tell.
+    """
+    there = np.isfinite(values)
+    times, values = times[there], values[there]
+    if degree == 1:
+        largest = float(np.quantile(np.abs(values), 0.99))
+    else:
+        edges = np.arange(times[0], times[-1], 0.1)
+        speeds = np.diff(np.interp(edges, times, values)) / 0.1
+        largest = float(np.max(np.abs(speeds), initial=0.0))
+    first, std = math.nan, math.inf
+    for window in (0.04, 0.15):
+        value, slope, value_std, slope_std = _beginning(times, values, degree, window)
+        first, std = (value, value_std) if degree == 1 else (slope, slope_std)
+        if 3.0 * std <= _REST_SHARE * largest:
+            break
+    return first, std, largest
 
 
 def _beginning(
-    times: Floats, values: Floats, degree: int, window: float = 0.04
+    times: Floats, values: Floats, degree: int, window: float
 ) -> tuple[float, float, float, float]:
     """Value and slope at the first sample, and their standard deviations, by a polynomial through the first
     `window` seconds (ten samples at least).
@@ -127,13 +136,11 @@ def begins_at_rest(data: Data) -> bool:
     first, std, largest = motion(data)
     if math.isnan(first):
         angle = data.outputs.get("gate_angle_deg")
-        if angle is None:
+        if angle is None or not np.any(np.isfinite(angle)):
             return True
-        if abs(np.nanmedian(angle[:10])) < _CLOSED_DEG:
+        if abs(np.nanmedian(angle[:10])) < CLOSED_DEG:
             return True
-        first, std, largest = _moving(data.times, angle)
-        if 3.0 * std > _REST_SHARE * largest:  # too noisy to tell in so short a time
-            first, std, largest = _moving(data.times, angle, 0.15)
+        first, std, largest = _moving(data.times, angle, 2)
     return abs(first) <= _REST_SHARE * largest + 3.0 * std
 
 
@@ -145,18 +152,24 @@ def beginning_of(
 
     Raises ValueError where the data do not say.
     """
-    moves = data.inputs[0, 10] != 0.0 and not begins_at_rest(data)  # a latch holds it closed
+    moves = not begins_at_rest(data)
     if angle_deg is not None and (_shows_place(data) or not moves):
         return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
     if not moves:
-        known = first_sample(data.outputs.get("gate_angle_deg"))
-        if math.isnan(known):
-            position = first_sample(_position(data))
-            known = math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
-        if math.isnan(known) or abs(known) < _CLOSED_DEG or data.inputs[0, 10] == 0.0:
+        known = first_angle(plant, data)
+        if math.isnan(known) or abs(known) < CLOSED_DEG:
             return _at_rest(plant, data, experiment, 0.0, True)
         return _at_rest(plant, data, experiment, math.radians(known), False)
     return _in_motion(plant, data, experiment, full, angle_deg)
+
+
+def first_angle(plant: Plant, data: Data) -> float:
+    """The gate's angle at the first sample [deg], by its sensor or a position; NaN where neither was measured."""
+    known = first_sample(data.outputs.get("gate_angle_deg"))
+    if math.isnan(known):
+        position = first_sample(_position(data))
+        known = math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
+    return known
 
 
 def _position(data: Data) -> Floats | None:
@@ -165,7 +178,8 @@ def _position(data: Data) -> Floats | None:
 
 
 def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, known: bool) -> Beginning:
-    latched = 1.0 if data.inputs[0, 10] == 0.0 else 0.0
+    # A latch holds a closed gate; at any other place its command says nothing of its state.
+    latched = 1.0 if data.inputs[0, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG else 0.0
     start = REST._replace(angle=angle, latched=latched)
     unknowns = [] if known else [Unknown(experiment, "angle", angle)]
     place = gate.extension(plant.link, angle) / plant.left.travel

@@ -17,7 +17,14 @@ from plant.identify.problem import ALL, Problem
 from plant.identify.profile import profile
 from plant.identify.residuals import Frame, phases_of, series_of, speed_series
 from plant.identify.result import Estimate, Experiment, Identification, Validation
-from plant.identify.search import Found, Report, errors_of, log_likelihood_deviance, search
+from plant.identify.search import (
+    Found,
+    Report,
+    errors_of,
+    log_likelihood_deviance,
+    loss_of,
+    search,
+)
 from plant.identify.statistics import Uncertainty
 from plant.identify.trajectory import OUTPUTS
 from plant.quantity import Quantity
@@ -32,8 +39,12 @@ _SIGNED_SHARE = (
 _AT_BOUND = 1e-6  # of its size
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which short pieces come first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
-_NOWHERE_PERCENT = -5.0  # fit below which a model says nothing of the data
+_NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
+_HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
+_NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
+_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
 _ROUGH_ROUNDS = 6
+_TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
@@ -52,13 +63,13 @@ def identify(
     Raises NothingToTellError.
     """
     began = time.perf_counter()
+    kept = _comparable(problem)
+    given_std = None if given_std is None else given_std[kept]
     _check_excited(problem)
     found = _search(problem, report, given_std)
-    if is_far_off(problem, found.errors, _NOWHERE_PERCENT, everything=True):
-        raise NothingToTellError(
-            "the simulation follows what was measured worse than its mean value does; allowed: a vehicle, "
-            "inputs and a beginning that are those of the measurement, and currents of the right sign"
-        )
+    if problem.is_delay_sought:
+        found = _at_best_delay(problem, found, report, given_std)
+    _check_followed(problem, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
     estimates = _estimates(problem, found.point, covariance, known)
     count = len(problem.sought)
@@ -70,7 +81,7 @@ def identify(
     rows = int(np.sum(np.any(np.isfinite(measured), axis=1)))
     figures = statistics.criteria(
         found.history[-1],
-        log_likelihood_deviance(measured, found.weighting),
+        log_likelihood_deviance(measured, found.errors, found.weighting),
         samples,
         rows,
         len(found.point),
@@ -118,7 +129,7 @@ def _uncertainty(
     _, inverse_std = problem.priors()
     root = found.weighting.root
     known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
-    covariance = known.covariance
+    covariance = known.covariance.copy()
     there = np.isfinite(problem.measured)
     white = all(
         statistics.is_white(errors[own])
@@ -128,17 +139,27 @@ def _uncertainty(
     own, slopes = np.ix_(told, told), found.slopes[:, :, told]
     inverse = covariance[own]
     if not white and np.any(told):
-        robust = statistics.robust_covariance(
-            slopes, found.errors, root, inverse, inverse_std[told]
-        )
+        series = _score_series(problem, slopes, found.errors, root)
+        robust = statistics.robust_covariance(series, inverse, inverse_std[told])
         covariance[own] = widened(inverse, robust)
     rounding = statistics.rounding_information(problem.measured, slopes, root)
     covariance[own] += inverse @ rounding @ inverse
     jitter = 0.0
-    if problem.do_stamps_scatter and np.any(told):
+    if np.any(told):
         jitter, scores = jitter_of(problem, found, slopes, inverse_std[told], given_std)
         covariance[own] += inverse @ scores @ inverse
     return known, covariance, not white, jitter
+
+
+def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats) -> list[Floats]:
+    """The scores ψᵀ Λ⁻¹ ε over time (m, p), of each experiment."""
+    scores = np.einsum("noj,no->nj", slopes, errors @ root @ root.T)
+    edges = np.cumsum([len(data.times) for data in problem.data])[:-1]
+    parts = (np.split(each, edges) for each in (problem.measured, scores))
+    return [
+        statistics.score_series(data.times, measured, own)
+        for data, measured, own in zip(problem.data, *parts, strict=True)
+    ]
 
 
 def _scatter(jitter: float) -> str:
@@ -167,11 +188,42 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
     return first if first is not None and first.history[-1] <= second.history[-1] else second
 
 
+def _at_best_delay(
+    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
+) -> Found:
+    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
+    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
+    """
+    low, high = problem.bounds
+    for _ in range(_TRIES):
+        root, slopes = found.weighting.root, found.slopes[:, :, :-1]
+        _, inverse_std = problem.priors()
+        inverse = statistics.pseudo_inverse(statistics.information(slopes, root, inverse_std[:-1]))
+        best, begin = found.history[-1] * (1.0 - 1e-6), found.point
+        for delay in found.point[-1] + _DELAYS:
+            at = np.clip(np.append(found.point[:-1], delay), low, high)
+            errors = errors_of(problem.measured, problem.predicted(at))
+            score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
+            step = inverse @ score
+            loss = loss_of(problem.measured, errors - slopes @ step, given_std)
+            if loss < best:
+                best = loss
+                begin = np.clip(at + np.append(step, 0.0), low, high)
+        if begin is found.point:
+            break
+        other = search(problem, report, given_std, begin)
+        if other.history[-1] >= found.history[-1]:
+            break
+        found = other
+    return found
+
+
 def validate(problem: Problem) -> Validation:
-    """A model against measurements. Only how each begins is estimated, where it moves."""
-    point = problem.initial
-    if len(point):
+    """A model against measurements. Only how each begins is estimated, where it moves, and the input delay."""
+    point, outputs = problem.initial, problem.outputs
+    if len(point) and problem.leave_out_few():
         point = search(problem).point
+    problem.outputs = outputs
     return Validation(problem.model, "", tuple(experiments_of(problem, point, None)))
 
 
@@ -182,15 +234,42 @@ def widened(classic: Floats, robust: Floats) -> Floats:
     return result
 
 
-def _check_excited(problem: Problem) -> None:
-    measured = problem.measured
+def _comparable(problem: Problem) -> list[int]:
+    """The numbers of the outputs that have samples to compare; the others are left out."""
     still = [
         name
-        for name, column in zip(problem.outputs, measured.T, strict=True)
+        for name, column in zip(problem.outputs, problem.measured.T, strict=True)
         if len(np.unique(column[np.isfinite(column)])) <= 1
     ]
     if len(still) == len(problem.outputs):
         raise NothingToTellError(f"{', '.join(still)}: constant from beginning to end")
+    return problem.leave_out_few()
+
+
+def _check_followed(problem: Problem, errors: Floats) -> None:
+    """Raises NothingToTellError where the best simulation does not follow what was measured."""
+    fits = {}
+    for name, measured, own in zip(problem.outputs, problem.measured.T, errors.T, strict=True):
+        there = np.isfinite(measured)
+        fit = statistics.fit_percent(measured[there], (measured - own)[there])
+        if not math.isnan(fit):
+            fits[name] = (fit, statistics.is_white(own[there]))
+    off = [
+        f"{name} (fit {fit:.1f} %)"
+        for name, (fit, is_noise) in fits.items()
+        if fit < _NOWHERE_PERCENT
+        or (fit < _HARDLY_PERCENT and not is_noise)
+        or all(each < _NOTHING_PERCENT for each, _ in fits.values())
+    ]
+    if off:
+        raise NothingToTellError(
+            f"the simulation does not follow {', '.join(off)}; allowed: a vehicle, inputs and a beginning that "
+            "are those of the measurement, units that are those of the columns, and currents of the right sign"
+        )
+
+
+def _check_excited(problem: Problem) -> None:
+    measured = problem.measured
     slopes = problem.derivative(problem.initial)[:, :, : len(problem.sought)]
     slopes = np.where(np.isfinite(measured)[:, :, None], slopes, 0.0)
     if not np.any(np.isfinite(slopes) & (slopes != 0.0)):

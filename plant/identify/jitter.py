@@ -1,4 +1,4 @@
-"""How far the stamps of the inputs scatter about the time at which these act, and what that adds to the
+"""How far the stamps of a bus log's inputs scatter about the time at which these act, and what that adds to the
 uncertainty.
 
 A command on a bus is stamped when it is sent or received, and acts when its receiver next looks. Let each change
@@ -6,12 +6,16 @@ of the inputs act δ later than its stamp and the delay of all say, δ ~ N(0, σ
 then ε + Ψδ, beside what a step of the parameters explains: a linear mixed model, whose σ is found by maximum
 likelihood (Laird and Ware, Random-Effects Models for Longitudinal Data, Biometrics 38, 1982). The estimates, which
 know nothing of δ, are off by M⁻¹ Σ ψᵀ Λ⁻¹ Ψδ.
+
+Each change costs two simulations. Where there are too many of them σ is found from the first ones, and what all of
+them do to the scores from simulations in which each comes earlier or later by chance.
 """
 
 from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,20 +23,23 @@ from numpy.typing import NDArray
 
 from plant.identify.problem import Problem
 from plant.identify.search import Found, weighting_of
-from plant.identify.statistics import information, uncertainty
+from plant.identify.statistics import information, pseudo_inverse
 
 Floats = NDArray[np.float64]
-Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs)
+Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
+Change = tuple[
+    int, NDArray[np.intp]
+]  # experiment, numbers in its `changes`: what comes in one cycle
 
 _SHIFT = 5e-4  # s, half the width of a difference, at most: less would see a sample beside a change as smooth
-_SPACING = 0.25  # of the changes' usual distance, at most
-_STEP = 5e-3  # s: longest step of the simulations for it, whose own errors do not matter
+_SPACING = 0.25  # of the changes' mean distance: half the width, at most, and what is one cycle
+_STEP = 5e-3  # s: longest step of the simulations for it; against 1 ms Ψ changes by 1 % at most
+_ROWS = 10_000_000  # of all simulations of changes, at most
+_SIGNS = 64  # simulations of all changes by chance: the standard deviations are then good to 9 %
 _RANGE = (1e-7, 0.05)  # s, of σ/√c
-_NONE = 1e-6  # s: a σ that no logger's stamps show
+_SURE = 2.71  # of the deviance: a variance that is above 0 with 95 %
 _HEARD = 1e-10  # of the largest eigenvalue: below, a combination of changes says nothing
-_CHANGES = 2000  # at most, and
-_NUMBERS = 80_000_000  # in Ψ; where there would be more, neighbouring changes move together
-_ROUNDS = 3  # of taking Λ and σ in turns
+_ROUNDS, _SETTLED = 6, 0.02  # of taking Λ and σ in turns, until σ changes less
 
 
 class Jitter(NamedTuple):
@@ -46,48 +53,87 @@ def jitter_of(
     problem: Problem, found: Found, slopes: Floats, inverse_std: Floats, given_std: Floats | None
 ) -> Jitter:
     """The scatter of the stamps of the inputs' changes, by what it leaves in the residuals where a search ended;
-    slopes (rows, outputs, p), and 1/std (p,) of the priors, of the unknowns that can be told.
+    slopes (rows, outputs, p) and the priors' 1/std (p,), in the unknowns' units, of those that have an effect;
+    given_std (outputs,) of the noise where it is known.
     """
-    rows = np.any(np.isfinite(problem.measured), axis=1)
+    nothing = Jitter(0.0, np.zeros((slopes.shape[2],) * 2))
+    moves = _Moves(problem, found.point)
+    if not moves.changes:
+        return nothing
+    rows = moves.rows
     measured, errors, slopes = problem.measured[rows], found.errors[rows], slopes[rows]
-    effects = _effects(problem, found.point, rows)
+    first = moves.changes[: max(1, _ROWS // len(rows))]
+    effects = moves.each(first)
     std, weighting = 0.0, found.weighting
     for _ in range(_ROUNDS):
+        before = std
         std, rest = _fitted(effects, slopes, errors, weighting.root, inverse_std)
-        if std < _NONE:
-            return Jitter(0.0, np.zeros((slopes.shape[2],) * 2))
+        std = min(std, moves.longest)
+        if std == 0.0:
+            break
         weighting = weighting_of(measured, rest, given_std)
+        if abs(std - before) < _SETTLED * std:
+            break
+    share = 1.0
+    if len(first) < len(moves.changes):
+        effects, share = moves.by_chance(_SIGNS), 1.0 / _SIGNS
+    problem.evaluations += moves.evaluations
+    if std == 0.0:
+        return nothing
     _, cross, _ = _products(effects, slopes, errors, found.weighting.root)
-    return Jitter(std, std**2 * cross.T @ cross)
+    return Jitter(std, share * std**2 * cross.T @ cross)
 
 
-def _effects(problem: Problem, point: Floats, rows: NDArray[np.bool_]) -> Effects:
-    """Ψ: what each change of the inputs does to these rows of the prediction when it comes later, per second."""
-    coarse = copy.copy(problem)
-    coarse.longest = _STEP
-    counts = [len(each) for each in problem.changes]
-    places = [(number, k) for number, count in enumerate(counts) for k in range(1, count)]
-    there = np.isfinite(problem.measured[rows])
-    shift = _width(problem)
-    count = min(len(places), _CHANGES, max(1, _NUMBERS // there.size))
-    groups = np.array_split(np.array(places), count) if places else []
-    effects = np.zeros((count, *there.shape), dtype=np.float32)
-    for effect, group in zip(effects, groups, strict=True):
-        late = [np.zeros(each) for each in counts]
-        for number, k in group:
-            late[number][k] = shift
-        later = coarse.predicted(point, late)
-        earlier = coarse.predicted(point, [-each for each in late])
-        slope = (later - earlier)[rows] / (2.0 * shift)
-        effect[there] = slope[there]
-    return effects
+class _Moves:
+    """The changes of the bus logs' inputs, and what they do when they come at other times."""
 
+    def __init__(self, problem: Problem, point: Floats) -> None:
+        self._problem = copy.copy(problem)
+        self._problem.longest = _STEP
+        self._problem.evaluations = 0
+        self._point = point
+        self._counts = [len(each) for each in problem.changes]
+        self._there = np.isfinite(problem.measured)
+        self.rows: NDArray[np.bool_] = np.any(self._there, axis=1)
+        self.changes: list[Change] = []
+        spans = []
+        for number, (data, rows) in enumerate(zip(problem.data, problem.changes, strict=True)):
+            gaps = np.diff(data.times[rows])
+            if data.through_sensors and len(gaps):
+                spans.append(float(np.mean(gaps)))
+                apart = np.flatnonzero(gaps[1:] > _SPACING * spans[-1]) + 1
+                cycles = np.split(np.arange(1, len(rows)), apart)
+                self.changes += [(number, each) for each in cycles]
+        mean = min(spans, default=0.0)
+        self._shift = min(_SHIFT, _SPACING * mean)
+        # Evenly spread over the time until the next command: no command waits longer.
+        self.longest = mean / math.sqrt(12.0)
 
-def _width(problem: Problem) -> float:
-    """Half the width of a difference [s]."""
-    pairs = zip(problem.data, problem.changes, strict=True)
-    spacing = np.concatenate([np.diff(data.times[rows]) for data, rows in pairs])
-    return min(_SHIFT, _SPACING * float(np.median(spacing))) if len(spacing) else _SHIFT
+    @property
+    def evaluations(self) -> int:
+        """Simulations so far."""
+        return self._problem.evaluations
+
+    def each(self, changes: Sequence[Change]) -> Effects:
+        """Ψ of these changes."""
+        return self._slopes([[change] for change in changes], np.ones((len(changes), 1)))
+
+    def by_chance(self, count: int) -> Effects:
+        """Ψ s of all changes, for `count` vectors s of independent signs (Hutchinson 1990)."""
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (count, len(self.changes)))
+        return self._slopes([self.changes] * count, signs)
+
+    def _slopes(self, moved: Sequence[Sequence[Change]], signs: Floats) -> Effects:
+        there = self._there[self.rows]
+        effects = np.zeros((len(moved), *there.shape), dtype=np.float32)
+        for effect, changes, own in zip(effects, moved, signs, strict=True):
+            late = [np.zeros(each) for each in self._counts]
+            for (number, k), sign in zip(changes, own, strict=True):
+                late[number][k] = sign * self._shift
+            later = self._problem.predicted(self._point, late)
+            earlier = self._problem.predicted(self._point, [-each for each in late])
+            effect[there] = (later - earlier)[self.rows][there] / (2.0 * self._shift)
+        return effects
 
 
 def _products(
@@ -109,7 +155,7 @@ def _fitted(
 ) -> tuple[float, Floats]:
     """(σ, what is left of the residuals) of the mixed model, for a weighting."""
     own, cross, seen = _products(effects, slopes, errors, root)
-    inverse = uncertainty(information(slopes, root, inverse_std)).covariance
+    inverse = pseudo_inverse(information(slopes, root, inverse_std))
     score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
     values, axes = np.linalg.eigh(own - cross @ inverse @ cross.T)
     heard = values > _HEARD * np.max(values, initial=0.0)
@@ -120,23 +166,30 @@ def _fitted(
     noise, std = _most_likely(values, seen)
     shifts = axes @ (seen * std**2 / (noise + std**2 * values))
     step = inverse @ (score - cross.T @ shifts)
-    return std, errors - np.tensordot(shifts, effects, axes=(0, 0)) - slopes @ step
+    late = np.tensordot(shifts.astype(np.float32), effects, axes=(0, 0))
+    return std, errors - late - slopes @ step
 
 
 def _most_likely(values: Floats, seen: Floats) -> tuple[float, float]:
     """(c, σ) from the eigenvalues v of Ψᵀ Λ⁻¹ Ψ, without what the parameters explain, and from Ψᵀ Λ⁻¹ ε in their
-    axes, whose variance is c v + σ² v²: c above 1 where noise is correlated in time or between outputs.
+    axes, whose variance is c v + σ² v²: c above 1 where noise is correlated in time or between outputs. σ is 0
+    where that is nearly as likely.
     """
     from scipy.optimize import minimize_scalar
 
     def noise(ratio: float) -> float:
         return max(1.0, float(np.mean(seen**2 / (values * (1.0 + ratio * values)))))
 
-    def deviance(logarithm: float) -> float:
-        ratio = math.exp(2.0 * logarithm)
+    def deviance(ratio: float) -> float:
         variance = noise(ratio) * values * (1.0 + ratio * values)
         return float(np.sum(np.log(variance) + seen**2 / variance))
 
-    low, high = (math.log(each) for each in _RANGE)
-    ratio = math.exp(2.0 * minimize_scalar(deviance, bounds=(low, high), method="bounded").x)
+    best = minimize_scalar(
+        lambda logarithm: deviance(math.exp(2.0 * logarithm)),
+        bounds=[math.log(each) for each in _RANGE],
+        method="bounded",
+    )
+    if deviance(0.0) - float(best.fun) < _SURE:
+        return noise(0.0), 0.0
+    ratio = math.exp(2.0 * best.x)
     return noise(ratio), math.sqrt(ratio * noise(ratio))

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from plant import gate
 from plant.dynamics import Plant
-from plant.identify.data import Beginning, Data
+from plant.identify import rigid
+from plant.identify.data import CLOSED_DEG, Beginning, Data
 from plant.identify.problem import Problem
 from plant.identify.residuals import local_line
 from plant.identify.statistics import fit_percent
@@ -38,7 +39,8 @@ def in_pieces(problem: Problem) -> Problem | None:
         if path is None:
             return None
         for first, last in _edges(data):
-            if data.inputs[first, 10] == 0.0:
+            angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
+            if data.inputs[first, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG:
                 continue  # held by its latch, wherever the drives push
             part = slice(first, last)
             outputs = {
@@ -125,16 +127,11 @@ def _path_of_speed(
     return None
 
 
-def is_far_off(
-    problem: Problem, errors: Floats, worst_percent: float, everything: bool = False
-) -> bool:
-    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`:
-    positions and angle, speeds where there are none of these; or `everything`, currents too.
+def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
+    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`: positions
+    and angle, speeds where there are none of these.
     """
-    kinds = [("_position_rev", "_angle_deg"), ("_speed_rps",)]
-    if everything:
-        kinds = [("",)]
-    for kind in kinds:
+    for kind in (("_position_rev", "_angle_deg"), ("_speed_rps",)):
         columns = [k for k, name in enumerate(problem.outputs) if name.endswith(kind)]
         fits = [_fit(problem.measured[:, k], errors[:, k]) for k in columns]
         fits = [each for each in fits if not math.isnan(each)]

@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
 _DELAY = 0.1  # s, the longest that is looked for
+_FEW = 2  # samples that an output needs
 _END = 0.2  # of an experiment, at most, that is left out for want of its inputs
 ALL = -1  # experiment of an unknown that all share
 
@@ -57,7 +58,6 @@ class Problem:
     angle_deg: float | Sequence[float | None] | None = None
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
-    do_stamps_scatter: bool = False  # the inputs' changes are stamped at other times than they act
     speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
@@ -82,6 +82,10 @@ class Problem:
             angles = self.angle_deg
             if not isinstance(angles, Sequence):
                 angles = [angles] * len(self.data)
+            if len(angles) != len(self.data):
+                raise ValueError(
+                    f"{len(angles)} angles for {len(self.data)} experiments; allowed: one each"
+                )
             self.beginnings = [
                 beginning_of(plant, data, number, angle, full)
                 for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
@@ -93,6 +97,21 @@ class Problem:
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
                 self._compare_edges(column)
+
+    def leave_out_few(self) -> list[int]:
+        """Leave out outputs with hardly a sample to compare: they say nothing of their noise. Gives the numbers of
+        those that stay.
+        """
+        counts = np.sum(np.isfinite(self.measured), axis=0)
+        kept = [column for column, count in enumerate(counts) if count >= _FEW]
+        self.outputs = [self.outputs[column] for column in kept]
+        self.measured = self.measured[:, kept]
+        self._counted = {
+            kept.index(column): earlier
+            for column, earlier in self._counted.items()
+            if column in kept
+        }
+        return kept
 
     def _compare_edges(self, column: int) -> None:
         """Where a position is a count, compare at its edges: between two samples that differ the position is, on
@@ -151,8 +170,8 @@ class Problem:
         return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
 
     def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """(rows, outputs) of all experiments, one below the other; `late` [s]: for each experiment by how much
-        each of its `changes` comes later than its stamp says.
+        """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
+        for each experiment by how much each of its `changes` comes later than its stamp says.
         """
         columns = [OUTPUTS.index(name) for name in self.outputs]
         vehicle = self.vehicle_at(point)

@@ -24,9 +24,7 @@ def profile(
 
     def deviance(at: Found) -> float:
         beside = float(np.sum(((means - at.point) * inverse_std) ** 2))
-        if given_std is not None:
-            return len(problem.measured) * at.history[-1] + beside
-        return log_likelihood_deviance(problem.measured, at.weighting) + beside
+        return log_likelihood_deviance(problem.measured, at.errors, at.weighting) + beside
 
     best = deviance(found)
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)

@@ -57,8 +57,14 @@ class Found:
 
 
 def is_whole(measured: Floats) -> bool:
-    """Whether every output has a sample in every row."""
-    return bool(np.all(np.isfinite(measured)))
+    """Whether the outputs are sampled together: where one of them has a sample all have."""
+    there = np.isfinite(measured)
+    return bool(np.all(there[np.any(there, axis=1)]))
+
+
+def sampled_rows(measured: Floats) -> int:
+    """The number of rows with a sample."""
+    return int(np.sum(np.any(np.isfinite(measured), axis=1)))
 
 
 def errors_of(measured: Floats, predicted: Floats) -> Floats:
@@ -74,7 +80,7 @@ def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weig
     if given is not None:
         covariance = np.diag(np.maximum(given**2, floor))
     elif is_whole(measured):
-        covariance = errors.T @ errors / len(errors) + np.diag(floor)
+        covariance = errors.T @ errors / sampled_rows(measured) + np.diag(floor)
     else:
         covariance = np.diag(np.sum(errors**2, axis=0) / np.maximum(counts, 1) + floor)
     scale = np.sqrt(np.diag(covariance))
@@ -83,13 +89,16 @@ def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weig
     return Weighting(covariance, root)
 
 
-def log_likelihood_deviance(measured: Floats, weighting: Weighting) -> float:
-    """−2 log L at the maximum over Λ, without its constants: Σ N_j log det."""
+def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighting) -> float:
+    """−2 log L without N (log 2π + 1): N log det Λ + Σ εᵀ Λ⁻¹ ε − N, the last two of which cancel at the maximum
+    over Λ.
+    """
+    counts = np.sum(np.isfinite(measured), axis=0)
+    excess = float(np.sum((errors @ weighting.root) ** 2) - np.sum(counts))
     if is_whole(measured):
         _, logarithm = np.linalg.slogdet(weighting.covariance)
-        return len(measured) * float(logarithm)
-    counts = np.sum(np.isfinite(measured), axis=0)
-    return float(np.sum(counts * np.log(np.diag(weighting.covariance))))
+        return sampled_rows(measured) * float(logarithm) + excess
+    return float(np.sum(counts * np.log(np.diag(weighting.covariance)))) + excess
 
 
 def search(
@@ -151,6 +160,11 @@ class _Cache:
 
     def slopes(self, point: Floats) -> Floats:
         return self._get("slopes", point, self._problem.derivative)
+
+
+def loss_of(measured: Floats, errors: Floats, given_std: Floats | None) -> float:
+    """The loss of prediction errors."""
+    return _loss(measured, weighting_of(measured, errors, given_std), errors, given_std)
 
 
 def _loss(

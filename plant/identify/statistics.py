@@ -24,7 +24,8 @@ _SIGNIFICANT = (
 _SAME = 10  # samples of the same value, whose rounding is one and the same
 _SAME_LEVEL = 1e-7  # of an output's range
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
-_PART = 0.04  # of a parameter that lies in such directions, at which it is named
+_PART = 5e-3  # of a parameter that lies in such directions, at which it is named
+_BINS = 200  # of time for the long-run covariance, at least
 _LINK = 0.05  # of two parameters' shares in common, at which they are named together
 _ROUNDING = (
     1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
@@ -69,13 +70,23 @@ def uncertainty(matrix: Floats) -> Uncertainty:
     return Uncertainty(covariance, condition, silent, apart)
 
 
+def pseudo_inverse(matrix: Floats) -> Floats:
+    """The inverse of an information matrix in the directions that can be told, 0 in the others."""
+    size = np.sqrt(np.diag(matrix))
+    scale = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    told = values > _APART
+    result: Floats = (vectors[:, told] / values[told]) @ vectors[:, told].T / np.outer(scale, scale)
+    return result
+
+
 def _together(projector: Floats) -> list[list[int]]:
     """Groups of unknowns that the directions without information mix, by the projector onto these: of two sums of
     which each cannot be told, the directions are any mixture, the projector is not.
     """
     share = np.diag(projector)
     groups: list[list[int]] = []
-    for k in (int(each) for each in np.flatnonzero(share > _PART)):
+    for k in (int(each) for each in np.flatnonzero(share > _PART * np.max(share, initial=0.0))):
         linked = [
             group
             for group in groups
@@ -86,22 +97,40 @@ def _together(projector: Floats) -> list[list[int]]:
     return sorted(groups)
 
 
-def robust_covariance(
-    slopes: Floats, errors: Floats, root: Floats, inverse: Floats, inverse_std: Floats
-) -> Floats:
+def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Floats) -> Floats:
     """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) and the priors' share,
-    for residuals that are correlated in time; `inverse` is M⁻¹.
+    for residuals that are correlated in time; `series` (m, p) of scores for each experiment, evenly in time;
+    `inverse` is M⁻¹.
     """
-    weighted = np.einsum("noj,oq->nqj", slopes, root)
-    scores = np.einsum("nqj,nq->nj", weighted, errors @ root)
-    size: Floats = np.sqrt(np.mean(scores**2, axis=0))
-    width = _bandwidth(scores / np.where(size > 0.0, size, 1.0))
-    total = scores.T @ scores + np.diag(inverse_std**2)
-    for lag in range(1, width + 1):
-        shifted = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
+    size: Floats = np.sqrt(np.mean(np.concatenate(series) ** 2, axis=0))
+    width = _bandwidth([each / np.where(size > 0.0, size, 1.0) for each in series])
+    total = np.diag(inverse_std**2)
+    for scores in series:
+        total = total + scores.T @ scores
+        for lag in range(1, min(width, len(scores) - 1) + 1):
+            shifted = scores[lag:].T @ scores[:-lag]
+            total = total + (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
     result: Floats = inverse @ total @ inverse
     return result
+
+
+def score_series(times: Floats, measured: Floats, scores: Floats) -> Floats:
+    """Scores (n, p) of the rows of one experiment, summed over bins (m, p) of time as wide as the outputs' samples
+    are apart, where that makes bins enough: rows without a sample, and outputs that take turns, would hide how the
+    scores hang together.
+    """
+    spacings = [
+        float(np.median(np.diff(times[there])))
+        for there in np.isfinite(measured).T
+        if np.sum(there) > 1
+    ]
+    if not spacings:
+        return scores
+    width = max(min(spacings), min(max(spacings), (times[-1] - times[0]) / _BINS))
+    place = np.floor((times - times[0]) / width + 0.5).astype(np.intp)
+    sums = np.zeros((int(place[-1]) + 1, scores.shape[1]))
+    np.add.at(sums, place, scores)
+    return sums
 
 
 def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floats:
@@ -142,12 +171,16 @@ def _rounding_step(values: Floats) -> float:
         step = float(np.min(over[over > least]))
 
 
-def _bandwidth(scores: Floats) -> int:
+def _bandwidth(series: Sequence[Floats]) -> int:
     """Andrews's plug-in for Bartlett's kernel, from first-order autoregressions."""
-    count = len(scores)
-    first = np.sum(scores[1:] * scores[:-1], axis=0)
-    rho = np.clip(first / np.maximum(np.sum(scores[:-1] ** 2, axis=0), 1e-300), -0.97, 0.97)
-    spread = np.mean((scores[1:] - rho * scores[:-1]) ** 2, axis=0)
+    count = sum(len(scores) for scores in series)
+    later = np.concatenate([scores[1:] for scores in series])
+    earlier = np.concatenate([scores[:-1] for scores in series])
+    if not len(later):
+        return 0
+    first = np.sum(later * earlier, axis=0)
+    rho = np.clip(first / np.maximum(np.sum(earlier**2, axis=0), 1e-300), -0.97, 0.97)
+    spread = np.mean((later - rho * earlier) ** 2, axis=0)
     above = np.sum(4.0 * rho**2 * spread**2 / ((1.0 - rho) ** 6 * (1.0 + rho) ** 2))
     below = np.sum(spread**2 / (1.0 - rho) ** 4)
     alpha = float(above) / float(below) if below > 0.0 else 0.0

@@ -39,7 +39,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(folder, "--set", "sensors.current_noise=0.05", "--seed", "7")
 
 
-def identified(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+def identified(
+    capsys: pytest.CaptureFixture[str], *arguments: object, within: float = 0.02
+) -> dict[str, Any]:
     """The result, within its own uncertainty of the truth."""
     names = ["--estimate", ",".join(TRUTH)]
     assert main(["identify", *map(str, arguments), *names, "--json", "--quiet"]) == 0
@@ -48,7 +50,7 @@ def identified(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[s
         found = result["parameters"][name]
         assert result["identifiable"][name], (name, found)
         assert abs(found["value"] - value) < SIGMAS * found["std"], (name, found)
-        assert found["value"] == pytest.approx(value, rel=0.02)
+        assert found["value"] == pytest.approx(value, rel=within)
     return result
 
 
@@ -78,6 +80,13 @@ def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
     fits = json.loads(capsys.readouterr().out)["fit_percent"]
     for output in ("left_current_a", "left_speed_rps", "left_position_rev", "gate_angle_deg"):
         assert fits[output] > 98.0, fits
+
+
+def test_a_part_of_the_log_after_the_latch_was_released_tells_the_same(
+    capsys: pytest.CaptureFixture[str], log: Path
+) -> None:
+    result = identified(capsys, log, "--from", "3", "--to", "8.3", within=0.3)
+    assert result["fit_percent"]["left_current_a"] > 50.0
 
 
 def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(

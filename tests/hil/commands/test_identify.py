@@ -390,6 +390,12 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
             "left_current_a": columns["left_current_a"],
         },
         "mA": {**columns, "left_current_a": 1e3 * columns["left_current_a"]},
+        "three times the voltage": {
+            **columns,
+            "left_voltage_v": 3.0 * columns["left_voltage_v"],
+            "right_voltage_v": 3.0 * columns["right_voltage_v"],
+        },
+        "a current that is noise": {**volts, "left_current_a": noise},
         "rpm": {
             **columns,
             "left_speed_rps": 60.0 * np.gradient(columns["left_hall_count"] / 4.0, times),
@@ -422,6 +428,8 @@ def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
         ("time backwards", "time_s: row 1251"),
         ("milliseconds", "is it ms?"),
         ("mA", "is it mA?"),
+        ("three times the voltage", "the simulation does not follow left_current_a (fit"),
+        ("a current that is noise", "the simulation does not follow left_current_a (fit"),
         ("rpm", "is it 1/min?"),
         ("rad", "is it rad?"),
         ("angle down", "wrong sign?"),

@@ -106,7 +106,7 @@ def test_a_gate_at_rest_near_closed_begins_closed() -> None:
 
 def test_a_latched_gate_begins_closed_and_latched() -> None:
     plant = plant_of(suv())
-    data = measured(suv(), "full", ANGLE, 1, latch_released=0.0)
+    data = measured(suv(), "full", ANGLE, 1, angle_deg=0.0, latch_released=0.0)
     begin = beginning_of(plant, data, 0, None, True)
     assert begin.start.latched == 1.0
     assert begin.start.angle == 0.0
@@ -202,3 +202,19 @@ def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
         begin = beginning_of(plant_of(vehicle), cut, 0, None, True)
         assert begin.start.moving == 1.0
         assert ("warmth" in [each.name for each in begin.unknowns]) == expected
+
+
+def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
+    # On a bus the release is a short pulse: later it says nothing of a gate that is open.
+    noise = {**POSITION, **ANGLE}
+    whole = measured(suv(), "third-order", noise, 1, 40.0)
+    open_ = dataclasses.replace(whole, inputs=np.where(np.arange(11) == 10, 0.0, whole.inputs))
+    begin = beginning_of(plant_of(suv()), open_, 0, None, True)
+    assert begin.start.latched == 0.0
+    assert math.degrees(begin.start.angle) == pytest.approx(40.0, abs=1.0)
+    moving = beginning_of(plant_of(suv()), later(open_, 0.5), 0, None, True)
+    assert moving.start.moving == 1.0
+    closed = measured(suv(), "third-order", noise, 1, 0.0)
+    shut = dataclasses.replace(closed, inputs=np.where(np.arange(11) == 10, 0.0, closed.inputs))
+    shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
+    assert beginning_of(plant_of(suv()), shut, 0, None, True).start.latched == 1.0

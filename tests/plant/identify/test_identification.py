@@ -464,3 +464,61 @@ def test_two_experiments_make_estimates_surer_by_the_root_of_two() -> None:
     for single, double in zip(one.parameters, both.parameters, strict=True):
         assert single.std / double.std == pytest.approx(math.sqrt(2.0), rel=0.1)
     assert all(a <= b for a, b in itertools.pairwise(both.history[::-1]))
+
+
+@pytest.mark.parametrize("given", [None, np.array([*NOISE.values()])])
+def test_a_worse_model_has_worse_criteria_whether_or_not_the_noise_is_given(
+    given: np.ndarray | None,
+) -> None:
+    data = [measured(true_vehicle(), seed=5)]
+    names = ["motor.resistance", "motor.rotor_inertia"]
+    good = estimated(true_vehicle(), "third-order", names, data, given_std=given)
+    bad = estimated(suv(), "third-order", names, data, given_std=given)
+    for criterion in ("fpe", "aic", "aicc", "bic"):
+        assert getattr(bad, criterion) > getattr(good, criterion) + 0.1 * abs(good.fpe)
+
+
+def test_a_delay_that_is_sought_leaves_the_noise_of_the_outputs_correlated() -> None:
+    data = delayed(0.03, 4)
+    more = {"angle_deg": 20.0, "is_delay_sought": True}
+    outputs = list(data.outputs)
+    result = identify(
+        Problem(true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, **more)
+    )
+    assert np.all(result.noise_variance != 0.0)
+
+
+def test_an_output_with_a_single_edge_is_left_out() -> None:
+    noise = {"left_position_rev": 0.0, "left_current_a": 0.05}
+    times = np.arange(401) / 200.0
+    drive = (times, np.where(times < 0.02, 12.0, 0.0))
+    data = counted(measured(true_vehicle(), noise=noise, seed=5, drive=drive))
+    position = data.outputs["left_position_rev"]
+    first = int(np.flatnonzero(np.diff(position))[0]) + 2
+    assert len(np.unique(position[:first])) == 2
+    short = Data(
+        "short",
+        times[:first],
+        data.inputs[:first],
+        {name: values[:first] for name, values in data.outputs.items()},
+    )
+    result = estimated(true_vehicle(), "third-order", ["motor.resistance"], [short])
+    assert result.outputs == ("left_current_a",)
+
+
+def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None:
+    data = delayed(0.03, 6)
+    outputs = dict(data.outputs)
+    speed = np.full(len(data.times), np.nan)
+    speed[-8:] = outputs["left_speed_rps"][-8:]
+    late = dataclasses.replace(data, outputs={**outputs, "left_speed_rps": speed})
+    problem = Problem(
+        true_vehicle(),
+        "third-order",
+        sought(["motor.resistance"]),
+        [late],
+        [*outputs],
+        20.0,
+        is_delay_sought=True,
+    )
+    assert "left_speed_rps" not in identify(problem).outputs

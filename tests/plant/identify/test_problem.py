@@ -193,5 +193,5 @@ def test_each_experiment_may_begin_at_an_angle_of_its_own() -> None:
     problem = Problem(suv(), "third-order", [], [low, high], [*NOISE], [20.0, 60.0])
     assert problem.unknowns == []
     assert problem.predicted(np.array([])) == pytest.approx(problem.measured, rel=1e-12, abs=1e-12)
-    with pytest.raises(ValueError, match="zip"):
+    with pytest.raises(ValueError, match="1 angles for 2 experiments"):
         Problem(suv(), "third-order", [], [low, high], [*NOISE], [20.0])

@@ -88,7 +88,9 @@ def test_the_least_determinant_is_the_largest_likelihood() -> None:
     assert found.point == pytest.approx(least.x[:2] * scale, rel=3e-6)
     assert found.weighting.covariance == pytest.approx(lower @ lower.T, rel=1e-3)
     # At the least Σ εᵀ Λ⁻¹ ε = N · outputs: what the deviance leaves out.
-    whole = log_likelihood_deviance(small.measured, found.weighting) + small.measured.size
+    whole = (
+        log_likelihood_deviance(small.measured, found.errors, found.weighting) + small.measured.size
+    )
     assert whole == pytest.approx(least.fun, abs=1e-3)
     # Plain least squares, blind to the noise's size and correlation, ends elsewhere.
     plain = search(small, given_std=np.array([1.0, 1.0]))
@@ -118,7 +120,7 @@ def test_outputs_that_are_not_sampled_together_count_by_their_own_samples() -> N
     assert found.weighting.covariance == pytest.approx(np.diag(expected))
     assert np.all(found.errors[~there] == 0.0)
     assert np.all(found.slopes[~there] == 0.0)
-    deviance = log_likelihood_deviance(thin.measured, found.weighting)
+    deviance = log_likelihood_deviance(thin.measured, found.errors, found.weighting)
     assert deviance == pytest.approx(float(np.sum(there.sum(axis=0) * np.log(expected))))
 
 

@@ -16,8 +16,10 @@ from plant.identify.statistics import (
     information,
     is_white,
     named,
+    pseudo_inverse,
     robust_covariance,
     rounding_information,
+    score_series,
     uncertainty,
 )
 
@@ -116,11 +118,7 @@ def test_the_robust_covariance_is_what_many_drawings_show(share: float) -> None:
         errors = (noise - slopes @ estimate)[:, None]
         found.append(estimate)
         said.append(
-            np.diag(
-                robust_covariance(
-                    slopes[:, None, :], errors, np.eye(1), inverse, np.zeros(slopes.shape[1])
-                )
-            )
+            np.diag(robust_covariance([slopes * errors], inverse, np.zeros(slopes.shape[1])))
         )
     std = np.std(found, axis=0)
     robust = np.sqrt(np.mean(said, axis=0))
@@ -133,15 +131,64 @@ def test_the_robust_covariance_is_what_many_drawings_show(share: float) -> None:
 
 def test_the_robust_covariance_does_not_depend_on_units() -> None:
     rng = np.random.default_rng(7)
-    slopes = rng.standard_normal((500, 1, 2))
+    slopes = rng.standard_normal((500, 2))
     errors = autoregressive(rng, 500, 0.8)[:, None]
     units = np.array([1e-5, 1e3])
-    inverse = np.linalg.inv(slopes[:, 0].T @ slopes[:, 0])
-    plain = robust_covariance(slopes, errors, np.eye(1), inverse, np.zeros(2))
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    plain = robust_covariance([slopes * errors], inverse, np.zeros(2))
     scaled = robust_covariance(
-        slopes * units, errors, np.eye(1), inverse / np.outer(units, units), np.zeros(2)
+        [slopes * errors * units], inverse / np.outer(units, units), np.zeros(2)
     )
     assert scaled * np.outer(units, units) == pytest.approx(plain)
+
+
+def test_rows_without_samples_and_outputs_that_take_turns_hide_no_correlation() -> None:
+    rng = np.random.default_rng(8)
+    scores = np.column_stack([autoregressive(rng, 1000, 0.9) for _ in range(2)])
+    times = np.arange(1000) / 200.0
+    inverse, weak = np.eye(2), np.zeros(2)
+    plain = robust_covariance([score_series(times, scores, scores)], inverse, weak)
+    assert np.all(np.diag(plain) > 5.0 * np.diag(scores.T @ scores))
+    # Four rows of inputs after each sample.
+    thin = np.full((5000, 2), np.nan)
+    thin[::5] = scores
+    series = score_series(np.arange(5000) / 1000.0, thin, np.nan_to_num(thin))
+    assert robust_covariance([series], inverse, weak) == pytest.approx(plain, rel=1e-9)
+    short = score_series(times[:50], scores[:50], scores[:50])
+    assert np.array_equal(short, scores[:50])
+    # One output in even rows, the other in odd ones, and each tells one unknown.
+    turns = np.full((2000, 2), np.nan)
+    turns[::2, 0], turns[1::2, 1] = scores.T
+    series = score_series(np.arange(2000) / 400.0, turns, np.nan_to_num(turns))
+    found = np.diag(robust_covariance([series], inverse, weak))
+    assert found == pytest.approx(np.diag(plain), rel=0.1)
+
+
+def test_experiments_have_nothing_to_do_with_each_other() -> None:
+    rng = np.random.default_rng(9)
+    one, other = (autoregressive(rng, 500, 0.9)[:, None] for _ in range(2))
+    apart = [robust_covariance([each], np.eye(1), np.zeros(1)) for each in (one, other)]
+    both = robust_covariance([one, other], np.eye(1), np.zeros(1))
+    assert both == pytest.approx(apart[0] + apart[1], rel=0.1)
+    turned = robust_covariance([other, one], np.eye(1), np.zeros(1))
+    assert turned == pytest.approx(both, rel=1e-9)
+
+
+def test_the_sum_of_many_is_named_whole() -> None:
+    rng = np.random.default_rng(10)
+    slopes = rng.standard_normal((90, 31))
+    slopes[:, 30] = np.sum(slopes[:, :20], axis=1)
+    assert uncertainty(slopes.T @ slopes).apart == ((*range(20), 30),)
+
+
+def test_the_pseudo_inverse_leaves_out_what_cannot_be_told() -> None:
+    rng = np.random.default_rng(11)
+    slopes = rng.standard_normal((40, 3))
+    twin = np.column_stack([slopes, slopes[:, 0], np.zeros(40)])
+    found = pseudo_inverse(twin.T @ twin)
+    alone = np.linalg.inv(slopes.T @ slopes)
+    assert found[1:3, 1:3] == pytest.approx(alone[1:, 1:])
+    assert np.max(np.abs(found)) < 10.0 * np.max(alone)
 
 
 def test_white_noise_is_seldom_called_coloured() -> None:
