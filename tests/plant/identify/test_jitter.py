@@ -67,7 +67,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter(
     assert np.mean([each.input_jitter for each in found]) == pytest.approx(std, rel=0.2)
     known = np.array([scores(each, TRUTH) for each in found])
     blind = np.array([scores(estimated(each, False), TRUTH) for each in logs])
-    assert 0.7 < math.sqrt(np.mean(known**2)) < 1.15  # measured 0.79
+    assert 0.65 < math.sqrt(np.mean(known**2)) < 0.95  # measured 0.79
     assert np.abs(known).max() < 3.0
     assert math.sqrt(np.mean(blind**2)) > 2.0  # measured 3.2
 
