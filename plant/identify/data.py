@@ -156,14 +156,14 @@ def beginning_of(
     if angle_deg is not None and (_shows_place(data) or not moves):
         return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
     if not moves:
-        known = first_angle(plant, data)
+        known = _first_angle(plant, data)
         if math.isnan(known) or abs(known) < CLOSED_DEG:
             return _at_rest(plant, data, experiment, 0.0, True)
         return _at_rest(plant, data, experiment, math.radians(known), False)
     return _in_motion(plant, data, experiment, full, angle_deg)
 
 
-def first_angle(plant: Plant, data: Data) -> float:
+def _first_angle(plant: Plant, data: Data) -> float:
     """The gate's angle at the first sample [deg], by its sensor or a position; NaN where neither was measured."""
     known = first_sample(data.outputs.get("gate_angle_deg"))
     if math.isnan(known):

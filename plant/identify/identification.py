@@ -23,6 +23,7 @@ from plant.identify.search import (
     errors_of,
     log_likelihood_deviance,
     loss_of,
+    sampled_rows,
     search,
 )
 from plant.identify.statistics import Uncertainty
@@ -78,12 +79,11 @@ def identify(
         raise NothingToTellError("; ".join(f"{each.name}: {each.remark}" for each in parameters))
     measured = problem.measured
     samples = int(np.sum(np.isfinite(measured)))
-    rows = int(np.sum(np.any(np.isfinite(measured), axis=1)))
     figures = statistics.criteria(
         found.history[-1],
         log_likelihood_deviance(measured, found.errors, found.weighting),
         samples,
-        rows,
+        sampled_rows(measured),
         len(found.point),
     )
     names = [each.name for each in parameters]

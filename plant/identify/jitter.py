@@ -75,7 +75,7 @@ def jitter_of(
         if abs(std - before) < _SETTLED * std:
             break
     share = 1.0
-    if len(first) < len(moves.changes):
+    if std > 0.0 and len(first) < len(moves.changes):
         effects, share = moves.by_chance(_SIGNS), 1.0 / _SIGNS
     problem.evaluations += moves.evaluations
     if std == 0.0:
