@@ -88,7 +88,7 @@ def problem_of(
     from plant.identify.problem import Problem
 
     measurements = measurements_from(args, vehicle, model != "full")
-    data = [data_of(each, vehicle) for each in measurements]
+    data = _thinned([data_of(each, vehicle) for each in measurements], args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
     tell_of_compiling(args.quiet)
     try:
@@ -107,8 +107,27 @@ def problem_of(
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
-    notes += [f"{each.source}: {note}" for each in measurements for note in each.notes]
+    for measurement, each in zip(measurements, data, strict=True):
+        notes += [f"{measurement.source}: {note}" for note in measurement.notes]
+        if each.thinning is not None:
+            notes.append(f"{each.name}: {len(each.times)} samples of {len(each.rows)} rows")
     return problem, tuple(notes)
+
+
+def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:
+    """As `--resample` and `--decimate` say. Raises ConfigError with the faults of all files."""
+    from hil.measurement.raster import thinned
+
+    quantum = 1.0 / vehicle.sensors.hall_counts
+    result, faults = [], []
+    for each in data:
+        try:
+            result.append(thinned(each, args.resample, args.decimate, quantum))
+        except ConfigError as error:
+            faults += error.faults
+    if faults:
+        raise ConfigError(faults)
+    return result
 
 
 def deliver(

@@ -59,14 +59,14 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         "--resample",
         type=bounded(1e-3, 1e6, "Hz"),
         metavar="HZ",
-        help="onto evenly spaced rows; outputs by straight lines, never across gaps",
+        help="outputs evenly spaced, on straight lines between their samples, never across gaps",
     )
     parser.add_argument(
         "--decimate",
         type=whole(1, 100_000),
         default=1,
         metavar="N",
-        help="every N-th row, after a low-pass filter of inputs and outputs",
+        help="every N-th sample of the outputs, after a low-pass filter",
     )
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave out samples that are told as outliers"
@@ -138,7 +138,7 @@ def _conditioned(
     cut: tuple[float, float] | None,
 ) -> Measurement:
     """Checked, and the part of it that is asked for."""
-    from hil.measurement import checks, condition, quality, raster
+    from hil.measurement import checks, condition, quality
 
     if vehicle.drives == 1:
         columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
@@ -147,9 +147,6 @@ def _conditioned(
     measurement = condition.cut_time(measurement, args.start, args.end)
     measurement = quality.report_gaps(measurement)
     measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
-    if args.resample is not None:
-        measurement = raster.resample(measurement, args.resample)
-    measurement = raster.decimate(measurement, args.decimate)
     if cut is not None:
         low, high = cut
         measurement = condition.cut_angle(

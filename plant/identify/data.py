@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plant import gate
 from plant.dynamics import Plant
 from plant.identify import rigid
+from plant.identify.thinning import Thinning
 from plant.identify.trajectory import INPUTS, REST, Start
 
 Floats = NDArray[np.float64]
@@ -26,17 +27,27 @@ _SPREAD_DEG, _SPREAD_DEGPS, _SPREAD_K = 0.2, 3.0, 20.0
 
 @dataclass(frozen=True)
 class Data:
-    """One experiment: inputs (n, 11) of trajectory.INPUTS, held between `times` (n,) [s]; outputs (n,) by their
-    names of trajectory.OUTPUTS, NaN where there is no sample.
+    """One experiment: outputs (n,) at `times` (n,) [s] by their names of trajectory.OUTPUTS, NaN where there is no
+    sample; inputs of trajectory.INPUTS in `rows`, each held until the next one.
     """
 
     name: str
     times: Floats
-    inputs: Floats
+    inputs: Floats  # (N, 11)
     outputs: Mapping[str, Floats]
     through_sensors: bool = (
         False  # a bus log: sensors' readings, inputs at the stamps of their frames
     )
+    thinning: Thinning | None = None  # how the outputs come from those in all rows
+
+    @property
+    def rows(self) -> Floats:
+        """(N,) s: the rows of the inputs, and of the outputs before they were thinned out."""
+        return self.times if self.thinning is None else self.thinning.rows
+
+    def thinned(self, name: str, values: Floats) -> Floats:
+        """An output's values (N,) in all rows as its samples (n,) show them."""
+        return values if self.thinning is None else self.thinning.of(name, values)
 
 
 @dataclass(frozen=True)
@@ -66,11 +77,35 @@ def without_end(data: Data, seconds: float) -> Data:
     return replace(data, outputs=outputs)
 
 
+def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Data:
+    """The samples from `first` to `last` (exclusive), of outputs less their `zeros`, with the inputs that hold in
+    between; without the filter of a thinning, which looks beyond them.
+    """
+    outputs = {name: own[first:last] - zeros.get(name, 0.0) for name, own in data.outputs.items()}
+    times, rows = data.times[first:last], data.rows
+    if data.thinning is None:
+        inputs = data.inputs[first:last]
+        return replace(data, times=times, inputs=inputs, outputs=outputs)
+    begin, end = np.searchsorted(rows, [times[0], times[-1]], side="right")
+    own = rows[begin - 1 : end].copy()
+    own[0] = times[0]
+    if own[-1] < times[-1]:
+        own = np.append(own, times[-1])
+    inputs = data.inputs[np.arange(begin - 1, begin - 1 + len(own)).clip(max=end - 1)]
+    return replace(data, times=times, inputs=inputs, outputs=outputs, thinning=Thinning(own, times))
+
+
 def changes_of(data: Data) -> NDArray[np.intp]:
     """The rows (m,) from which other inputs hold than before; the first one is the first of them."""
     now, before = data.inputs[1:], data.inputs[:-1]
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return np.concatenate([[0], 1 + np.flatnonzero(~np.all(same, axis=1))])
+
+
+def is_count(position: Floats, quantum: float) -> bool:
+    """Whether a position's samples are whole multiples of a quantum [rev]."""
+    counts = position[np.isfinite(position)] / quantum
+    return bool(np.all(np.abs(counts - np.round(counts)) <= 1e-6 * (1.0 + np.abs(counts))))
 
 
 def first_sample(values: Floats | None) -> float:
@@ -249,9 +284,8 @@ def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
 
 
 def applied_voltage(data: Data, supply: float) -> Floats:
-    """The left motor's voltage (n,) [V] as far as the inputs tell: 0 while it coasts."""
+    """The left motor's voltage (n,) [V] by the inputs, 0 while it coasts; thinned out like an output."""
     rows = data.inputs
     source = np.where(np.isnan(rows[:, 6]), supply, rows[:, 6])
     driven = np.nan_to_num(rows[:, 0]) + np.nan_to_num(rows[:, 2]) * source
-    voltage: Floats = np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven)
-    return voltage
+    return data.thinned("voltage", np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven))

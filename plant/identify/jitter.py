@@ -98,7 +98,7 @@ class _Moves:
         self.changes: list[Change] = []
         spans = []
         for number, (data, rows) in enumerate(zip(problem.data, problem.changes, strict=True)):
-            gaps = np.diff(data.times[rows])
+            gaps = np.diff(data.rows[rows])
             if data.through_sensors and len(gaps):
                 spans.append(float(np.mean(gaps)))
                 apart = np.flatnonzero(gaps[1:] > _SPACING * spans[-1]) + 1

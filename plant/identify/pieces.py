@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from plant import gate
 from plant.dynamics import Plant
 from plant.identify import rigid
-from plant.identify.data import CLOSED_DEG, Beginning, Data
+from plant.identify.data import CLOSED_DEG, Beginning, Data, part_of
 from plant.identify.problem import Problem
 from plant.identify.residuals import local_line
 from plant.identify.statistics import fit_percent
@@ -38,18 +38,13 @@ def in_pieces(problem: Problem) -> Problem | None:
         path = _path(problem, plant, number, data)
         if path is None:
             return None
+        zeros = {name: _zero(problem, number, name) for name in data.outputs if "position" in name}
         for first, last in _edges(data):
             angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
-            if data.inputs[first, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG:
+            held = np.searchsorted(data.rows, data.times[first], side="right") - 1
+            if data.inputs[held, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG:
                 continue  # held by its latch, wherever the drives push
-            part = slice(first, last)
-            outputs = {
-                name: values[part] - (_zero(problem, number, name) if "position" in name else 0.0)
-                for name, values in data.outputs.items()
-            }
-            pieces.append(
-                Data(data.name, data.times[part], data.inputs[part], outputs, data.through_sensors)
-            )
+            pieces.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
             start = REST._replace(moving=1.0, speed=speed, left_position=left, right_position=right)
             beginnings.append(Beginning(start, ()))

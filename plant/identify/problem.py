@@ -16,6 +16,7 @@ from plant.identify.data import (
     Unknown,
     beginning_of,
     changes_of,
+    is_count,
     without_end,
 )
 from plant.identify.parameters import Parameter, with_values
@@ -120,10 +121,7 @@ class Problem:
         quantum = 1.0 / self.vehicle.sensors.hall_counts
         values = self.measured[:, column]
         there = np.flatnonzero(np.isfinite(values))
-        counts = values[there] / quantum
-        if not len(there) or np.any(
-            np.abs(counts - np.round(counts)) > 1e-6 * (1.0 + np.abs(counts))
-        ):
+        if not len(there) or not is_count(values, quantum):
             return
         earlier = np.arange(len(values))
         earlier[there[1:]] = there[:-1]
@@ -173,16 +171,14 @@ class Problem:
         """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
         for each experiment by how much each of its `changes` comes later than its stamp says.
         """
-        columns = [OUTPUTS.index(name) for name in self.outputs]
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         self.evaluations += 1
-        parts = [
-            self._states(vehicle, plant, point, number, None if late is None else late[number])[
-                :, columns
-            ]
-            for number in range(len(self.data))
-        ]
+        parts = []
+        for number in range(len(self.data)):
+            own = None if late is None else late[number]
+            rows = self._rows(vehicle, plant, point, number, own)
+            parts.append(self._samples(number, rows, self.outputs))
         whole = np.concatenate(parts)
         for column, earlier in self._counted.items():
             whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
@@ -191,9 +187,19 @@ class Problem:
     def states(self, point: Floats, number: int) -> Floats:
         """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
         vehicle = self.vehicle_at(point)
-        return self._states(vehicle, plant_of(vehicle), point, number)
+        rows = self._rows(vehicle, plant_of(vehicle), point, number)
+        return self._samples(number, rows, OUTPUTS)
 
-    def _states(
+    def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
+        """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
+        columns = [OUTPUTS.index(name) for name in names]
+        data = self.data[number]
+        if data.thinning is None:
+            return rows[:, columns]
+        shown = zip(names, columns, strict=True)
+        return np.column_stack([data.thinned(name, rows[:, column]) for name, column in shown])
+
+    def _rows(
         self,
         vehicle: Vehicle,
         plant: Plant,
@@ -230,7 +236,7 @@ class Problem:
         if self.speed_window > 0.0:
             for speed, position in ((2, 4), (3, 5)):
                 out[:, speed] = _mean_speed(
-                    data.times, out[:, position], out[:, speed], self.speed_window
+                    data.rows, out[:, position], out[:, speed], self.speed_window
                 )
         out[:, 4] += aside.get("left_offset", 0.0)
         out[:, 5] += aside.get("right_offset", 0.0)
@@ -283,11 +289,11 @@ def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -
 def _delayed(
     data: Data, changes: NDArray[np.intp], delay: Floats
 ) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
-    """(times, inputs, rows of the samples) with every change of the inputs `delay` (m or 1,) seconds later."""
+    """(times, inputs, places of the rows) with every change of the inputs `delay` (m or 1,) seconds later."""
     if not np.any(delay):
-        return data.times, data.inputs, slice(None)
-    later = np.maximum.accumulate(data.times[changes] + delay)
-    inside = (later > data.times[0]) & (later < data.times[-1])
-    times = np.union1d(data.times, later[inside])
+        return data.rows, data.inputs, slice(None)
+    later = np.maximum.accumulate(data.rows[changes] + delay)
+    inside = (later > data.rows[0]) & (later < data.rows[-1])
+    times = np.union1d(data.rows, later[inside])
     last = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
-    return times, data.inputs[changes[last]], np.searchsorted(times, data.times)
+    return times, data.inputs[changes[last]], np.searchsorted(times, data.rows)

@@ -52,17 +52,13 @@ def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
     ]
 
 
-def test_the_flags_cut_and_thin_in_turn(drive: Path) -> None:
-    (m,) = measure(
-        drive, "--from", 0.5, "--to", 2.9, "--cut-angle", "0:50", "--decimate", 10,
-        "--resample", 500, "--drop-outliers",
-    )  # fmt: skip
+def test_the_flags_cut_in_turn(drive: Path) -> None:
+    (m,) = measure(drive, "--from", 0.5, "--to", 2.9, "--cut-angle", "0:50", "--drop-outliers")
     # 0:50 holds from 0.5 s (30 deg) to 0.94 s and again from 2.06 s on: the second is longer.
-    assert m.times[0] == pytest.approx(2.06, abs=0.03)
-    assert m.times[-1] == pytest.approx(2.88, abs=0.03)
-    assert np.allclose(np.diff(m.times), 0.02)
+    assert m.times[0] == pytest.approx(2.06, abs=0.003)
+    assert m.times[-1] == pytest.approx(2.9, abs=0.003)
     assert np.nanmax(m.columns["left_current_a"]) < 3.0
-    assert len(m.notes) == 5
+    assert len(m.notes) == 3
 
 
 def test_one_file_each_gives_one_measurement_each(drive: Path) -> None:

@@ -13,29 +13,15 @@ from hil.measurement.checks import Expected
 from hil.measurement.condition import cut_angle, cut_time
 from hil.measurement.measurement import Floats, Measurement
 from hil.measurement.quality import gaps_in, outliers, report_gaps, report_outliers
-from hil.measurement.raster import decimate, held_mean, resample
+from hil.measurement.raster import thinned
+from plant.identify.data import Data, rows_of
 
 STEP = 0.001
+QUANTUM = 0.25  # rev
 
 
 def measured(times: Floats, **columns: Floats) -> Measurement:
     return Measurement("m.csv", times, columns, False, ("read",))
-
-
-def first_order(volts: Floats, step: float, rate: float = 40.0) -> Floats:
-    """x' = rate (u - x) with u held over each step, exactly; x before each step."""
-    state, out = 0.0, np.empty(len(volts))
-    decay = np.exp(-rate * step)
-    for k, each in enumerate(volts):
-        out[k] = state
-        state = each + (state - each) * decay
-    return out
-
-
-def lively(count: int) -> Floats:
-    """A random telegraph signal."""
-    random = np.random.default_rng(3)
-    return np.cumprod(np.where(random.random(count) < 0.02, -1.0, 1.0)) * 6.0
 
 
 # Cutting.
@@ -101,53 +87,73 @@ def test_an_angle_that_never_is_is_a_fault(columns: dict[str, Floats], said: str
         cut_angle(measured(np.arange(5.0), **columns), 10.0, 20.0)
 
 
-# Decimation.
+# Thinning out.
 
 
-@pytest.mark.parametrize("factor", [2, 5, 10])
-def test_decimation_leaves_the_relation_of_inputs_and_outputs(factor: int) -> None:
-    volts = lively(20_000)
-    fine = measured(
-        np.arange(20_000) * STEP, left_voltage_v=volts, left_current_a=first_order(volts, STEP)
-    )
-    coarse = decimate(fine, factor)
-    assert np.allclose(coarse.times, np.arange(20_000 // factor) * factor * STEP, rtol=0, atol=1e-9)
-    again = first_order(coarse.columns["left_voltage_v"], factor * STEP)
-    error = again - coarse.columns["left_current_a"]
-    inside = slice(40, -40)
-    # An input taken at its row instead of over its period is half a period early: many times this.
-    early = first_order(np.roll(coarse.columns["left_voltage_v"], 1), factor * STEP)
-    naive = early - coarse.columns["left_current_a"]
-    assert np.std(error[inside]) < 0.02 * np.std(coarse.columns["left_current_a"])
-    assert np.std(error[inside]) < 0.2 * np.std(naive[inside])
+def experiment(times: Floats, volts: Floats | None = None, **outputs: Floats) -> Data:
+    columns = {} if volts is None else {"left_voltage_v": volts}
+    return Data("m.csv", times, rows_of(columns, len(times)), outputs)
+
+
+def test_inputs_stay_as_they_are() -> None:
+    times = np.arange(5000) * STEP
+    data = experiment(times, np.sign(np.sin(9.0 * times)), left_current_a=times)
+    for rate, factor in ((None, 5), (250.0, 1), (500.0, 3)):
+        few = thinned(data, rate, factor, QUANTUM)
+        assert len(few.times) == len(few.outputs["left_current_a"]) < 1700
+        assert np.array_equal(few.rows, times)
+        assert np.array_equal(few.inputs, data.inputs, equal_nan=True)
+    assert thinned(data, None, 1, QUANTUM) is data
+
+
+@pytest.mark.parametrize(("rate", "factor"), [(None, 7), (300.0, 1), (500.0, 4), (3000.0, 5)])
+def test_what_is_done_to_the_measured_is_done_to_the_simulated(
+    rate: float | None, factor: int
+) -> None:
+    """A simulation that meets every sample there is meets every one that is left."""
+    random = np.random.default_rng(4)
+    times = np.cumsum(random.uniform(0.8, 1.2, 4000)) * STEP if rate else np.arange(4000) * STEP
+    # Blocks and single ones without a sample, and a column on a slower raster.
+    current, angle = random.standard_normal((2, 4000))
+    measured_current = np.where(random.random(4000) < 0.05, np.nan, current)
+    measured_current[1000:1500] = np.nan
+    measured_angle = np.where(np.arange(4000) % 10 == 3, angle, np.nan)
+    data = experiment(times, left_current_a=measured_current, gate_angle_deg=measured_angle)
+    few = thinned(data, rate, factor, QUANTUM)
+    for name, values in (("left_current_a", current), ("gate_angle_deg", angle)):
+        left = np.isfinite(few.outputs[name])
+        assert 100 < np.sum(left) < len(few.times)
+        assert np.allclose(few.thinned(name, values)[left], few.outputs[name][left], atol=1e-12)
 
 
 def test_what_the_coarse_raster_cannot_show_is_gone_and_the_rest_stays() -> None:
     times = np.arange(10_000) * STEP
     slow, fast = np.sin(2 * np.pi * 3.0 * times), np.sin(2 * np.pi * 197.0 * times)
-    m = decimate(measured(times, left_voltage_v=slow, left_current_a=slow + fast), 10)
+    few = thinned(experiment(times, left_current_a=slow + fast), None, 10, QUANTUM)
     inside = slice(15, -15)
-    expected = np.sin(2 * np.pi * 3.0 * m.times)
-    assert np.max(np.abs(m.columns["left_current_a"] - expected)[inside]) < 5e-3
+    expected = np.sin(2 * np.pi * 3.0 * few.times)
+    assert np.max(np.abs(few.outputs["left_current_a"] - expected)[inside]) < 5e-3
 
 
 @CALM
 @given(st.integers(2, 20), st.floats(-5, 5), st.floats(-100, 100))
 def test_a_ramp_is_exact_up_to_both_ends(factor: int, offset: float, slope: float) -> None:
     times = np.arange(25 * factor + 3) * STEP
-    m = decimate(measured(times, left_position_rev=offset + slope * times), factor)
-    assert np.allclose(m.columns["left_position_rev"], offset + slope * m.times, atol=1e-9)
+    few = thinned(experiment(times, gate_angle_deg=offset + slope * times), None, factor, QUANTUM)
+    assert np.array_equal(few.times, times[::factor])
+    assert np.allclose(few.outputs["gate_angle_deg"], offset + slope * few.times, atol=1e-9)
 
 
-def test_switches_stay_zero_or_one_and_counts_go_like_a_position() -> None:
+@pytest.mark.parametrize(("rate", "factor"), [(None, 10), (130.0, 1)])
+def test_counts_stay_counts(rate: float | None, factor: int) -> None:
     times = np.arange(2000) * STEP
-    coast = (np.arange(2000) % 700 < 254).astype(float)
-    count = np.floor(times * 50.0)
-    m = decimate(measured(times, left_coast=coast, left_hall_count=count), 10)
-    assert set(m.columns["left_coast"]) == {0.0, 1.0}
-    assert np.array_equal(m.columns["left_coast"][:30], [1.0] * 25 + [0.0] * 5)
-    inside = slice(15, -15)
-    assert np.max(np.abs(m.columns["left_hall_count"] + 0.5 - 50.0 * m.times)[inside]) < 0.2
+    position = np.rint(times * 50.0) * QUANTUM
+    few = thinned(experiment(times, left_position_rev=position), rate, factor, QUANTUM)
+    counts = few.outputs["left_position_rev"] / QUANTUM
+    assert np.array_equal(counts, np.rint(counts))
+    assert np.max(np.abs(counts - 50.0 * few.times)) <= 0.5 + 0.05  # what 1 ms may add
+    whole = few.thinned("left_position_rev", times)
+    assert np.allclose(whole, few.times, atol=1e-12)
 
 
 def test_a_gap_stays_a_gap() -> None:
@@ -155,54 +161,40 @@ def test_a_gap_stays_a_gap() -> None:
     current = np.sin(times)
     current[1000:1500] = np.nan
     current[2000] = np.nan  # one lost sample is none
-    m = decimate(measured(times, left_current_a=current), 10)
-    lost = np.isnan(m.columns["left_current_a"])
+    few = thinned(experiment(times, left_current_a=current), None, 10, QUANTUM)
+    lost = np.isnan(few.outputs["left_current_a"])
     assert np.all(lost[100:150])
     assert not np.any(lost[:99])
     assert not np.any(lost[151:])
 
 
-def test_an_uneven_raster_is_not_decimated() -> None:
+@pytest.mark.parametrize(
+    ("rate", "factor", "said"),
+    [
+        (None, 2, "m.csv: --decimate 2: the rows are not evenly spaced; allowed: with --resample HZ"),
+        (1e3, 10, "m.csv: --resample 1000 --decimate 10: 15 rows of 100; allowed: 20 or more"),
+        (100.0, 1, "m.csv: --resample 100: 15 rows of 100; allowed: 20 or more"),
+        (1e9, 1, "m.csv: --resample 1e+09: 149000001 rows; allowed: up to 5e+07"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_thinned_out_so_is_a_fault(
+    rate: float | None, factor: int, said: str
+) -> None:
     times = np.cumsum(np.tile([0.001, 0.002], 50))
     with pytest.raises(ConfigError) as caught:
-        decimate(measured(times, left_current_a=times), 4)
-    assert caught.value.faults == [
-        "m.csv: --decimate 4: the rows are not evenly spaced; allowed: with --resample HZ"
-    ]
-
-
-# Resampling.
-
-
-@CALM
-@given(st.integers(1, 60), st.integers(0, 2**32 - 1), st.floats(3.0, 400.0))
-def test_resampled_inputs_keep_their_time_integral(count: int, seed: int, rate: float) -> None:
-    random = np.random.default_rng(seed)
-    times = np.cumsum(random.uniform(0.001, 0.05, count + 1))
-    volts = random.uniform(-12, 12, count + 1)
-    m = resample(measured(times, left_voltage_v=volts), rate)
-    end = m.times[-1] + 1.0 / rate
-    given_until = held_mean(times, volts, np.array([times[0], end]))[0] * (end - times[0])
-    assert np.sum(m.columns["left_voltage_v"]) / rate == pytest.approx(given_until, abs=1e-9)
+        thinned(experiment(times, left_current_a=times), rate, factor, QUANTUM)
+    assert caught.value.faults == [said]
 
 
 def test_outputs_lie_on_lines_and_never_across_a_gap() -> None:
     own = np.concatenate([np.arange(0, 1, 0.01), np.arange(2, 3, 0.01)])
     own = own + np.random.default_rng(1).uniform(-0.001, 0.001, len(own))
-    m = resample(measured(own, left_voltage_v=own * 0.0, left_position_rev=3.0 * own), 250.0)
-    position = m.columns["left_position_rev"]
-    gap = (m.times > own[99] + 1e-6) & (m.times < own[100] - 1e-6)
-    assert np.array_equal(np.isnan(position), gap)
-    assert np.allclose(position[~gap], 3.0 * m.times[~gap], atol=1e-9)
-    assert np.allclose(np.diff(m.times), 0.004, atol=1e-9)
-
-
-def test_columns_of_several_rasters_come_onto_one() -> None:
-    times = np.arange(1001) * STEP
-    slow = np.where(np.arange(1001) % 10 == 0, times, np.nan)
-    m = resample(measured(times, left_coast=(times < 0.5) * 1.0, left_position_rev=slow), 500.0)
-    assert np.allclose(m.columns["left_position_rev"], m.times, atol=1e-9)
-    assert set(m.columns["left_coast"]) == {0.0, 1.0}
+    few = thinned(experiment(own, gate_angle_deg=3.0 * own), 250.0, 1, QUANTUM)
+    angle = few.outputs["gate_angle_deg"]
+    gap = (few.times > own[99] + 1e-6) & (few.times < own[100] - 1e-6)
+    assert np.array_equal(np.isnan(angle), gap)
+    assert np.allclose(angle[~gap], 3.0 * few.times[~gap], atol=1e-9)
+    assert np.allclose(np.diff(few.times), 0.004, atol=1e-9)
 
 
 # Gaps and outliers.
