@@ -271,22 +271,17 @@ COASTING = bridge.DriveInput(0.0, 0.0, 1.0)
 NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def initial_state(plant: Plant, angle: float = 0.0, latched: bool = False) -> State:
-    """At rest at `angle` [rad], each drive in the middle of its play, warm as the surroundings."""
-    return resting_state(plant, angle, float(latched), 0.0)
-
-
 @compilable
-def resting_state(plant: Plant, angle: float, latched: float, warmth: float) -> State:
-    """The same with windings that are `warmth` [K] warmer than the surroundings."""
+def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> State:
+    """At rest at `angle` [rad], each drive in the middle of its play, warm as the surroundings."""
     ambient = plant.environment.ambient_temperature
     extended = gate.extension(plant.link, angle)
     left = plant.left.active * extended / plant.left.travel
     right = plant.right.active * extended / plant.right.travel
     return State(
-        DriveState(0.0, 0.0, left, ambient + warmth, ambient),
-        DriveState(0.0, 0.0, right, ambient + warmth, ambient),
+        DriveState(0.0, 0.0, left, ambient, ambient),
+        DriveState(0.0, 0.0, right, ambient, ambient),
         angle,
         0.0,
-        latched,
+        float(latched),
     )

@@ -48,8 +48,8 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         "--initial",
         default="auto",
         metavar="auto|closed|open|ANGLE_deg",
-        help="at rest at this angle; auto: as the first samples say, estimated where they leave it open; for each "
-        "FILE its own: closed,open",
+        help="at rest at this angle, for so long that windings are cold; auto: as the first samples say, "
+        "estimated where they leave it open; for each FILE its own: closed,open",
     )
     parser.add_argument(
         "--input-delay",
@@ -111,7 +111,22 @@ def problem_of(
         notes += [f"{measurement.source}: {note}" for note in measurement.notes]
         if each.thinning is not None:
             notes.append(f"{each.name}: {len(each.times)} samples of {len(each.rows)} rows")
+    notes += [
+        f"{data[k].name}: begins at rest after a motion that is not in it: where its drives stopped{also} is "
+        "estimated along; --initial says of a gate that has rested for long where it is"
+        for k, also in _after_a_motion(problem)
+    ]
     return problem, tuple(notes)
+
+
+def _after_a_motion(problem: Problem) -> list[tuple[int, str]]:
+    """Numbers of the experiments that begin in a pause, and what else of that is not known."""
+    found = []
+    for k, begin in enumerate(problem.beginnings):
+        if begin.start.moving > 0.0 and begin.start.speed == 0.0:
+            warm = any(each.name == "warmth" for each in begin.unknowns)
+            found.append((k, ", and how warm they are," if warm else ""))
+    return found
 
 
 def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:

@@ -18,11 +18,22 @@ from plant.identify.trajectory import INPUTS, REST, Start
 Floats = NDArray[np.float64]
 
 CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
-_REST_SHARE = 0.2  # of the largest speed: what a start from rest extrapolates to at most
+# Of the largest speed: what a start from rest extrapolates to at most, and what is one where nothing drives it.
+_REST_SHARE, _STILL_SHARE = 0.2, 0.01
+_SURE = 4.0  # standard deviations of a speed
+_WINDOWS = (0.04, 0.15)  # s by which a motion is told
 # How far position and angle may disagree before the counter has a zero of its own, rev.
 _OFFSET_REV = 1.5
-# How far a moving gate may be from the balance of forces, and how warm its windings may be already: std.
-_SPREAD_DEG, _SPREAD_DEGPS, _SPREAD_K = 0.2, 3.0, 20.0
+# Standard deviations of what is not known of a beginning: how far a gate may be from the balance of forces, moving
+# and at rest (where friction and play hold it); how far two drives may be apart, as unlike forces wind them up
+# (500 N bend a mechanism of 5e5 N/m by three revolutions); how warm windings and housings may be.
+_SPREAD_DEG, _SPREAD_DEGPS = 0.2, 3.0
+_SPREAD_REST_DEG = 0.5
+_SPREAD_REV = 3.0
+_SPREAD_RPS = 5.0  # of a rest that no speed and no position shows
+_SPREAD_K, _SPREAD_HOUSING_K = 20.0, 10.0
+_HOTTEST_K = 200.0
+_CUT = 0.1  # s: a file whose clock shows more where it begins was cut
 
 
 @dataclass(frozen=True)
@@ -116,22 +127,20 @@ def first_sample(values: Floats | None) -> float:
     return float(values[there[0]]) if len(there) else math.nan
 
 
-def motion(data: Data) -> tuple[float, float, float]:
+def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]:
     """(speed at the beginning, its standard deviation, largest speed) [rev/s]; NaN where neither speed nor
-    position was measured.
+    position was measured. Good to `share` of the largest speed, where the data are.
     """
     for side in ("left", "right"):
         for name, degree in ((f"{side}_speed_rps", 1), (f"{side}_position_rev", 2)):
             values = data.outputs.get(name)
             if values is not None and np.any(np.isfinite(values)):
-                return _moving(data.times, values, degree)
+                return _moving(data.times, values, degree, share)
     return math.nan, math.nan, math.nan
 
 
-def _moving(times: Floats, values: Floats, degree: int) -> tuple[float, float, float]:
-    """The same from a speed (degree 1) or a position (2), by its first 40 ms; by 150 ms where that is too noisy to
-    tell.
-    """
+def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[float, float, float]:
+    """The same from a speed (degree 1) or a position (2), by the first of the windows that tells enough."""
     there = np.isfinite(values)
     times, values = times[there], values[there]
     if degree == 1:
@@ -141,10 +150,10 @@ def _moving(times: Floats, values: Floats, degree: int) -> tuple[float, float, f
         speeds = np.diff(np.interp(edges, times, values)) / 0.1
         largest = float(np.max(np.abs(speeds), initial=0.0))
     first, std = math.nan, math.inf
-    for window in (0.04, 0.15):
+    for window in _WINDOWS:
         value, slope, value_std, slope_std = _beginning(times, values, degree, window)
         first, std = (value, value_std) if degree == 1 else (slope, slope_std)
-        if 3.0 * std <= _REST_SHARE * largest:
+        if 3.0 * std <= share * largest:
             break
     return first, std, largest
 
@@ -168,15 +177,23 @@ def _beginning(
 
 def begins_at_rest(data: Data) -> bool:
     """Whether nothing moves yet at the first sample."""
-    first, std, largest = motion(data)
+    share = _REST_SHARE if _is_driven(data) else _STILL_SHARE
+    first, std, largest = motion(data, share)
     if math.isnan(first):
         angle = data.outputs.get("gate_angle_deg")
         if angle is None or not np.any(np.isfinite(angle)):
             return True
         if abs(np.nanmedian(angle[:10])) < CLOSED_DEG:
             return True
-        first, std, largest = _moving(data.times, angle, 2)
-    return abs(first) <= _REST_SHARE * largest + 3.0 * std
+        share = _REST_SHARE  # a gate may fall through its play while its drives rest
+        first, std, largest = _moving(data.times, angle, 2, share)
+    return abs(first) <= share * largest + _SURE * std
+
+
+def _is_driven(data: Data) -> bool:
+    """Whether there is a voltage within the time by which a motion is told."""
+    count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
+    return bool(np.any(np.nan_to_num(data.inputs[:count, :4]) != 0.0))
 
 
 def beginning_of(
@@ -189,13 +206,16 @@ def beginning_of(
     """
     moves = not begins_at_rest(data)
     if angle_deg is not None and (_shows_place(data) or not moves):
-        return _at_rest(plant, data, experiment, math.radians(angle_deg), True)
-    if not moves:
-        known = _first_angle(plant, data)
-        if math.isnan(known) or abs(known) < CLOSED_DEG:
-            return _at_rest(plant, data, experiment, 0.0, True)
-        return _at_rest(plant, data, experiment, math.radians(known), False)
-    return _in_motion(plant, data, experiment, full, angle_deg)
+        return _at_rest(plant, data, experiment, math.radians(angle_deg))
+    known = _first_angle(plant, data)
+    if moves or _follows_motion(data, known):
+        return _midway(plant, data, experiment, full, moves, angle_deg)
+    return _at_rest(plant, data, experiment, 0.0)
+
+
+def _follows_motion(data: Data, angle_deg: float) -> bool:
+    """Whether a gate at rest is so after a motion: it is open, or there is an earlier part that was cut off."""
+    return abs(angle_deg) >= CLOSED_DEG or data.times[0] > _CUT
 
 
 def _first_angle(plant: Plant, data: Data) -> float:
@@ -207,18 +227,32 @@ def _first_angle(plant: Plant, data: Data) -> float:
     return known
 
 
+def _first_speed(plant: Plant, data: Data) -> float:
+    """The drives' speed at the first sample [rev/s]; NaN where nothing says."""
+    speed, _, _ = motion(data)
+    angle = data.outputs.get("gate_angle_deg")
+    if math.isnan(speed) and angle is not None:
+        rate, _, _ = _moving(data.times, angle, 2, _REST_SHARE)
+        arm = gate.lever(plant.link, math.radians(first_sample(angle)))
+        speed = math.radians(rate) * arm / plant.left.travel
+    return speed
+
+
 def _position(data: Data) -> Floats | None:
     left = data.outputs.get("left_position_rev")
     return left if left is not None else data.outputs.get("right_position_rev")
 
 
-def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, known: bool) -> Beginning:
-    # A latch holds a closed gate; at any other place its command says nothing of its state.
-    latched = 1.0 if data.inputs[0, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG else 0.0
-    start = REST._replace(angle=angle, latched=latched)
-    unknowns = [] if known else [Unknown(experiment, "angle", angle)]
+def _at_rest(plant: Plant, data: Data, experiment: int, angle: float) -> Beginning:
+    """A gate that has been at rest for long at a known angle [rad]."""
+    start = REST._replace(angle=angle, latched=_latched(data, math.degrees(angle)))
     place = gate.extension(plant.link, angle) / plant.left.travel
-    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
+    return Beginning(start, tuple(_offsets(data, experiment, place)))
+
+
+def _latched(data: Data, angle_deg: float) -> float:
+    """A latch holds a closed gate; at any other place its command says nothing of its state."""
+    return 1.0 if data.inputs[0, 10] == 0.0 and abs(angle_deg) < CLOSED_DEG else 0.0
 
 
 def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
@@ -236,37 +270,49 @@ def _shows_place(data: Data) -> bool:
     return any(name.endswith(("_position_rev", "angle_deg")) for name in data.outputs)
 
 
-def _in_motion(
-    plant: Plant, data: Data, experiment: int, full: bool, angle_deg: float | None
+def _midway(
+    plant: Plant,
+    data: Data,
+    experiment: int,
+    full: bool,
+    moves: bool,
+    angle_deg: float | None,
 ) -> Beginning:
-    speed, _, _ = motion(data)
+    """A gate in motion, or at rest after one."""
+    speed = _first_speed(plant, data) if moves else 0.0
     known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
-    angle = math.radians(known)
     shown = first_sample(_position(data))
     place = shown
-    if not math.isnan(angle):
-        by_angle = gate.extension(plant.link, angle) / plant.left.travel
+    if not math.isnan(known):
+        by_angle = gate.extension(plant.link, math.radians(known)) / plant.left.travel
         if math.isnan(shown) or abs(shown - by_angle) > _OFFSET_REV:
             place = by_angle
+    if not moves and math.isnan(place):
+        place = 0.0
     if math.isnan(place) or math.isnan(speed):
         raise ValueError(
             "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
             "a position or an angle, or --initial"
         )
-    start = REST._replace(moving=1.0, speed=speed, left_position=place, right_position=place)
-    unknowns = [Unknown(experiment, "speed", speed)]
-    if _shows_place(data):
-        unknowns.append(Unknown(experiment, "left_position", place))
-    both = plant.right.active > 0.0 and all(
-        f"{side}_position_rev" in data.outputs for side in ("left", "right")
-    )
-    if full and both:
-        unknowns.append(Unknown(experiment, "right_position", place))
-    if full:
-        unknowns.append(Unknown(experiment, "angle", 0.0, math.radians(_SPREAD_DEG)))
+    latched = 0.0 if moves else _latched(data, _first_angle(plant, data))
+    start = REST._replace(moving=1.0, speed=speed, left_position=place, latched=latched)
+    unknowns = []
+    if moves or (full and math.isnan(motion(data)[0])):
+        unknowns.append(Unknown(experiment, "speed", speed, math.inf if moves else _SPREAD_RPS))
+    if _shows_place(data) or not moves:
+        is_held = latched > 0.0 or not _shows_place(data)
+        std = _SPREAD_REV if is_held else math.inf
+        unknowns.append(Unknown(experiment, "left_position", place, std))
+    if full and plant.right.active > 0.0:
+        unknowns.append(Unknown(experiment, "right_ahead", 0.0, _SPREAD_REV))
+    if full and latched == 0.0:
+        spread = _SPREAD_DEG if moves else _SPREAD_REST_DEG
+        unknowns.append(Unknown(experiment, "angle", 0.0, math.radians(spread)))
+    if full and moves:
         unknowns.append(Unknown(experiment, "rate", 0.0, math.radians(_SPREAD_DEGPS)))
     if plant.left.thermal.enabled > 0.0:
-        unknowns.append(Unknown(experiment, "warmth", 0.0, _SPREAD_K, -_SPREAD_K, 200.0))
+        for name, std in (("warmth", _SPREAD_K), ("housing_warmth", _SPREAD_HOUSING_K)):
+            unknowns.append(Unknown(experiment, name, 0.0, std, -_SPREAD_K, _HOTTEST_K))
     return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
 
 

@@ -23,6 +23,7 @@ from plant.identify.search import (
     errors_of,
     log_likelihood_deviance,
     loss_of,
+    past_kinks,
     sampled_rows,
     search,
 )
@@ -67,7 +68,7 @@ def identify(
     kept = _comparable(problem)
     given_std = None if given_std is None else given_std[kept]
     _check_excited(problem)
-    found = _search(problem, report, given_std)
+    found = past_kinks(problem, _search(problem, report, given_std), report, given_std)
     if problem.is_delay_sought:
         found = _at_best_delay(problem, found, report, given_std)
     _check_followed(problem, found.errors)
@@ -222,7 +223,7 @@ def validate(problem: Problem) -> Validation:
     """A model against measurements. Only how each begins is estimated, where it moves, and the input delay."""
     point, outputs = problem.initial, problem.outputs
     if len(point) and problem.leave_out_few():
-        point = search(problem).point
+        point = past_kinks(problem, search(problem)).point
     problem.outputs = outputs
     return Validation(problem.model, "", tuple(experiments_of(problem, point, None)))
 
@@ -352,7 +353,7 @@ def _estimates(
 
 
 def _unit_of(name: str) -> str:
-    if name.endswith(("_offset", "_position")):
+    if name.endswith(("_offset", "_position", "_ahead")):
         return "rev"
     units = {
         "angle": "rad",
@@ -360,6 +361,7 @@ def _unit_of(name: str) -> str:
         "speed": "rev/s",
         "input_delay": "s",
         "warmth": "K",
+        "housing_warmth": "K",
     }
     return units.get(name, "")
 

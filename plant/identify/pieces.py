@@ -46,7 +46,9 @@ def in_pieces(problem: Problem) -> Problem | None:
                 continue  # held by its latch, wherever the drives push
             pieces.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
-            start = REST._replace(moving=1.0, speed=speed, left_position=left, right_position=right)
+            start = REST._replace(
+                moving=1.0, speed=speed, left_position=left, right_ahead=right - left
+            )
             beginnings.append(Beginning(start, ()))
     if not pieces:
         return None

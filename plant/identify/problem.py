@@ -16,6 +16,7 @@ from plant.identify.data import (
     Unknown,
     beginning_of,
     changes_of,
+    first_sample,
     is_count,
     without_end,
 )
@@ -152,7 +153,8 @@ class Problem:
         """What counts as a change of the order of one."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
-        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01, "warmth": 10.0}
+        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
+        default |= {"warmth": 10.0, "housing_warmth": 10.0}
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:
@@ -216,8 +218,6 @@ class Problem:
                     aside[unknown.name] = float(value)
                 else:
                     start = start._replace(**{unknown.name: float(value)})
-                    if unknown.name == "left_position" and not self._has_right(number):
-                        start = start._replace(right_position=float(value))
         base = load_of(vehicle)._replace(latch_released=1.0)
         if start.moving > 0.0:
             start = self._with_currents(plant, data, base, start)
@@ -242,11 +242,10 @@ class Problem:
         out[:, 5] += aside.get("right_offset", 0.0)
         return out
 
-    def _has_right(self, number: int) -> bool:
-        return any(u.experiment == number and u.name == "right_position" for u in self.unknowns)
-
     def _with_currents(self, plant: Plant, data: Data, base: Load, start: Start) -> Start:
-        """A winding forgets its beginning in L/R: it begins with the current of its steady state."""
+        """A winding forgets its beginning in L/R: it begins with the current of its steady state, or with none
+        where what was measured is nearer to that (a voltage that begins with the data).
+        """
         inputs = inputs_of(data.inputs[0], base)
         currents = {}
         for side in ("left", "right"):
@@ -254,27 +253,33 @@ class Problem:
             volts = given.voltage + given.duty * inputs.load.source_voltage
             emf = drive.motor.speed_constant * start.speed
             steady = (volts - emf) / drive.motor.resistance
-            currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady
+            shown = first_sample(data.outputs.get(f"{side}_current_a"))
+            is_none = start.speed == 0.0 if math.isnan(shown) else abs(shown - steady) > abs(shown)
+            current = 0.0 if given.coast or is_none else drive.active * steady
+            currents[f"{side}_current"] = current
         return start._replace(**currents)
 
-    def derivative(self, point: Floats) -> Floats:
-        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound.
+    def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
+        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound; over half the
+        `widths` (unknowns,) to either side where these are given.
 
         A simulation costs microseconds a sample and is smooth to 1e-12, so differences are good to about 1e-8.
         """
-        if self._last_derivative[0] == point.tobytes():
+        if widths is None:
+            widths = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        key = point.tobytes() + widths.tobytes()
+        if self._last_derivative[0] == key:
             return self._last_derivative[1]
         low, high = self.bounds
-        widths = _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
         slopes = np.empty((*self.measured.shape, len(point)))
         for k, width in enumerate(widths):
             above, below = point.copy(), point.copy()
-            above[k] = min(point[k] + width, high[k])
-            below[k] = max(point[k] - width, low[k])
+            above[k] = min(point[k] + 0.5 * width, high[k])
+            below[k] = max(point[k] - 0.5 * width, low[k])
             slopes[:, :, k] = (self.predicted(above) - self.predicted(below)) / (
                 above[k] - below[k]
             )
-        self._last_derivative = (point.tobytes(), slopes)
+        self._last_derivative = (key, slopes)
         return slopes
 
 

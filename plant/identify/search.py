@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.identify.problem import Problem
+from plant.identify.statistics import information, pseudo_inverse
 
 Floats = NDArray[np.float64]
 Report = Callable[[int, float, float], None]  # iteration, loss, relative step
@@ -28,6 +29,7 @@ _INNER, _PATIENCE = (
 _STILL = 5e-3  # standard deviations: what no longer counts as a step
 _FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
 _HOLD = 1e-6  # 1/sizes: holds what has no effect, without which the solver's steps go astray
+_SPANS = (60.0, 20.0)  # standard deviations over which slopes are taken in turn to get past kinks
 _HUGE = 1e6  # prediction of a model that diverged
 
 
@@ -108,8 +110,11 @@ def search(
     begin: Floats | None = None,
     fixed: Sequence[int] = (),
     rounds: int = _ROUNDS,
+    widths: Floats | None = None,
 ) -> Found:
-    """Minimise the loss from `begin`, with the unknowns numbered in `fixed` held there."""
+    """Minimise the loss from `begin`, with the unknowns numbered in `fixed` held there, by differences of these
+    `widths`.
+    """
     measured = problem.measured
     point = (problem.initial if begin is None else begin).copy()
     free = [k for k in range(len(point)) if k not in fixed]
@@ -118,7 +123,7 @@ def search(
     weighting = weighting_of(measured, errors, given_std)
     history = [_loss(measured, weighting, errors, given_std)]
     reason = f"no end after {rounds} iterations"
-    cache = _Cache(problem)
+    cache = _Cache(problem, widths)
     inner = _INNER
     for number in range(1, rounds + 1 if free else 1):
         before = errors
@@ -142,11 +147,41 @@ def search(
     return Found(point, weighting, tuple(history), reason, errors, slopes)
 
 
+def past_kinks(
+    problem: Problem, found: Found, report: Report | None = None, given_std: Floats | None = None
+) -> Found:
+    """The search's end, or a better one that lies behind a kink.
+
+    When the gate falls through its drives' play the loss has minima beside each other, a few dozens of standard
+    deviations apart: each is another time at which a tooth strikes. Slopes over so wide a difference see past
+    them; from where these lead, slopes over less find the minimum.
+    """
+    if problem.model != "full" or not len(found.point):
+        return found
+    _, inverse_std = problem.priors()
+    spread = pseudo_inverse(information(found.slopes, found.weighting.root, inverse_std))
+    std = np.sqrt(np.diag(spread))
+    std = np.where(std > 0.0, std, problem.sizes)  # of what has no effect
+    point = found.point
+    for span in _SPANS:
+        point = search(problem, report, given_std, point, rounds=1, widths=span * std).point
+    other = search(problem, report, given_std, point)
+    return min(found, other, key=lambda each: _deviance(problem, each))
+
+
+def _deviance(problem: Problem, found: Found) -> float:
+    """−2 log L, with the priors."""
+    means, inverse_std = problem.priors()
+    prior = float(np.sum(((found.point - means) * inverse_std) ** 2))
+    return prior + log_likelihood_deviance(problem.measured, found.errors, found.weighting)
+
+
 class _Cache:
     """The last prediction and its derivative: the solver asks for both at the same point, in turns."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, widths: Floats | None) -> None:
         self._problem = problem
+        self._widths = widths
         self._at: dict[str, tuple[bytes, Floats]] = {}
 
     def _get(self, kind: str, point: Floats, make: Callable[[Floats], Floats]) -> Floats:
@@ -159,7 +194,7 @@ class _Cache:
         return self._get("predicted", point, self._problem.predicted)
 
     def slopes(self, point: Floats) -> Floats:
-        return self._get("slopes", point, self._problem.derivative)
+        return self._get("slopes", point, lambda at: self._problem.derivative(at, self._widths))
 
 
 def loss_of(measured: Floats, errors: Floats, given_std: Floats | None) -> float:

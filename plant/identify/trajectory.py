@@ -51,16 +51,17 @@ OUTPUTS = (
 class Start(NamedTuple):
     """How a trajectory begins."""
 
-    moving: float  # 1.0: the gate goes along with its drives; 0.0: all at rest, drives in the middle of their play
+    moving: float  # 1.0: the gate is where its drives have it; 0.0: at rest, drives in the middle of their play
     latched: float
     left_current: float
     right_current: float
     speed: float  # rev/s, of both drives
-    left_position: float  # rev; of a gate that moves
-    right_position: float
-    angle: float  # rad; at rest the gate's, moving what it is beyond the balance of forces
+    left_position: float  # rev; of a gate that is where its drives have it
+    right_ahead: float  # rev, of the left drive
+    angle: float  # rad; the gate's, or what it is beyond the balance of forces
     rate: float  # rad/s, beyond that of the drives
     warmth: float = 0.0  # K, of the windings above the surroundings
+    housing_warmth: float = 0.0  # K, of the housings
 
 
 REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -94,28 +95,25 @@ def inputs_of(row: Floats, base: Load) -> Inputs:
 
 @compilable
 def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
-    """A gate that moves along with its drives."""
-    warm = ambient + start.warmth
+    """A gate that goes along with its drives."""
+    winding, housing = ambient + start.warmth, ambient + start.housing_warmth
+    left, right = start.left_position, start.left_position + start.right_ahead
     return State(
-        DriveState(start.left_current, start.speed, start.left_position, warm, ambient),
-        DriveState(start.right_current, start.speed, start.right_position, warm, ambient),
+        DriveState(start.left_current, start.speed, left, winding, housing),
+        DriveState(start.right_current, start.speed, right, winding, housing),
         angle,
         rate,
-        0.0,
+        start.latched,
     )
 
 
 @compilable
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
-    """Torque [N m] on a gate that moves along with its drives, at an angle: falls as the angle grows."""
-    link = plant.link
-    arm = gate.lever(link, angle)
-    rate = plant.left.travel * start.speed / arm
+    """Torque [N m] on a gate that goes along with its drives, at an angle: falls as the angle grows."""
+    rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
     state = moving_state(start, angle, rate, load.ambient_temperature)
-    torque = dynamics.drive_force(plant.left, link, state.left, angle, rate) * arm
-    torque += dynamics.drive_force(plant.right, link, state.right, angle, rate) * arm
-    torque += dynamics.smooth_torque(plant, load, angle)
-    return torque - math.copysign(plant.hinge.coulomb, start.speed)
+    friction = plant.hinge.coulomb * np.sign(start.speed)
+    return dynamics.gate_torque(plant, state, load) - float(friction)
 
 
 @compilable
@@ -137,10 +135,12 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
     """The state in which a trajectory begins."""
     ambient = plant.environment.ambient_temperature
     if start.moving == 0.0:
-        state = dynamics.resting_state(plant, start.angle, start.latched, start.warmth)
+        state = dynamics.initial_state(plant, start.angle, start.latched)
         return rigid.rigid_start(state) if model else state
     if model:
         return rigid.rigid_start(moving_state(start, 0.0, 0.0, ambient))
+    if start.latched > 0.0:
+        return moving_state(start, 0.0, 0.0, ambient)
     angle = balanced_angle(plant, load, start) + start.angle
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle) + start.rate
     return moving_state(start, angle, rate, ambient)

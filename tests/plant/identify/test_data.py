@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from hil.build import vehicle_from
 from plant import gate
+from plant.identify import rigid
 from plant.identify.data import (
     Data,
     applied_voltage,
@@ -118,8 +119,10 @@ def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
     drive = (times, np.where(times < 0.5, 0.0, 12.0))
     data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, drive)
     begin = beginning_of(plant, data, 0, None, True)
-    assert math.degrees(begin.start.angle) == pytest.approx(35.0, abs=0.1)
-    assert [each.name for each in begin.unknowns] == ["angle"]
+    shown = math.degrees(rigid.angle_at(plant.link, plant.left.travel * begin.start.left_position))
+    assert shown == pytest.approx(35.0, abs=0.1)
+    assert begin.start.speed == 0.0
+    assert [each.name for each in begin.unknowns] == ["left_position", "right_ahead", "angle"]
 
 
 def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
@@ -132,9 +135,9 @@ def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
     assert begin.start.speed == pytest.approx(truth["left_speed_rps"][100], abs=30.0)
     assert begin.start.left_position == pytest.approx(truth["left_position_rev"][100], abs=0.5)
     names = [each.name for each in begin.unknowns]
-    assert names == ["speed", "left_position", "angle", "rate"]
-    rigid = beginning_of(plant, data, 0, None, False)
-    assert [each.name for each in rigid.unknowns] == ["speed", "left_position"]
+    assert names == ["speed", "left_position", "right_ahead", "angle", "rate"]
+    stiff = beginning_of(plant, data, 0, None, False)
+    assert [each.name for each in stiff.unknowns] == ["speed", "left_position"]
 
 
 def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None:
@@ -211,10 +214,57 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
     open_ = dataclasses.replace(whole, inputs=np.where(np.arange(11) == 10, 0.0, whole.inputs))
     begin = beginning_of(plant_of(suv()), open_, 0, None, True)
     assert begin.start.latched == 0.0
-    assert math.degrees(begin.start.angle) == pytest.approx(40.0, abs=1.0)
+    extended = plant_of(suv()).left.travel * begin.start.left_position
+    assert math.degrees(rigid.angle_at(plant_of(suv()).link, extended)) == pytest.approx(40, abs=1)
     moving = beginning_of(plant_of(suv()), later(open_, 0.5), 0, None, True)
     assert moving.start.moving == 1.0
     closed = measured(suv(), "third-order", noise, 1, 0.0)
     shut = dataclasses.replace(closed, inputs=np.where(np.arange(11) == 10, 0.0, closed.inputs))
     shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
     assert beginning_of(plant_of(suv()), shut, 0, None, True).start.latched == 1.0
+    cut = dataclasses.replace(shut, times=shut.times + 3.0)
+    begin = beginning_of(plant_of(suv()), cut, 0, None, True)
+    assert (begin.start.moving, begin.start.latched) == (1.0, 1.0)
+    assert {each.name: each.std for each in begin.unknowns} == {
+        "left_position": 3.0,
+        "right_ahead": 3.0,
+    }
+
+
+def pause(vehicle: Vehicle, angle_deg: float, noise: dict[str, float], cut: float = 0.0) -> Data:
+    """Half a second of rest before an opening; the clock shows `cut` where it begins."""
+    times = np.arange(401) / 200.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    data = measured(vehicle, "full", noise, 1, angle_deg, drive, latch_released=0.0)
+    return dataclasses.replace(data, times=data.times + cut)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "cut", "expected"), [(0.0, 0.0, False), (0.0, 2.0, True), (30.0, 0.0, True)]
+)
+def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_long(
+    angle_deg: float, cut: float, expected: bool
+) -> None:
+    data = pause(heavy_suv(), angle_deg, {**POSITION, **ANGLE}, cut)
+    begin = beginning_of(plant_of(heavy_suv()), data, 0, None, True)
+    names = {each.name for each in begin.unknowns}
+    assert ({"warmth", "housing_warmth", "right_ahead", "left_position"} <= names) == expected
+    assert (begin.start.moving == 1.0) == expected
+    assert beginning_of(plant_of(heavy_suv()), data, 0, angle_deg, True).unknowns == ()
+
+
+def test_a_slow_motion_that_nothing_drives_is_one() -> None:
+    times = np.arange(2001) / 1000.0
+    volts = np.where(times < 0.5, 12.0, 0.0)
+    for noise in (POSITION, SPEED):
+        whole = measured(suv(), "full", noise, 1, 20.0, (times, volts))
+        truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0, (times, volts))
+        speed = truth.outputs["left_speed_rps"]
+        slow = times[np.flatnonzero((times > 0.5) & (speed < 0.15 * np.max(speed)))[0]]
+        assert not begins_at_rest(later(whole, slow))
+        assert begins_at_rest(later(whole, 1.8))
+
+
+def test_a_rest_that_only_an_angle_shows_may_be_a_slow_motion() -> None:
+    begin = beginning_of(plant_of(suv()), pause(suv(), 30.0, ANGLE), 0, None, True)
+    assert {each.name: each.std for each in begin.unknowns}["speed"] == 5.0

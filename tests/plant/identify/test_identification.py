@@ -9,10 +9,12 @@ import math
 import numpy as np
 import pytest
 
+from plant import gate
 from plant.identify.data import Data, rows_of
 from plant.identify.identification import NothingToTellError, identify, validate
 from plant.identify.problem import Problem
 from plant.identify.statistics import criteria
+from plant.vehicle import plant_of
 from tests.plant.identify.simulated import (
     NOISE,
     TRUTH,
@@ -161,13 +163,15 @@ def test_the_zero_of_a_position_counter_is_recovered() -> None:
 
 
 @pytest.mark.parametrize("model", ["full", "third-order"])
-def test_the_angle_of_a_gate_at_rest_is_estimated(model: str) -> None:
+def test_the_place_of_a_gate_at_rest_is_estimated(model: str) -> None:
     vehicle = true_vehicle()
     data = measured(vehicle, model, seed=2, angle_deg=30.0)
     result = estimated(vehicle, model, [*TRUTH], [data], None)
-    (angle,) = result.initial_states
-    assert (angle.name, angle.unit) == ("run: angle", "rad")
-    assert abs(angle.value - math.radians(30.0)) < 3.0 * angle.std < math.radians(0.1)
+    place = result.initial_states[0]
+    assert (place.name, place.unit) == ("run: left_position", "rev")
+    plant = plant_of(vehicle)
+    truth = gate.extension(plant.link, math.radians(30.0)) / plant.left.travel
+    assert abs(place.value - truth) < 3.0 * place.std < 0.5
     assert np.abs(scores(result)).max() < 3.0
 
 

@@ -100,8 +100,8 @@ def test_unknowns_of_all_experiments_stand_behind_the_parameters() -> None:
     data = [measured(suv(), noise=NOISE, seed=k, name=str(k)) for k in (1, 2)]
     problem = Problem(suv(), "third-order", sought([*TRUTH][:2]), data, [*NOISE], None)
     assert [(each.experiment, each.name) for each in problem.unknowns] == [
-        (0, "angle"),
-        (1, "angle"),
+        (0, "left_position"),
+        (1, "left_position"),
     ]
     assert len(problem.initial) == 4
     point = problem.initial.copy()

@@ -188,7 +188,8 @@ def test_a_full_model_that_begins_in_motion_goes_on_as_it_would_have(
     times = np.arange(2001) * 1e-3
     whole = rows(vehicle, "full", times, left_voltage_v=volts, start=begin)
     middle = whole[1500]
-    start = Start(1.0, 0.0, *middle[:2], middle[2], *middle[4:6], 0.0, 0.0)
+    ahead = middle[5] - middle[4]
+    start = Start(1.0, 0.0, *middle[:2], middle[2], middle[4], ahead, 0.0, 0.0)
     rest = rows(vehicle, "full", times[1500:], left_voltage_v=volts, start=start)
     # Measured 0.005 A, 0.028 rev/s, 0.0014 deg; 0.02 deg out of balance make 0.02 A and 0.22 rev/s.
     assert rest[:, 0] == pytest.approx(whole[1500:, 0], abs=0.01)
@@ -203,7 +204,7 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
     place = gate.extension(plant.link, math.radians(40.0)) / plant.left.travel
     angles = []
     for speed in (140.0, -140.0):
-        start = REST._replace(moving=1.0, speed=speed, left_position=place, right_position=place)
+        start = REST._replace(moving=1.0, speed=speed, left_position=place)
         angles.append(balanced_angle(plant, load, start))
     # Both drives push against weight, springs and the hinge's friction; the play lies between the two.
     assert angles[0] < angles[1]
