@@ -33,6 +33,7 @@ _SPREAD_REV = 3.0
 _SPREAD_RPS = 5.0  # of a rest that no speed and no position shows
 _SPREAD_K, _SPREAD_HOUSING_K = 20.0, 10.0
 _HOTTEST_K = 200.0
+_FIRST = 0.02  # s in which an angle has hardly changed
 _CUT = 0.1  # s: a file whose clock shows more where it begins was cut
 
 
@@ -219,12 +220,13 @@ def _follows_motion(data: Data, angle_deg: float) -> bool:
 
 
 def _first_angle(plant: Plant, data: Data) -> float:
-    """The gate's angle at the first sample [deg], by its sensor or a position; NaN where neither was measured."""
-    known = first_sample(data.outputs.get("gate_angle_deg"))
-    if math.isnan(known):
-        position = first_sample(_position(data))
-        known = math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
-    return known
+    """The gate's angle at the first samples [deg], by its sensor or a position; NaN where neither was measured."""
+    angle = data.outputs.get("gate_angle_deg")
+    if angle is not None and np.any(np.isfinite(angle)):
+        times, angle = data.times[np.isfinite(angle)], angle[np.isfinite(angle)]
+        return float(np.median(angle[times <= times[0] + _FIRST]))
+    position = first_sample(_position(data))
+    return math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
 
 
 def _first_speed(plant: Plant, data: Data) -> float:

@@ -153,6 +153,24 @@ def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None
     assert offset == pytest.approx(1000.0, abs=1.0)
 
 
+def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
+    plant = plant_of(suv())
+    data = later(measured(suv(), "full", ANGLE, 1, 20.0), 0.5)
+    truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0)
+    begin = beginning_of(plant, data, 0, None, True)
+    expected = truth.outputs["left_speed_rps"][100]
+    assert begin.start.speed == pytest.approx(expected, rel=0.2)
+    assert begin.unknowns[0].name == "speed"
+
+
+def test_a_closed_gate_is_one_however_noisy_its_angle() -> None:
+    times = np.arange(1001) / 1000.0
+    for seed in range(10):
+        drive = (times, np.where(times < 0.3, 0.0, 12.0))
+        data = measured(suv(), "full", {"gate_angle_deg": 0.3}, seed, 0.0, drive)
+        assert beginning_of(plant_of(suv()), data, 0, None, True).unknowns == ()
+
+
 def test_a_motion_without_a_place_is_refused() -> None:
     data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
     with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
