@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import math
 import re
@@ -47,9 +48,9 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--initial",
         default="auto",
-        metavar="auto|closed|open|ANGLE_deg",
-        help="at rest at this angle, for so long that windings are cold; auto: as the first samples say, "
-        "estimated where they leave it open; for each FILE its own: closed,open",
+        metavar="auto|pause|closed|open|ANGLE_deg",
+        help="closed, open, ANGLE: at rest there for long, so that windings are cold; pause: at rest after a "
+        "motion; auto: as the first samples say; for each FILE its own: closed,open",
     )
     parser.add_argument(
         "--input-delay",
@@ -88,7 +89,12 @@ def problem_of(
     from plant.identify.problem import Problem
 
     measurements = measurements_from(args, vehicle, model != "full")
-    data = _thinned([data_of(each, vehicle) for each in measurements], args, vehicle)
+    angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
+    data = [
+        dataclasses.replace(data_of(each, vehicle), after_motion=pause)
+        for each, pause in zip(measurements, pauses, strict=True)
+    ]
+    data = _thinned(data, args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
     tell_of_compiling(args.quiet)
     try:
@@ -98,7 +104,7 @@ def problem_of(
             sought,
             data,
             outputs_of(outputs, data),
-            initial_angles(args.initial, vehicle, len(data)),
+            angles,
             delay=delay,
             is_delay_sought=is_delay_sought,
             speed_window=args.speed_window,
@@ -110,23 +116,19 @@ def problem_of(
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {note}" for note in measurement.notes]
         if each.thinning is not None:
-            notes.append(f"{each.name}: {len(each.times)} samples of {len(each.rows)} rows")
-    notes += [
-        f"{data[k].name}: begins at rest after a motion that is not in it: where its drives stopped{also} is "
-        "estimated along; --initial says of a gate that has rested for long where it is"
-        for k, also in _after_a_motion(problem)
-    ]
+            said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
+            said += [f"one in {args.decimate} after a low-pass"] if args.decimate > 1 else []
+            counts = f"{len(each.times)} samples of {len(each.rows)} rows"
+            notes.append(f"{each.name}: {', '.join(said)}: {counts}")
+    for each, begin in zip(data, problem.beginnings, strict=True):
+        if begin.in_pause:
+            is_warm = any(unknown.name == "warmth" for unknown in begin.unknowns)
+            notes.append(
+                f"{each.name}: begins at rest after a motion that is not in it: where its drives stopped"
+                f"{', and how warm they are,' if is_warm else ''} is estimated along; "
+                "--initial says where a gate is that has rested for long"
+            )
     return problem, tuple(notes)
-
-
-def _after_a_motion(problem: Problem) -> list[tuple[int, str]]:
-    """Numbers of the experiments that begin in a pause, and what else of that is not known."""
-    found = []
-    for k, begin in enumerate(problem.beginnings):
-        if begin.start.moving > 0.0 and begin.start.speed == 0.0:
-            warm = any(each.name == "warmth" for each in begin.unknowns)
-            found.append((k, ", and how warm they are," if warm else ""))
-    return found
 
 
 def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:
@@ -239,18 +241,23 @@ def tell_of_compiling(quiet: bool) -> None:
         print("compiling the model (once for this version and machine) …", file=sys.stderr)
 
 
-def initial_angles(text: str, vehicle: Vehicle, files: int) -> list[float | None]:
-    """The angles of `--initial` [deg] for each file, None: as the data say. Raises ConfigError."""
+def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:
+    """For each file of `--initial` (the angle [deg] it begins at, None: as the data say; whether it begins in a
+    pause). Raises ConfigError.
+    """
     parts = [each.strip() for each in text.split(",")]
     if len(parts) not in (1, files):
         raise ConfigError(
             f"--initial {text}: {len(parts)} for {files} files; allowed: one for all, or one for each"
         )
     angles = [
-        None if part == "auto" else math.degrees(options.angle(part, vehicle.gate.open_angle))
+        None
+        if part in ("auto", "pause")
+        else math.degrees(options.angle(part, vehicle.gate.open_angle, "auto, pause, "))
         for part in parts
     ]
-    return angles * (files // len(angles))
+    times = files // len(angles)
+    return angles * times, [part == "pause" for part in parts] * times
 
 
 def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:

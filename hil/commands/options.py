@@ -79,8 +79,10 @@ def add_vehicle_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def angle(text: str, open_angle: float) -> float:
-    """The angle [rad] of `--initial`: closed, open (`open_angle`, rad) or degrees. Raises ConfigError."""
+def angle(text: str, open_angle: float, others: str = "") -> float:
+    """The angle [rad] of `--initial`: closed, open (`open_angle`, rad) or degrees; `others` are allowed besides.
+    Raises ConfigError.
+    """
     named = {"closed": 0.0, "open": open_angle}
     if text in named:
         return named[text]
@@ -90,7 +92,9 @@ def angle(text: str, open_angle: float) -> float:
     except ValueError:
         degrees = math.nan
     if not 0.0 <= degrees <= top:
-        raise ConfigError(f"--initial {text}: allowed: closed, open, or 0 to {top:g} degrees")
+        raise ConfigError(
+            f"--initial {text}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+        )
     return math.radians(degrees)
 
 

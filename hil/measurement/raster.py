@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import ConfigError
-from hil.measurement.checks import MIN_ROWS
-from hil.measurement.measurement import Floats
+from hil.measurement.checks import check
+from hil.measurement.measurement import Floats, Measurement
 from plant.identify.data import Data, is_count
 from plant.identify.thinning import Thinning
 
@@ -60,8 +60,8 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
     if rate is None and factor == 1:
         return data
     rows = data.times
-    raster = rows if rate is None else _raster(data, rate)
-    if not is_even(raster):
+    raster = None if rate is None else _raster(data, rate)
+    if not is_even(rows if raster is None else raster):
         raise ConfigError(
             f"{data.name}: --decimate {factor}: the rows are not evenly spaced; "
             "allowed: with --resample HZ"
@@ -78,20 +78,19 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
             if name.endswith("_position_rev") and is_count(values, quantum)
         ),
     )
-    if len(thinning.times) < MIN_ROWS:
-        flags = [] if rate is None else [f"--resample {rate:g}"]
-        flags += [f"--decimate {factor}"] if factor > 1 else []
-        raise ConfigError(
-            f"{data.name}: {' '.join(flags)}: {len(thinning.times)} rows of {len(rows)}; "
-            f"allowed: {MIN_ROWS} or more"
-        )
     outputs = {}
     for name, values in data.outputs.items():
         kept = thinning.of(name, values)
         if name in thinning.counts:
             kept = np.rint(kept / quantum) * quantum
-        outputs[name] = np.where(_unknown(rows, values, thinning), np.nan, kept)
-    return dataclasses.replace(data, times=thinning.times, outputs=outputs, thinning=thinning)
+        outputs[name] = np.where(_unknown(name, values, thinning), np.nan, kept)
+    few = Measurement(data.name, thinning.times, outputs, data.through_sensors)
+    faults = check(few)
+    if faults:
+        raise ConfigError(faults)
+    return dataclasses.replace(
+        data, times=few.times, outputs=outputs, thinning=thinning, whole=data
+    )
 
 
 def _raster(data: Data, rate: float) -> Floats:
@@ -106,16 +105,19 @@ def _raster(data: Data, rate: float) -> Floats:
     return raster
 
 
-def _unknown(rows: Floats, values: Floats, thinning: Thinning) -> NDArray[np.bool_]:
+def _unknown(name: str, values: Floats, thinning: Thinning) -> NDArray[np.bool_]:
     """Which samples there are not: in a gap, or so near to one that the filter would rather show the line across
     it.
     """
-    gap = in_gap(rows, values, thinning.raster)
-    if thinning.factor == 1:
-        return gap
+    rows = thinning.rows
+    gap = in_gap(rows, values, rows if thinning.raster is None else thinning.raster)
+    if thinning.factor == 1 or name in thinning.counts:
+        return gap[:: thinning.factor]
     before = np.concatenate([np.zeros(1), np.cumsum(gap)])
     at = np.arange(0, len(gap), thinning.factor)
     low = np.maximum(at - thinning.factor, 0)
     high = np.minimum(at + thinning.factor + 1, len(gap))
     result: NDArray[np.bool_] = (before[high] - before[low]) / (high - low) > _MOSTLY
+    # At its ends a filter that goes on point-mirrored shows the first and last value with all their noise.
+    result[[0, -1]] = True
     return result

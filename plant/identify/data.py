@@ -17,7 +17,7 @@ from plant.identify.trajectory import INPUTS, REST, Start
 
 Floats = NDArray[np.float64]
 
-CLOSED_DEG = 0.3  # an angle this near to zero is that of a closed gate
+_CLOSED_DEG = 0.3
 # Of the largest speed: what a start from rest extrapolates to at most, and what is one where nothing drives it.
 _REST_SHARE, _STILL_SHARE = 0.2, 0.01
 _SURE = 4.0  # standard deviations of a speed
@@ -51,6 +51,8 @@ class Data:
         False  # a bus log: sensors' readings, inputs at the stamps of their frames
     )
     thinning: Thinning | None = None  # how the outputs come from those in all rows
+    whole: Data | None = None  # before it was thinned out
+    after_motion: bool = False  # whether it is told to begin in a pause
 
     @property
     def rows(self) -> Floats:
@@ -80,11 +82,15 @@ class Beginning:
 
     start: Start
     unknowns: tuple[Unknown, ...]
+    in_pause: bool = False  # at rest, after a motion
 
 
 def without_end(data: Data, seconds: float) -> Data:
-    """The data without the samples of their last `seconds`: what drove these need not be among the inputs."""
-    late = data.times > data.times[-1] - seconds
+    """The data without the samples of their last `seconds`, nor those that look there: what drove these need not
+    be among the inputs.
+    """
+    reach = 0.0 if data.thinning is None else data.thinning.reach
+    late = data.times > data.times[-1] - seconds - reach
     outputs = {name: np.where(late, np.nan, values) for name, values in data.outputs.items()}
     return replace(data, outputs=outputs)
 
@@ -104,7 +110,8 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
     if own[-1] < times[-1]:
         own = np.append(own, times[-1])
     inputs = data.inputs[np.arange(begin - 1, begin - 1 + len(own)).clip(max=end - 1)]
-    return replace(data, times=times, inputs=inputs, outputs=outputs, thinning=Thinning(own, times))
+    thinning = Thinning(own, times)
+    return replace(data, times=times, inputs=inputs, outputs=outputs, thinning=thinning, whole=None)
 
 
 def changes_of(data: Data) -> NDArray[np.intp]:
@@ -118,6 +125,11 @@ def is_count(position: Floats, quantum: float) -> bool:
     """Whether a position's samples are whole multiples of a quantum [rev]."""
     counts = position[np.isfinite(position)] / quantum
     return bool(np.all(np.abs(counts - np.round(counts)) <= 1e-6 * (1.0 + np.abs(counts))))
+
+
+def is_closed(angle_deg: float) -> bool:
+    """Whether an angle is that of a closed gate; also one that is not known."""
+    return not angle_deg >= _CLOSED_DEG
 
 
 def first_sample(values: Floats | None) -> float:
@@ -154,7 +166,7 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
     for window in _WINDOWS:
         value, slope, value_std, slope_std = _beginning(times, values, degree, window)
         first, std = (value, value_std) if degree == 1 else (slope, slope_std)
-        if 3.0 * std <= share * largest:
+        if _SURE * std <= share * largest:
             break
     return first, std, largest
 
@@ -176,15 +188,13 @@ def _beginning(
     return float(solution[0]), float(solution[1]), float(std[0]), float(std[1])
 
 
-def begins_at_rest(data: Data) -> bool:
-    """Whether nothing moves yet at the first sample."""
-    share = _REST_SHARE if _is_driven(data) else _STILL_SHARE
+def begins_at_rest(data: Data, creeps: bool = False) -> bool:
+    """Whether nothing moves yet at the first sample; `creeps`: nor does anything creep that nothing drives."""
+    share = _STILL_SHARE if creeps and not _is_driven(data) else _REST_SHARE
     first, std, largest = motion(data, share)
     if math.isnan(first):
         angle = data.outputs.get("gate_angle_deg")
-        if angle is None or not np.any(np.isfinite(angle)):
-            return True
-        if abs(np.nanmedian(angle[:10])) < CLOSED_DEG:
+        if angle is None or is_closed(_first(data, angle)):
             return True
         share = _REST_SHARE  # a gate may fall through its play while its drives rest
         first, std, largest = _moving(data.times, angle, 2, share)
@@ -205,27 +215,35 @@ def beginning_of(
 
     Raises ValueError where the data do not say.
     """
-    moves = not begins_at_rest(data)
+    data = data.whole or data
+    known = _first_angle(plant, data)
+    after_motion = data.after_motion or not is_closed(known) or data.times[0] > _CUT
+    moves = not begins_at_rest(data, after_motion)
     if angle_deg is not None and (_shows_place(data) or not moves):
         return _at_rest(plant, data, experiment, math.radians(angle_deg))
-    known = _first_angle(plant, data)
-    if moves or _follows_motion(data, known):
+    if moves or after_motion:
         return _midway(plant, data, experiment, full, moves, angle_deg)
     return _at_rest(plant, data, experiment, 0.0)
 
 
-def _follows_motion(data: Data, angle_deg: float) -> bool:
-    """Whether a gate at rest is so after a motion: it is open, or there is an earlier part that was cut off."""
-    return abs(angle_deg) >= CLOSED_DEG or data.times[0] > _CUT
-
-
 def _first_angle(plant: Plant, data: Data) -> float:
     """The gate's angle at the first samples [deg], by its sensor or a position; NaN where neither was measured."""
-    angle = data.outputs.get("gate_angle_deg")
-    if angle is not None and np.any(np.isfinite(angle)):
-        times, angle = data.times[np.isfinite(angle)], angle[np.isfinite(angle)]
-        return float(np.median(angle[times <= times[0] + _FIRST]))
-    position = first_sample(_position(data))
+    known = _first(data, data.outputs.get("gate_angle_deg"))
+    if math.isnan(known):
+        known = _angle_at(plant, first_sample(_position(data)))
+    return known
+
+
+def _first(data: Data, values: Floats | None) -> float:
+    """The median of the first samples; NaN where there is none."""
+    if values is None or not np.any(np.isfinite(values)):
+        return math.nan
+    times, values = data.times[np.isfinite(values)], values[np.isfinite(values)]
+    return float(np.median(values[times <= times[0] + _FIRST]))
+
+
+def _angle_at(plant: Plant, position: float) -> float:
+    """The gate's angle [deg] at the left drive's position [rev]."""
     return math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
 
 
@@ -241,8 +259,11 @@ def _first_speed(plant: Plant, data: Data) -> float:
 
 
 def _position(data: Data) -> Floats | None:
-    left = data.outputs.get("left_position_rev")
-    return left if left is not None else data.outputs.get("right_position_rev")
+    for name in ("left_position_rev", "right_position_rev"):
+        values = data.outputs.get(name)
+        if values is not None and np.any(np.isfinite(values)):
+            return values
+    return None
 
 
 def _at_rest(plant: Plant, data: Data, experiment: int, angle: float) -> Beginning:
@@ -254,7 +275,7 @@ def _at_rest(plant: Plant, data: Data, experiment: int, angle: float) -> Beginni
 
 def _latched(data: Data, angle_deg: float) -> float:
     """A latch holds a closed gate; at any other place its command says nothing of its state."""
-    return 1.0 if data.inputs[0, 10] == 0.0 and abs(angle_deg) < CLOSED_DEG else 0.0
+    return 1.0 if data.inputs[0, 10] == 0.0 and is_closed(angle_deg) else 0.0
 
 
 def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
@@ -269,7 +290,10 @@ def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
 
 def _shows_place(data: Data) -> bool:
     """Whether a position or the angle was measured."""
-    return any(name.endswith(("_position_rev", "angle_deg")) for name in data.outputs)
+    return any(
+        name.endswith(("_position_rev", "angle_deg")) and bool(np.any(np.isfinite(values)))
+        for name, values in data.outputs.items()
+    )
 
 
 def _midway(
@@ -296,8 +320,8 @@ def _midway(
             "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
             "a position or an angle, or --initial"
         )
-    latched = 0.0 if moves else _latched(data, _first_angle(plant, data))
-    start = REST._replace(moving=1.0, speed=speed, left_position=place, latched=latched)
+    latched = 0.0 if moves else _latched(data, _angle_at(plant, place))
+    start = REST._replace(balanced=1.0, speed=speed, left_position=place, latched=latched)
     unknowns = []
     if moves or (full and math.isnan(motion(data)[0])):
         unknowns.append(Unknown(experiment, "speed", speed, math.inf if moves else _SPREAD_RPS))
@@ -315,7 +339,7 @@ def _midway(
     if plant.left.thermal.enabled > 0.0:
         for name, std in (("warmth", _SPREAD_K), ("housing_warmth", _SPREAD_HOUSING_K)):
             unknowns.append(Unknown(experiment, name, 0.0, std, -_SPREAD_K, _HOTTEST_K))
-    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)))
+    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)), not moves)
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
@@ -332,8 +356,10 @@ def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
 
 
 def applied_voltage(data: Data, supply: float) -> Floats:
-    """The left motor's voltage (n,) [V] by the inputs, 0 while it coasts; thinned out like an output."""
-    rows = data.inputs
+    """The left motor's voltage (n,) [V] at the samples, as far as the inputs tell: 0 while it coasts."""
+    held = np.searchsorted(data.rows, data.times * (1.0 + 1e-12), side="right") - 1
+    rows = data.inputs[np.maximum(held, 0)]
     source = np.where(np.isnan(rows[:, 6]), supply, rows[:, 6])
     driven = np.nan_to_num(rows[:, 0]) + np.nan_to_num(rows[:, 2]) * source
-    return data.thinned("voltage", np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven))
+    voltage: Floats = np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven)
+    return voltage

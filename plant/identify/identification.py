@@ -20,6 +20,7 @@ from plant.identify.result import Estimate, Experiment, Identification, Validati
 from plant.identify.search import (
     Found,
     Report,
+    better,
     errors_of,
     log_likelihood_deviance,
     loss_of,
@@ -186,7 +187,7 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
     if problem.is_delay_sought:
         begin[-1] = rough.point[-1]
     second = search(problem, report, given_std, begin)
-    return first if first is not None and first.history[-1] <= second.history[-1] else second
+    return second if first is None else better(problem, first, second)
 
 
 def _at_best_delay(
@@ -212,15 +213,15 @@ def _at_best_delay(
                 begin = np.clip(at + np.append(step, 0.0), low, high)
         if begin is found.point:
             break
-        other = search(problem, report, given_std, begin)
-        if other.history[-1] >= found.history[-1]:
+        other = better(problem, found, search(problem, report, given_std, begin))
+        if other is found:
             break
         found = other
     return found
 
 
 def validate(problem: Problem) -> Validation:
-    """A model against measurements. Only how each begins is estimated, where it moves, and the input delay."""
+    """A model against measurements; estimated are only the input delay and what is not known of the beginnings."""
     point, outputs = problem.initial, problem.outputs
     if len(point) and problem.leave_out_few():
         point = past_kinks(problem, search(problem)).point

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from plant import gate
 from plant.dynamics import Plant
 from plant.identify import rigid
-from plant.identify.data import CLOSED_DEG, Beginning, Data, part_of
+from plant.identify.data import Beginning, Data, is_closed, part_of
 from plant.identify.problem import Problem
 from plant.identify.residuals import local_line
 from plant.identify.statistics import fit_percent
@@ -42,12 +42,12 @@ def in_pieces(problem: Problem) -> Problem | None:
         for first, last in _edges(data):
             angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
             held = np.searchsorted(data.rows, data.times[first], side="right") - 1
-            if data.inputs[held, 10] == 0.0 and math.degrees(angle) < CLOSED_DEG:
+            if data.inputs[held, 10] == 0.0 and is_closed(math.degrees(angle)):
                 continue  # held by its latch, wherever the drives push
             pieces.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
             start = REST._replace(
-                moving=1.0, speed=speed, left_position=left, right_ahead=right - left
+                balanced=1.0, speed=speed, left_position=left, right_ahead=right - left
             )
             beginnings.append(Beginning(start, ()))
     if not pieces:
@@ -116,7 +116,7 @@ def _path_of_speed(
             smooth, _ = local_line(data.times[there], speed[there], data.times)
             start = problem.beginnings[number].start
             begin = start.left_position
-            if start.moving == 0.0:
+            if start.balanced == 0.0:
                 begin = gate.extension(plant.link, start.angle) / plant.left.travel
             way = np.cumsum(np.diff(data.times) * 0.5 * (smooth[1:] + smooth[:-1]))
             position = begin + np.concatenate([[0.0], way])

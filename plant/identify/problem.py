@@ -67,6 +67,7 @@ class Problem:
     unknowns: list[Unknown] = field(init=False)
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
+    _flowing: list[list[str]] = field(init=False)  # drives whose current is there at the beginning
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
     _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
 
@@ -92,6 +93,11 @@ class Problem:
                 beginning_of(plant, data, number, angle, full)
                 for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
             ]
+        base = load_of(self.vehicle)
+        self._flowing = [
+            _flowing(plant, data, base, begin.start)
+            for data, begin in zip(self.data, self.beginnings, strict=True)
+        ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
@@ -219,8 +225,10 @@ class Problem:
                 else:
                     start = start._replace(**{unknown.name: float(value)})
         base = load_of(vehicle)._replace(latch_released=1.0)
-        if start.moving > 0.0:
-            start = self._with_currents(plant, data, base, start)
+        if start.balanced > 0.0:
+            steady = _steady_currents(plant, data, base, start)
+            flowing = {f"{side}_current": steady[side] for side in self._flowing[number]}
+            start = start._replace(**flowing)
         delay = aside["input_delay"] + (np.zeros(1) if late is None else late)
         times, inputs, kept = _delayed(data, self.changes[number], delay)
         out = trajectory(
@@ -241,23 +249,6 @@ class Problem:
         out[:, 4] += aside.get("left_offset", 0.0)
         out[:, 5] += aside.get("right_offset", 0.0)
         return out
-
-    def _with_currents(self, plant: Plant, data: Data, base: Load, start: Start) -> Start:
-        """A winding forgets its beginning in L/R: it begins with the current of its steady state, or with none
-        where what was measured is nearer to that (a voltage that begins with the data).
-        """
-        inputs = inputs_of(data.inputs[0], base)
-        currents = {}
-        for side in ("left", "right"):
-            drive, given = getattr(plant, side), getattr(inputs, side)
-            volts = given.voltage + given.duty * inputs.load.source_voltage
-            emf = drive.motor.speed_constant * start.speed
-            steady = (volts - emf) / drive.motor.resistance
-            shown = first_sample(data.outputs.get(f"{side}_current_a"))
-            is_none = start.speed == 0.0 if math.isnan(shown) else abs(shown - steady) > abs(shown)
-            current = 0.0 if given.coast or is_none else drive.active * steady
-            currents[f"{side}_current"] = current
-        return start._replace(**currents)
 
     def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
         """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound; over half the
@@ -281,6 +272,32 @@ class Problem:
             )
         self._last_derivative = (key, slopes)
         return slopes
+
+
+def _steady_currents(plant: Plant, data: Data, base: Load, start: Start) -> dict[str, float]:
+    """What flows in each drive at the beginning [A], if that has gone on for some L/R."""
+    inputs = inputs_of(data.inputs[0], base)
+    currents = {}
+    for side in ("left", "right"):
+        drive, given = getattr(plant, side), getattr(inputs, side)
+        volts = given.voltage + given.duty * inputs.load.source_voltage
+        emf = drive.motor.speed_constant * start.speed
+        steady = (volts - emf) / drive.motor.resistance
+        currents[side] = 0.0 if given.coast else drive.active * steady
+    return currents
+
+
+def _flowing(plant: Plant, data: Data, base: Load, start: Start) -> list[str]:
+    """The drives that begin with their steady current: not those of which a current nearer to none was measured,
+    nor, where none was measured, drives at rest: there a voltage begins with the data.
+    """
+    sides = []
+    for side, steady in _steady_currents(plant, data, base, start).items():
+        shown = first_sample((data.whole or data).outputs.get(f"{side}_current_a"))
+        is_none = start.speed == 0.0 if math.isnan(shown) else abs(shown - steady) > abs(shown)
+        if not is_none:
+            sides.append(side)
+    return sides
 
 
 def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:

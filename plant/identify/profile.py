@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from plant.identify.problem import Problem
 from plant.identify.result import Estimate, Profile
-from plant.identify.search import Found, log_likelihood_deviance, search
+from plant.identify.search import Found, deviance, search
 
 Floats = NDArray[np.float64]
 
@@ -20,13 +20,7 @@ def profile(
     """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each.
     What is known beforehand counts as it does in the search.
     """
-    means, inverse_std = problem.priors()
-
-    def deviance(at: Found) -> float:
-        beside = float(np.sum(((means - at.point) * inverse_std) ** 2))
-        return log_likelihood_deviance(problem.measured, at.errors, at.weighting) + beside
-
-    best = deviance(found)
+    best = deviance(problem, found)
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
     values, deviances = [estimate.value], [0.0]
     for direction in (-1.0, 1.0):
@@ -40,19 +34,19 @@ def profile(
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)
-            deviances.append(deviance(there) - best)
+            deviances.append(deviance(problem, there) - best)
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
     return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))
 
 
-def _crossing(values: Floats, deviance: Floats, side: int) -> float:
+def _crossing(values: Floats, deviances: Floats, side: int) -> float:
     """Where the deviance passes the 95 % quantile of χ²(1) on one side of its least; NaN: not within the range."""
     limit = 3.841
-    middle = int(np.argmin(deviance))
+    middle = int(np.argmin(deviances))
     rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)
     for k in rows:
-        a, b = deviance[k], deviance[k + side]
+        a, b = deviances[k], deviances[k + side]
         if a <= limit < b:
             # Deviances grow with the square of the distance: interpolate their roots.
             share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _INNER, _PATIENCE = (
 _STILL = 5e-3  # standard deviations: what no longer counts as a step
 _FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
 _HOLD = 1e-6  # 1/sizes: holds what has no effect, without which the solver's steps go astray
+_MOST_SPREAD = 2.0  # of a prior's standard deviation: over which slopes are taken at most
 _SPANS = (60.0, 20.0)  # standard deviations over which slopes are taken in turn to get past kinks
 _HUGE = 1e6  # prediction of a model that diverged
 
@@ -162,15 +163,24 @@ def past_kinks(
     spread = pseudo_inverse(information(found.slopes, found.weighting.root, inverse_std))
     std = np.sqrt(np.diag(spread))
     std = np.where(std > 0.0, std, problem.sizes)  # of what has no effect
+    most = _MOST_SPREAD / np.maximum(inverse_std, 1e-300)
     point = found.point
     for span in _SPANS:
-        point = search(problem, report, given_std, point, rounds=1, widths=span * std).point
+        widths = np.minimum(span * std, most)
+        point = search(problem, report, given_std, point, rounds=1, widths=widths).point
     other = search(problem, report, given_std, point)
-    return min(found, other, key=lambda each: _deviance(problem, each))
+    return better(problem, found, other)
 
 
-def _deviance(problem: Problem, found: Found) -> float:
-    """−2 log L, with the priors."""
+def better(problem: Problem, found: Found, other: Found) -> Found:
+    """The more likely end of two searches, of which the other one went on where the first ended."""
+    if deviance(problem, found) <= deviance(problem, other):
+        return found
+    return replace(other, history=(*found.history, *other.history[1:]))
+
+
+def deviance(problem: Problem, found: Found) -> float:
+    """−2 log L, and what is known beforehand."""
     means, inverse_std = problem.priors()
     prior = float(np.sum(((found.point - means) * inverse_std) ** 2))
     return prior + log_likelihood_deviance(problem.measured, found.errors, found.weighting)

@@ -6,6 +6,7 @@ inputs stay as they are. So nothing that the filter blurs stands between the mod
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -22,8 +23,10 @@ class Thinning:
     """A linear map from an output's values in all rows to its samples."""
 
     rows: Floats  # (N,) s: of the inputs, and of the outputs before it
-    raster: Floats  # (K,) s, evenly; outputs come onto it on straight lines. The rows themselves: they stay there
-    factor: int = 1  # every so many-th of the raster is kept
+    raster: Floats | None = (
+        None  # (K,) s: outputs come onto it on straight lines; default: they stay in the rows
+    )
+    factor: int = 1  # every so many-th of these is kept
     # Outputs that have no sample in some rows: in which they have one (N,).
     sampled: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     counts: frozenset[str] = frozenset()  # outputs that are not filtered: a count has no noise
@@ -31,20 +34,32 @@ class Thinning:
     @property
     def times(self) -> Floats:
         """(n,) s: of the samples that are kept."""
-        return self.raster[:: self.factor]
+        return self._even[:: self.factor]
+
+    @property
+    def reach(self) -> float:
+        """How far [s] a sample looks ahead and back."""
+        if self.factor == 1:
+            return 0.0
+        return _REACH * self.factor * float(self._even[1] - self._even[0])
+
+    @property
+    def _even(self) -> Floats:
+        return self.rows if self.raster is None else self.raster
 
     def of(self, name: str, values: Floats) -> Floats:
         """The samples (n,) of an output from its values (N,)."""
         own = self.sampled.get(name)
         if own is not None:
-            values = np.interp(self.raster, self.rows[own], values[own])
-        elif self.raster is not self.rows:
+            values = np.interp(self._even, self.rows[own], values[own])
+        elif self.raster is not None:
             values = np.interp(self.raster, self.rows, values)
         if self.factor == 1 or name in self.counts:
             return values[:: self.factor]
         return low_passed(values, self.factor)
 
 
+@functools.cache
 def low_pass(factor: int) -> Floats:
     """The symmetric FIR filter before taking every `factor`-th sample: half its amplitude at the new Nyquist
     frequency, sum 1.

@@ -48,15 +48,19 @@ OUTPUTS = (
 )
 
 
+_CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
+
+
 class Start(NamedTuple):
     """How a trajectory begins."""
 
-    moving: float  # 1.0: the gate is where its drives have it; 0.0: at rest, drives in the middle of their play
+    balanced: float  # 1.0: the gate is where its drives have it; 0.0: cold and at rest, drives amid their play
     latched: float
     left_current: float
     right_current: float
     speed: float  # rev/s, of both drives
-    left_position: float  # rev; of a gate that is where its drives have it
+    # From here on for a gate that is where its drives have it, but for the angle.
+    left_position: float  # rev
     right_ahead: float  # rev, of the left drive
     angle: float  # rad; the gate's, or what it is beyond the balance of forces
     rate: float  # rad/s, beyond that of the drives
@@ -112,8 +116,8 @@ def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
     """Torque [N m] on a gate that goes along with its drives, at an angle: falls as the angle grows."""
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
     state = moving_state(start, angle, rate, load.ambient_temperature)
-    friction = plant.hinge.coulomb * np.sign(start.speed)
-    return dynamics.gate_torque(plant, state, load) - float(friction)
+    share = start.speed / (abs(start.speed) + _CREEP)
+    return dynamics.gate_torque(plant, state, load) - plant.hinge.coulomb * share
 
 
 @compilable
@@ -134,7 +138,7 @@ def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
 def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
     """The state in which a trajectory begins."""
     ambient = plant.environment.ambient_temperature
-    if start.moving == 0.0:
+    if start.balanced == 0.0:
         state = dynamics.initial_state(plant, start.angle, start.latched)
         return rigid.rigid_start(state) if model else state
     if model:

@@ -131,7 +131,7 @@ def test_each_file_may_begin_at_an_angle_of_its_own(
     assert result["initial_states"] == {}
     for text, said in (
         ("closed,open,open", "--initial closed,open,open: 3 for 2 files; allowed: one for all"),
-        ("closed,ajar", "--initial ajar: allowed: closed, open"),
+        ("closed,ajar", "--initial ajar: allowed: auto, pause, closed, open"),
     ):
         lines = complaint(capsys, "identify", *files, "--estimate", NAMES, "--initial", text)
         assert len(lines) == 1
@@ -183,6 +183,45 @@ def test_data_cut_in_mid_motion_still_tell_the_truth(
     result = found(capsys, opening, "--estimate", NAMES, "--from", 0.8)
     assert_true(result, TRUTH, largest=0.2)
     assert result["initial_states"]
+
+
+def test_thinned_data_still_tell_the_truth(
+    capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
+) -> None:
+    slow = opening.with_name("slow.csv")
+    write_columns(slow, {name: values[::2] for name, values in columns.items()})
+    flags = ("--estimate", NAMES, "--decimate", 3)
+    for more, counts in (((), (417, 209)), (("--resample", 200), (167, 167))):
+        result = found(capsys, opening, slow, *flags, *more)
+        assert_true(result, TRUTH)
+        samples = [each["samples"]["gate_angle_deg"] for each in result["experiments"]]
+        assert samples == [count - 2 for count in counts]
+        notes = [note for note in result["notes"] if "one in 3 after a low-pass" in note]
+        assert [f": {count} samples of" in note for count, note in zip(counts, notes, strict=True)]
+        assert all(("resampled to 200 Hz" in note) == bool(more) for note in notes)
+    lines = complaint(capsys, "identify", opening, slow, "--estimate", NAMES, "--decimate", 150)
+    assert lines == [
+        f"liftgate-hil: {opening}: 9 rows; allowed: 20 or more",
+        f"liftgate-hil: {slow}: 5 rows; allowed: 20 or more",
+    ]
+
+
+def test_a_pause_is_told_by_the_clock_or_by_the_user(
+    capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
+) -> None:
+    late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})
+    flags = ("--vehicle", "heavy-suv", "--estimate", "motor.resistance")
+    for file, initial, expected in (
+        (opening, "auto", False),
+        (opening, "pause", True),
+        (late, "auto", True),
+        (late, "closed", False),
+    ):
+        result = found(capsys, file, *flags, "--initial", initial)
+        states = {name.rpartition(" ")[2] for name in result["initial_states"]}
+        expects = {"left_position", "right_ahead", "angle", "warmth", "housing_warmth"}
+        assert states == (expects if expected else set())
+        assert any("begins at rest after a motion" in note for note in result["notes"]) == expected
 
 
 def test_one_drive_has_no_sides(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.build import vehicle_from
+from hil.measurement.raster import thinned
 from plant import gate
 from plant.identify import rigid
 from plant.identify.data import (
@@ -93,7 +94,7 @@ def test_a_known_angle_leaves_nothing_to_estimate() -> None:
     begin = beginning_of(plant, measured(suv(), noise=ANGLE, seed=1), 0, 20.0, True)
     assert begin.unknowns == ()
     assert begin.start.angle == pytest.approx(math.radians(20.0))
-    assert begin.start.moving == 0.0
+    assert begin.start.balanced == 0.0
 
 
 def test_a_gate_at_rest_near_closed_begins_closed() -> None:
@@ -131,7 +132,7 @@ def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
     data = later(whole, 0.5)
     truth = measured(suv(), "third-order", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
     begin = beginning_of(plant, data, 0, None, True)
-    assert begin.start.moving == 1.0
+    assert begin.start.balanced == 1.0
     assert begin.start.speed == pytest.approx(truth["left_speed_rps"][100], abs=30.0)
     assert begin.start.left_position == pytest.approx(truth["left_position_rev"][100], abs=0.5)
     names = [each.name for each in begin.unknowns]
@@ -221,7 +222,7 @@ def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
             {name: values[row:] for name, values in whole.outputs.items()},
         )
         begin = beginning_of(plant_of(vehicle), cut, 0, None, True)
-        assert begin.start.moving == 1.0
+        assert begin.start.balanced == 1.0
         assert ("warmth" in [each.name for each in begin.unknowns]) == expected
 
 
@@ -235,14 +236,14 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
     extended = plant_of(suv()).left.travel * begin.start.left_position
     assert math.degrees(rigid.angle_at(plant_of(suv()).link, extended)) == pytest.approx(40, abs=1)
     moving = beginning_of(plant_of(suv()), later(open_, 0.5), 0, None, True)
-    assert moving.start.moving == 1.0
+    assert moving.start.balanced == 1.0
     closed = measured(suv(), "third-order", noise, 1, 0.0)
     shut = dataclasses.replace(closed, inputs=np.where(np.arange(11) == 10, 0.0, closed.inputs))
     shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
     assert beginning_of(plant_of(suv()), shut, 0, None, True).start.latched == 1.0
     cut = dataclasses.replace(shut, times=shut.times + 3.0)
     begin = beginning_of(plant_of(suv()), cut, 0, None, True)
-    assert (begin.start.moving, begin.start.latched) == (1.0, 1.0)
+    assert (begin.start.balanced, begin.start.latched) == (1.0, 1.0)
     assert {each.name: each.std for each in begin.unknowns} == {
         "left_position": 3.0,
         "right_ahead": 3.0,
@@ -267,8 +268,40 @@ def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_lo
     begin = beginning_of(plant_of(heavy_suv()), data, 0, None, True)
     names = {each.name for each in begin.unknowns}
     assert ({"warmth", "housing_warmth", "right_ahead", "left_position"} <= names) == expected
-    assert (begin.start.moving == 1.0) == expected
+    assert (begin.start.balanced == 1.0) == expected
     assert beginning_of(plant_of(heavy_suv()), data, 0, angle_deg, True).unknowns == ()
+
+
+@pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
+@pytest.mark.parametrize("released", [0.0, 1.0])
+def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
+    noise: dict[str, float], released: float
+) -> None:
+    times = np.arange(1001) / 1000.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    for seed in range(5):
+        data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)
+        begin = beginning_of(plant_of(suv()), data, 0, None, True)
+        assert (begin.start.balanced, begin.unknowns) == (0.0, ())
+        assert begin.start.latched == 1.0 - released
+
+
+def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_known() -> None:
+    for noise, offset in ((SPEED, 0.0), ({"gate_angle_deg": 0.02}, -0.5)):
+        data = pause(suv(), 0.0, noise)
+        outputs = {name: values + offset for name, values in data.outputs.items()}
+        for clock in (0.0, 3.0):
+            odd = dataclasses.replace(data, outputs=outputs, times=data.times + clock)
+            assert beginning_of(plant_of(suv()), odd, 0, None, True).start.latched == 1.0
+
+
+def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
+    times = np.arange(3001) / 1000.0
+    drive = (times, np.where(times < 0.5, 0.0, 12.0))
+    data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, drive)
+    for factor in (10, 50, 100):
+        few = thinned(data, None, factor, 0.25)
+        assert beginning_of(plant_of(suv()), few, 0, None, True).unknowns == ()
 
 
 def test_a_slow_motion_that_nothing_drives_is_one() -> None:
@@ -279,8 +312,8 @@ def test_a_slow_motion_that_nothing_drives_is_one() -> None:
         truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0, (times, volts))
         speed = truth.outputs["left_speed_rps"]
         slow = times[np.flatnonzero((times > 0.5) & (speed < 0.15 * np.max(speed)))[0]]
-        assert not begins_at_rest(later(whole, slow))
-        assert begins_at_rest(later(whole, 1.8))
+        assert not begins_at_rest(later(whole, slow), creeps=True)
+        assert begins_at_rest(later(whole, 1.8), creeps=True)
 
 
 def test_a_rest_that_only_an_angle_shows_may_be_a_slow_motion() -> None:

@@ -12,7 +12,7 @@ from hil.build import vehicle_from
 from plant.identify.data import Data
 from plant.identify.identification import identify
 from plant.identify.problem import Problem
-from plant.identify.search import past_kinks, search
+from plant.identify.search import deviance, past_kinks, search
 from plant.vehicle import Vehicle
 from tests.plant.identify.simulated import measured, scores, sought, true_vehicle
 
@@ -105,5 +105,5 @@ def test_a_search_ends_where_one_from_the_truth_does(seed: int) -> None:
     found = past_kinks(problem, search(problem))
     at = np.concatenate([values * scale[0], found.point[3:]])
     of_truth = search(problem, begin=search(problem, begin=at, fixed=range(3)).point)
-    deviance = len(data.times) * np.log(found.history[-1] / of_truth.history[-1])
-    assert deviance < 1.0
+    assert deviance(problem, found) < deviance(problem, of_truth) + 1.0
+    assert found.history[0] > 100.0 * found.history[-1]  # whence it all began

@@ -190,7 +190,7 @@ def model(vehicle: Vehicle, case: Run, times: np.ndarray, order: str, step: floa
     begin = REST._replace(angle=angle)
     if case.speed != 0.0:
         place = gate.extension(plant.link, angle) / plant.left.travel
-        begin = REST._replace(moving=1.0, speed=case.speed, left_position=place)
+        begin = REST._replace(balanced=1.0, speed=case.speed, left_position=place)
     out = trajectory(
         plant,
         Sensors(),

@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from simulated import measured, scores, sought, true_vehicle
 
 from hil.build import vehicle_from
 from hil.measurement.raster import thinned
 from plant.identify.data import Data, part_of
 from plant.identify.identification import identify, validate
 from plant.identify.problem import Problem
+from tests.plant.identify.simulated import measured, scores, sought, true_vehicle
 
 TRUTH = {"motor.resistance": 0.83, "motor.torque_constant": 0.0119, "spring.preload": 333.0}
 QUANTUM = 0.25  # rev, of the shipped SUV's Hall counts
@@ -70,6 +70,26 @@ def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> N
         np.nanstd(each.predicted(each.initial) - each.measured, axis=0) for each in (before, after)
     )
     assert np.all(right < 1e-2 * wrong)
+
+
+@pytest.mark.parametrize("factor", [5, 20])
+def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> None:
+    """With inputs 50 ms late those of the last 50 ms are not among the data."""
+    data = opening(None)
+    volts = np.where(data.times > data.times[-1] - 0.04, -6.0, data.inputs[:, 0])
+    both = data.inputs.copy()
+    both[:, :2] = volts[:, None]
+    drive = (data.times, volts)
+    whole = measured(
+        true_vehicle(TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive
+    )
+    late = dataclasses.replace(whole, inputs=np.roll(both, 100, axis=0))
+    few = thinned(late, None, factor, QUANTUM)
+    known = problem(few, "true", delay=-0.05)
+    inside = few.times[:, None] > 0.5  # before, what was rolled to the front
+    off = np.where(inside, known.predicted(known.initial) - known.measured, 0.0)
+    assert np.sum(np.isfinite(off)) > len(few.times)
+    assert np.nanmax(np.abs(off)) < 1e-3
 
 
 def test_a_part_has_the_inputs_that_hold_in_it() -> None:

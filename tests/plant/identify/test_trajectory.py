@@ -204,7 +204,7 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
     place = gate.extension(plant.link, math.radians(40.0)) / plant.left.travel
     angles = []
     for speed in (140.0, -140.0):
-        start = REST._replace(moving=1.0, speed=speed, left_position=place)
+        start = REST._replace(balanced=1.0, speed=speed, left_position=place)
         angles.append(balanced_angle(plant, load, start))
     # Both drives push against weight, springs and the hinge's friction; the play lies between the two.
     assert angles[0] < angles[1]
