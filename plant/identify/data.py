@@ -14,6 +14,7 @@ from plant.dynamics import Plant
 from plant.identify import rigid
 from plant.identify.thinning import Thinning
 from plant.identify.trajectory import INPUTS, REST, Start
+from plant.vehicle import Vehicle, plant_of
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +22,7 @@ _CLOSED_DEG = 0.3
 # Of the largest speed: what a start from rest extrapolates to at most, and what is one where nothing drives it.
 _REST_SHARE, _STILL_SHARE = 0.2, 0.01
 _SURE = 4.0  # standard deviations of a speed
+_STALL_SHARE = 0.5  # of V/R: above, for so long, it is no inrush
 _WINDOWS = (0.04, 0.15)  # s by which a motion is told
 # How far position and angle may disagree before the counter has a zero of its own, rev.
 _OFFSET_REV = 1.5
@@ -208,22 +210,23 @@ def _is_driven(data: Data) -> bool:
 
 
 def beginning_of(
-    plant: Plant, data: Data, experiment: int, angle_deg: float | None, full: bool
+    vehicle: Vehicle, data: Data, experiment: int, angle_deg: float | None, full: bool
 ) -> Beginning:
     """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle, or in motion
     there where only a speed was measured.
 
     Raises ValueError where the data do not say.
     """
-    data = data.whole or data
+    data, plant = data.whole or data, plant_of(vehicle)
+    quantum = 1.0 / vehicle.sensors.hall_counts
     known = _first_angle(plant, data)
     after_motion = data.after_motion or not is_closed(known) or data.times[0] > _CUT
     moves = not begins_at_rest(data, after_motion)
     if angle_deg is not None and (_shows_place(data) or not moves):
-        return _at_rest(plant, data, experiment, math.radians(angle_deg))
+        return _at_rest(plant, data, experiment, math.radians(angle_deg), quantum)
     if moves or after_motion:
-        return _midway(plant, data, experiment, full, moves, angle_deg)
-    return _at_rest(plant, data, experiment, 0.0)
+        return _midway(vehicle, data, experiment, full, moves, angle_deg)
+    return _at_rest(plant, data, experiment, 0.0, quantum)
 
 
 def _first_angle(plant: Plant, data: Data) -> float:
@@ -266,11 +269,11 @@ def _position(data: Data) -> Floats | None:
     return None
 
 
-def _at_rest(plant: Plant, data: Data, experiment: int, angle: float) -> Beginning:
+def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, quantum: float) -> Beginning:
     """A gate that has been at rest for long at a known angle [rad]."""
     start = REST._replace(angle=angle, latched=_latched(data, math.degrees(angle)))
     place = gate.extension(plant.link, angle) / plant.left.travel
-    return Beginning(start, tuple(_offsets(data, experiment, place)))
+    return Beginning(start, tuple(_offsets(data, experiment, place, quantum)))
 
 
 def _latched(data: Data, angle_deg: float) -> float:
@@ -278,14 +281,30 @@ def _latched(data: Data, angle_deg: float) -> float:
     return 1.0 if data.inputs[0, 10] == 0.0 and is_closed(angle_deg) else 0.0
 
 
-def _offsets(data: Data, experiment: int, place: float) -> list[Unknown]:
-    """Zeros of the position counters, where these do not show the position that the gate is at."""
+def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[Unknown]:
+    """Zeros of the position counters, where these do not show the position that the gate is at. A count (`quantum`
+    rev) shows it to half of that at best: an edge may be anywhere.
+    """
     unknowns = []
     for side in ("left", "right"):
-        shown = first_sample(data.outputs.get(f"{side}_position_rev"))
+        name, values = f"{side}_offset", data.outputs.get(f"{side}_position_rev")
+        shown = first_sample(values)
         if abs(shown - place) > _OFFSET_REV:
-            unknowns.append(Unknown(experiment, f"{side}_offset", shown - place))
+            unknowns.append(Unknown(experiment, name, shown - place))
+        elif values is not None and not math.isnan(shown) and is_count(values, quantum):
+            unknowns.append(Unknown(experiment, name, 0.0, 0.5 * quantum))
     return unknowns
+
+
+def _is_stalled(vehicle: Vehicle, data: Data) -> bool:
+    """Whether a voltage drives a current through a drive that stands still, from the first sample on."""
+    early = data.times <= data.times[0] + _WINDOWS[-1]
+    current = data.outputs.get("left_current_a", np.full(len(data.times), np.nan))[early]
+    if not np.any(np.isfinite(current)):
+        return False
+    stall = applied_voltage(data, vehicle.supply.voltage)[early] / vehicle.left.motor.resistance
+    least = _STALL_SHARE * float(np.min(np.abs(stall)))
+    return 0.0 < least < abs(float(np.nanmedian(current)))
 
 
 def _shows_place(data: Data) -> bool:
@@ -297,7 +316,7 @@ def _shows_place(data: Data) -> bool:
 
 
 def _midway(
-    plant: Plant,
+    vehicle: Vehicle,
     data: Data,
     experiment: int,
     full: bool,
@@ -305,6 +324,12 @@ def _midway(
     angle_deg: float | None,
 ) -> Beginning:
     """A gate in motion, or at rest after one."""
+    plant = plant_of(vehicle)
+    if not moves and _is_stalled(vehicle, data):
+        raise ValueError(
+            "begins with drives that their voltage stalls, and how far friction holds them is not known; allowed: "
+            "--from before they stop, or from where the voltage is off"
+        )
     speed = _first_speed(plant, data) if moves else 0.0
     known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
     shown = first_sample(_position(data))
@@ -339,7 +364,8 @@ def _midway(
     if plant.left.thermal.enabled > 0.0:
         for name, std in (("warmth", _SPREAD_K), ("housing_warmth", _SPREAD_HOUSING_K)):
             unknowns.append(Unknown(experiment, name, 0.0, std, -_SPREAD_K, _HOTTEST_K))
-    return Beginning(start, (*unknowns, *_offsets(data, experiment, place)), not moves)
+    offsets = _offsets(data, experiment, place, 1.0 / vehicle.sensors.hall_counts)
+    return Beginning(start, (*unknowns, *offsets), not moves)
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:

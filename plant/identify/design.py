@@ -164,11 +164,15 @@ def _information(
         dict.fromkeys(outputs, nothing),
     )
     problem = Problem(vehicle, model, sought, [data], outputs, angle_deg=candidate.angle_deg)
-    # Only what is sought: it begins at rest where it is known to.
-    slopes = problem.derivative(problem.initial)[:, :, : len(sought)]
-    return statistics.information(
-        slopes * problem.sizes[: len(sought)], root, np.zeros(len(sought))
-    )
+    known = problem.priors()[1]
+    known[: len(sought)] = 0.0
+    sizes, slopes = problem.sizes, problem.derivative(problem.initial)
+    whole = statistics.information(slopes * sizes, root, known * sizes)
+    # What is left for what is sought where a counter's zero is estimated along.
+    own, rest = slice(len(sought)), slice(len(sought), None)
+    across = whole[own, rest]
+    left: Floats = whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
+    return left
 
 
 def _ranked(candidate: Candidate, matrix: Floats) -> Ranked:

@@ -90,7 +90,7 @@ class Problem:
                     f"{len(angles)} angles for {len(self.data)} experiments; allowed: one each"
                 )
             self.beginnings = [
-                beginning_of(plant, data, number, angle, full)
+                beginning_of(self.vehicle, data, number, angle, full)
                 for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
             ]
         base = load_of(self.vehicle)

@@ -90,26 +90,23 @@ def test_data_that_say_nothing_of_motion_begin_at_rest() -> None:
 
 
 def test_a_known_angle_leaves_nothing_to_estimate() -> None:
-    plant = plant_of(suv())
-    begin = beginning_of(plant, measured(suv(), noise=ANGLE, seed=1), 0, 20.0, True)
+    begin = beginning_of(suv(), measured(suv(), noise=ANGLE, seed=1), 0, 20.0, True)
     assert begin.unknowns == ()
     assert begin.start.angle == pytest.approx(math.radians(20.0))
     assert begin.start.balanced == 0.0
 
 
 def test_a_gate_at_rest_near_closed_begins_closed() -> None:
-    plant = plant_of(suv())
     times = np.arange(201) / 200.0
     data = measured(suv(), "full", ANGLE, 1, 0.0, (times, np.where(times < 0.5, 0.0, 12.0)))
-    begin = beginning_of(plant, data, 0, None, True)
+    begin = beginning_of(suv(), data, 0, None, True)
     assert begin.start.angle == 0.0
     assert begin.unknowns == ()
 
 
 def test_a_latched_gate_begins_closed_and_latched() -> None:
-    plant = plant_of(suv())
     data = measured(suv(), "full", ANGLE, 1, angle_deg=0.0, latch_released=0.0)
-    begin = beginning_of(plant, data, 0, None, True)
+    begin = beginning_of(suv(), data, 0, None, True)
     assert begin.start.latched == 1.0
     assert begin.start.angle == 0.0
 
@@ -119,7 +116,7 @@ def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
     times = np.arange(401) / 200.0
     drive = (times, np.where(times < 0.5, 0.0, 12.0))
     data = measured(suv(), "full", {"left_position_rev": 0.01}, 1, 35.0, drive)
-    begin = beginning_of(plant, data, 0, None, True)
+    begin = beginning_of(suv(), data, 0, None, True)
     shown = math.degrees(rigid.angle_at(plant.link, plant.left.travel * begin.start.left_position))
     assert shown == pytest.approx(35.0, abs=0.1)
     assert begin.start.speed == 0.0
@@ -127,17 +124,16 @@ def test_a_position_alone_says_at_which_angle_a_gate_rests() -> None:
 
 
 def test_a_moving_gate_begins_with_the_speed_and_place_measured() -> None:
-    plant = plant_of(suv())
     whole = measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0)
     data = later(whole, 0.5)
     truth = measured(suv(), "third-order", {**POSITION, **SPEED, **ANGLE}, None, 20.0).outputs
-    begin = beginning_of(plant, data, 0, None, True)
+    begin = beginning_of(suv(), data, 0, None, True)
     assert begin.start.balanced == 1.0
     assert begin.start.speed == pytest.approx(truth["left_speed_rps"][100], abs=30.0)
     assert begin.start.left_position == pytest.approx(truth["left_position_rev"][100], abs=0.5)
     names = [each.name for each in begin.unknowns]
     assert names == ["speed", "left_position", "right_ahead", "angle", "rate"]
-    stiff = beginning_of(plant, data, 0, None, False)
+    stiff = beginning_of(suv(), data, 0, None, False)
     assert [each.name for each in stiff.unknowns] == ["speed", "left_position"]
 
 
@@ -146,7 +142,7 @@ def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None
     data = later(measured(suv(), "third-order", {**POSITION, **ANGLE}, 1, 20.0), 0.5)
     outputs = dict(data.outputs)
     outputs["left_position_rev"] = outputs["left_position_rev"] + 1000.0
-    begin = beginning_of(plant, dataclasses.replace(data, outputs=outputs), 0, None, False)
+    begin = beginning_of(suv(), dataclasses.replace(data, outputs=outputs), 0, None, False)
     angle = math.radians(first_sample(outputs["gate_angle_deg"]))
     expected = gate.extension(plant.link, angle) / plant.left.travel
     assert begin.start.left_position == pytest.approx(expected)
@@ -155,10 +151,9 @@ def test_a_moving_gate_of_an_unset_counter_begins_where_its_angle_says() -> None
 
 
 def test_an_angle_alone_says_how_fast_a_gate_begins() -> None:
-    plant = plant_of(suv())
     data = later(measured(suv(), "full", ANGLE, 1, 20.0), 0.5)
     truth = measured(suv(), "full", {"left_speed_rps": 0.0}, None, 20.0)
-    begin = beginning_of(plant, data, 0, None, True)
+    begin = beginning_of(suv(), data, 0, None, True)
     expected = truth.outputs["left_speed_rps"][100]
     assert begin.start.speed == pytest.approx(expected, rel=0.2)
     assert begin.unknowns[0].name == "speed"
@@ -169,13 +164,13 @@ def test_a_closed_gate_is_one_however_noisy_its_angle() -> None:
     for seed in range(10):
         drive = (times, np.where(times < 0.3, 0.0, 12.0))
         data = measured(suv(), "full", {"gate_angle_deg": 0.3}, seed, 0.0, drive)
-        assert beginning_of(plant_of(suv()), data, 0, None, True).unknowns == ()
+        assert beginning_of(suv(), data, 0, None, True).unknowns == ()
 
 
 def test_a_motion_without_a_place_is_refused() -> None:
     data = later(measured(suv(), "full", SPEED, 1, 20.0), 0.5)
     with pytest.raises(ValueError, match=r"begins in motion.*allowed"):
-        beginning_of(plant_of(suv()), data, 0, None, True)
+        beginning_of(suv(), data, 0, None, True)
 
 
 def test_a_drive_that_nothing_is_said_of_is_driven_like_the_other() -> None:
@@ -221,7 +216,7 @@ def test_the_windings_of_a_drive_in_motion_may_be_warm() -> None:
             whole.inputs[row:],
             {name: values[row:] for name, values in whole.outputs.items()},
         )
-        begin = beginning_of(plant_of(vehicle), cut, 0, None, True)
+        begin = beginning_of(vehicle, cut, 0, None, True)
         assert begin.start.balanced == 1.0
         assert ("warmth" in [each.name for each in begin.unknowns]) == expected
 
@@ -231,21 +226,22 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
     noise = {**POSITION, **ANGLE}
     whole = measured(suv(), "third-order", noise, 1, 40.0)
     open_ = dataclasses.replace(whole, inputs=np.where(np.arange(11) == 10, 0.0, whole.inputs))
-    begin = beginning_of(plant_of(suv()), open_, 0, None, True)
+    begin = beginning_of(suv(), open_, 0, None, True)
     assert begin.start.latched == 0.0
     extended = plant_of(suv()).left.travel * begin.start.left_position
     assert math.degrees(rigid.angle_at(plant_of(suv()).link, extended)) == pytest.approx(40, abs=1)
-    moving = beginning_of(plant_of(suv()), later(open_, 0.5), 0, None, True)
+    moving = beginning_of(suv(), later(open_, 0.5), 0, None, True)
     assert moving.start.balanced == 1.0
     closed = measured(suv(), "third-order", noise, 1, 0.0)
     shut = dataclasses.replace(closed, inputs=np.where(np.arange(11) == 10, 0.0, closed.inputs))
     shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
-    assert beginning_of(plant_of(suv()), shut, 0, None, True).start.latched == 1.0
+    assert beginning_of(suv(), shut, 0, None, True).start.latched == 1.0
     cut = dataclasses.replace(shut, times=shut.times + 3.0)
-    begin = beginning_of(plant_of(suv()), cut, 0, None, True)
+    begin = beginning_of(suv(), cut, 0, None, True)
     assert (begin.start.balanced, begin.start.latched) == (1.0, 1.0)
     assert {each.name: each.std for each in begin.unknowns} == {
         "left_position": 3.0,
+        "left_offset": 0.125,
         "right_ahead": 3.0,
     }
 
@@ -265,11 +261,11 @@ def test_a_gate_at_rest_is_open_or_cut_off_from_what_was_before_or_rested_for_lo
     angle_deg: float, cut: float, expected: bool
 ) -> None:
     data = pause(heavy_suv(), angle_deg, {**POSITION, **ANGLE}, cut)
-    begin = beginning_of(plant_of(heavy_suv()), data, 0, None, True)
+    begin = beginning_of(heavy_suv(), data, 0, None, True)
     names = {each.name for each in begin.unknowns}
     assert ({"warmth", "housing_warmth", "right_ahead", "left_position"} <= names) == expected
     assert (begin.start.balanced == 1.0) == expected
-    assert beginning_of(plant_of(heavy_suv()), data, 0, angle_deg, True).unknowns == ()
+    assert beginning_of(heavy_suv(), data, 0, angle_deg, True).unknowns == ()
 
 
 @pytest.mark.parametrize("noise", [{"left_position_rev": 0.02}, {"left_speed_rps": 0.1}])
@@ -281,7 +277,7 @@ def test_a_closed_gate_that_rests_for_long_creeps_into_its_seal_and_still_rests(
     drive = (times, np.where(times < 0.5, 0.0, 12.0))
     for seed in range(5):
         data = measured(suv(), "full", noise, seed, 0.0, drive, latch_released=released)
-        begin = beginning_of(plant_of(suv()), data, 0, None, True)
+        begin = beginning_of(suv(), data, 0, None, True)
         assert (begin.start.balanced, begin.unknowns) == (0.0, ())
         assert begin.start.latched == 1.0 - released
 
@@ -292,7 +288,7 @@ def test_a_latch_holds_a_closed_gate_of_which_only_a_speed_or_an_odd_angle_is_kn
         outputs = {name: values + offset for name, values in data.outputs.items()}
         for clock in (0.0, 3.0):
             odd = dataclasses.replace(data, outputs=outputs, times=data.times + clock)
-            assert beginning_of(plant_of(suv()), odd, 0, None, True).start.latched == 1.0
+            assert beginning_of(suv(), odd, 0, None, True).start.latched == 1.0
 
 
 def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
@@ -301,7 +297,7 @@ def test_how_thinned_data_begin_is_read_from_all_rows() -> None:
     data = measured(suv(), "full", {**POSITION, **ANGLE}, 1, 0.0, drive)
     for factor in (10, 50, 100):
         few = thinned(data, None, factor, 0.25)
-        assert beginning_of(plant_of(suv()), few, 0, None, True).unknowns == ()
+        assert beginning_of(suv(), few, 0, None, True).unknowns == ()
 
 
 def test_a_slow_motion_that_nothing_drives_is_one() -> None:
@@ -316,6 +312,18 @@ def test_a_slow_motion_that_nothing_drives_is_one() -> None:
         assert begins_at_rest(later(whole, 1.8), creeps=True)
 
 
+def test_a_stall_under_voltage_is_refused_and_an_inrush_is_none() -> None:
+    times = np.arange(9001) / 1000.0
+    volts = np.where(times < 7.0, 12.0, -10.0)
+    noise = {**POSITION, "left_current_a": 0.05}
+    whole = measured(suv(), "full", noise, 1, 0.0, (times, volts))
+    with pytest.raises(ValueError, match=r"voltage stalls.*allowed: --from before they stop"):
+        beginning_of(suv(), later(whole, 6.5), 0, None, True)
+    opened = measured(suv(), "full", noise, 1, 70.0, (times, -volts))
+    shifted = dataclasses.replace(opened, times=opened.times + 1.0)
+    assert beginning_of(suv(), shifted, 0, None, True).in_pause
+
+
 def test_a_rest_that_only_an_angle_shows_may_be_a_slow_motion() -> None:
-    begin = beginning_of(plant_of(suv()), pause(suv(), 30.0, ANGLE), 0, None, True)
+    begin = beginning_of(suv(), pause(suv(), 30.0, ANGLE), 0, None, True)
     assert {each.name: each.std for each in begin.unknowns}["speed"] == 5.0

@@ -60,6 +60,18 @@ def test_the_truth_lies_within_three_standard_deviations(
     assert np.max(np.abs(z)) < 3.0
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
+def test_a_counters_edges_may_lie_anywhere(phase: float) -> None:
+    data = opening(2, QUANTUM)
+    true = opening(2).outputs["left_position_rev"]
+    counts = np.floor(true / QUANTUM + phase) * QUANTUM
+    moved = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+    result = identify(problem(moved))
+    assert np.max(np.abs(scores(result, TRUTH))) < 3.0
+    (offset,) = result.initial_states
+    assert abs(offset.value - (phase - 0.5) * QUANTUM) < 3.0 * offset.std < 0.5 * QUANTUM
+
+
 def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> None:
     data = opening(None)
     late = dataclasses.replace(data, inputs=np.roll(data.inputs, -6, axis=0))  # 3 ms early
