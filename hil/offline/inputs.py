@@ -22,6 +22,8 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
     "right_voltage_v": (("right_voltage",), -1000.0, 1000.0),
     "left_duty": (("left_duty",), -1.0, 1.0),
     "right_duty": (("right_duty",), -1.0, 1.0),
+    "left_coast": (("left_coast",), 0.0, 1.0),
+    "right_coast": (("right_coast",), 0.0, 1.0),
     "supply_voltage_v": (("supply_voltage",), 0.0, 1000.0),
     "road_slope_deg": (("road_slope",), -45.0, 45.0),
     "hand_force_n": (("hand_force",), -1e5, 1e5),
@@ -34,6 +36,8 @@ ROWS = (
     "supply_voltage",
     "road_slope",
     "hand_force",
+    "left_coast",
+    "right_coast",
 )
 
 

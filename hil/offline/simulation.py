@@ -52,8 +52,8 @@ def inputs_at(
     slope = load.road_slope if np.isnan(rows[k, 5]) else float(rows[k, 5])
     hand = load.hand_force if np.isnan(rows[k, 6]) else float(rows[k, 6])
     return (
-        DriveInput(zero_if_nan(rows[k, 2]), zero_if_nan(rows[k, 0]), 0.0),
-        DriveInput(zero_if_nan(rows[k, 3]), zero_if_nan(rows[k, 1]), 0.0),
+        DriveInput(zero_if_nan(rows[k, 2]), zero_if_nan(rows[k, 0]), zero_if_nan(rows[k, 7])),
+        DriveInput(zero_if_nan(rows[k, 3]), zero_if_nan(rows[k, 1]), zero_if_nan(rows[k, 8])),
         Load(
             supply,
             slope,
@@ -70,7 +70,7 @@ def inputs_at(
 
 @compilable
 def zero_if_nan(value: float) -> float:
-    """A motor that nothing is said of is short-circuited."""
+    """A motor that nothing is said of is short-circuited, and does not coast."""
     return 0.0 if np.isnan(value) else float(value)
 
 

@@ -101,6 +101,15 @@ def test_duty_takes_its_voltage_from_the_supply(tmp_path: Path) -> None:
     assert columns["right_voltage_v"][-1] == -3.0
 
 
+def test_a_drive_coasts_where_the_file_says_so(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,left_duty,right_duty,left_coast\n0,1,1,0\n0.5,0,0,1\n")
+    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.6")
+    late = columns["time_s"] > 0.52
+    assert np.all(columns["left_current_a"][late] == 0.0)  # after the diodes' commutation
+    assert np.all(columns["right_current_a"][late] < -1.0)  # shorted: it brakes
+
+
 def test_the_output_drives_the_same_motion_again(tmp_path: Path) -> None:
     first = simulate(tmp_path, "--voltage", "10", "--duration", "0.3")
     copy = tmp_path / "again.csv"
