@@ -16,7 +16,6 @@ from plant.identify.data import (
     Unknown,
     beginning_of,
     changes_of,
-    first_sample,
     is_count,
     without_end,
 )
@@ -67,12 +66,10 @@ class Problem:
     unknowns: list[Unknown] = field(init=False)
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
-    _flowing: list[list[str]] = field(init=False)  # drives whose current is there at the beginning
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
     _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
 
     def __post_init__(self) -> None:
-        plant = plant_of(self.vehicle)
         full = MODELS[self.model] == 0
         ahead = _DELAY if self.is_delay_sought else max(-self.delay, 0.0)
         if ahead > 0.0:
@@ -93,11 +90,6 @@ class Problem:
                 beginning_of(self.vehicle, data, number, angle, full)
                 for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
             ]
-        base = load_of(self.vehicle)
-        self._flowing = [
-            _flowing(plant, data, base, begin.start)
-            for data, begin in zip(self.data, self.beginnings, strict=True)
-        ]
         self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
         if self.is_delay_sought:
             self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
@@ -226,9 +218,8 @@ class Problem:
                     start = start._replace(**{unknown.name: float(value)})
         base = load_of(vehicle)._replace(latch_released=1.0)
         if start.balanced > 0.0:
-            steady = _steady_currents(plant, data, base, start)
-            flowing = {f"{side}_current": steady[side] for side in self._flowing[number]}
-            start = start._replace(**flowing)
+            in_pause = self.beginnings[number].in_pause
+            start = _with_currents(plant, data, base, start, in_pause)
         delay = aside["input_delay"] + (np.zeros(1) if late is None else late)
         times, inputs, kept = _delayed(data, self.changes[number], delay)
         out = trajectory(
@@ -274,30 +265,19 @@ class Problem:
         return slopes
 
 
-def _steady_currents(plant: Plant, data: Data, base: Load, start: Start) -> dict[str, float]:
-    """What flows in each drive at the beginning [A], if that has gone on for some L/R."""
+def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
+    """A winding forgets its beginning in L/R: it begins with the current of its steady state. In a pause a voltage
+    begins with the data, and its current after it.
+    """
     inputs = inputs_of(data.inputs[0], base)
     currents = {}
     for side in ("left", "right"):
         drive, given = getattr(plant, side), getattr(inputs, side)
         volts = given.voltage + given.duty * inputs.load.source_voltage
         emf = drive.motor.speed_constant * start.speed
-        steady = (volts - emf) / drive.motor.resistance
-        currents[side] = 0.0 if given.coast else drive.active * steady
-    return currents
-
-
-def _flowing(plant: Plant, data: Data, base: Load, start: Start) -> list[str]:
-    """The drives that begin with their steady current: not those of which a current nearer to none was measured,
-    nor, where none was measured, drives at rest: there a voltage begins with the data.
-    """
-    sides = []
-    for side, steady in _steady_currents(plant, data, base, start).items():
-        shown = first_sample((data.whole or data).outputs.get(f"{side}_current_a"))
-        is_none = start.speed == 0.0 if math.isnan(shown) else abs(shown - steady) > abs(shown)
-        if not is_none:
-            sides.append(side)
-    return sides
+        steady = ((0.0 if in_pause else volts) - emf) / drive.motor.resistance
+        currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady
+    return start._replace(**currents)
 
 
 def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
