@@ -173,7 +173,7 @@ def past_kinks(
 
 
 def better(problem: Problem, found: Found, other: Found) -> Found:
-    """The more likely end of two searches, of which the other one went on where the first ended."""
+    """The more likely end of two searches; the other one's history goes on after that of the first."""
     if deviance(problem, found) <= deviance(problem, other):
         return found
     return replace(other, history=(*found.history, *other.history[1:]))

@@ -23,9 +23,8 @@ class Thinning:
     """A linear map from an output's values in all rows to its samples."""
 
     rows: Floats  # (N,) s: of the inputs, and of the outputs before it
-    raster: Floats | None = (
-        None  # (K,) s: outputs come onto it on straight lines; default: they stay in the rows
-    )
+    # (K,) s: outputs come onto it on straight lines; default: they stay in the rows.
+    raster: Floats | None = None
     factor: int = 1  # every so many-th of these is kept
     # Outputs that have no sample in some rows: in which they have one (N,).
     sampled: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
