@@ -28,7 +28,7 @@ test: lint
 
 test-vcan: setup
 	@if $(BIN)/python -m tools.vcan --install; then \
-	    $(BIN)/python -m hil --bus virtual:warm --duration 0.01 --quiet && \
+	    $(BIN)/python -m liftgate_hil --bus virtual:warm --duration 0.01 --quiet && \
 	    $(BIN)/python -m tools.vcan --timeout 1800 --out $(MODEL) -- \
 	        $(BIN)/python -m pytest $(VCAN_TESTS); \
 	else \

@@ -62,7 +62,7 @@ def numbers(text: str) -> set[str]:
 def docstrings(path: Path) -> Iterator[tuple[str, str]]:
     """(name, docstring) of a module and of what it defines."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    module = ".".join(path.relative_to(ROOT / "plant").with_suffix("").parts)
     yield module, ast.get_docstring(tree) or ""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
@@ -72,7 +72,7 @@ def docstrings(path: Path) -> Iterator[tuple[str, str]]:
 def implementations() -> dict[str, list[str]]:
     """Equation: the functions, classes and modules of the plant that name it."""
     index: dict[str, list[str]] = {number: [] for number in EQUATIONS}
-    for path in sorted((ROOT / "plant").glob("*.py")):
+    for path in sorted((ROOT / "plant/liftgate_plant").glob("*.py")):
         for name, text in docstrings(path):
             for number in numbers(text):
                 index[number].append(name)

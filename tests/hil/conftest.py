@@ -8,9 +8,9 @@ from typing import Any
 import hil_support
 import pytest
 
-from hil.config.rig import Rig
-from hil.loop.tick import tick
-from plant.compiler import compiled
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop.tick import tick
+from liftgate_plant.compiler import compiled
 
 
 @pytest.fixture(scope="session")

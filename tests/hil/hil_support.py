@@ -11,17 +11,17 @@ import numpy as np
 from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
 
-from hil import build
-from hil.codec.frames import EXTENDED, Frames
-from hil.codec.layout import Wire, build_layout
-from hil.codec.protection import MessageOptions
-from hil.codec.quantities import BusQuantity
-from hil.codec.tables import Layout
-from hil.config.rig import Rig, load_rig
-from hil.config.toml import Faults
-from hil.loop.tick import Bench, LoopState, initial_loop
-from hil.stimulus import Program, no_program
-from plant.dynamics import initial_state
+from liftgate_hil import session
+from liftgate_hil.codec.frames import EXTENDED, Frames
+from liftgate_hil.codec.layout import Wire, build_layout
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.quantities import BusQuantity
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.toml import Faults
+from liftgate_hil.loop.tick import Bench, LoopState, initial_loop
+from liftgate_hil.stimuli.timeline import Program, no_program
+from liftgate_plant.dynamics import initial_state
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
 FREE = BusQuantity("", -1e300, 1e300, "anything")
@@ -127,13 +127,13 @@ def bench(
     seed: int = 0,
 ) -> Bench:
     """The shipped vehicle, as a loop's constants."""
-    vehicle = build.vehicle_from("suv", settings)
-    return build.bench_of(vehicle, rig or shipped_rig(), program or no_program(), rate, seed)
+    vehicle = session.vehicle_from("suv", settings)
+    return session.bench_of(vehicle, rig or shipped_rig(), program or no_program(), rate, seed)
 
 
 def shipped_rig() -> Rig:
     """The default rig."""
-    return build.rig_from("liftgate")
+    return session.rig_from("liftgate")
 
 
 def start_of(some: Bench, angle: float = 0.0, latched: bool = True) -> LoopState:

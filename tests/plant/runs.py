@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from hil.config.vehicle import apply_setting, vehicle_of
-from plant import integrate
-from plant.bridge import DriveInput
-from plant.compiler import compiled
-from plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state
-from plant.obstacle import Obstacle
-from plant.vehicle import Vehicle, load_of, plant_of
+from liftgate_hil.config.vehicle import apply_setting, vehicle_of
+from liftgate_plant import integrate
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.reference import event_solution
 
 SUV = Path(__file__).parents[2] / "configs" / "vehicles" / "suv.toml"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 
-from plant import (
+from liftgate_plant import (
     bridge,
     contact,
     environment,
@@ -409,7 +409,7 @@ def test_the_current_sensor_scales_rounds_filters_and_saturates() -> None:
 
 
 def suv_drive(current: float):
-    from plant.dynamics import DriveState
+    from liftgate_plant.dynamics import DriveState
 
     return DriveState(current, 0.0, 0.0, 20.0, 20.0)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant.compiler import borrowed, compilable, compiled
+from liftgate_plant.compiler import borrowed, compilable, compiled
 
 
 class Inner(NamedTuple):

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from plant import dynamics, gate, integrate, obstacle, sensors
-from plant.bridge import DriveInput
-from plant.dynamics import State
-from plant.obstacle import Obstacle
-from plant.vehicle import Vehicle, load_of, plant_of
+from liftgate_plant import dynamics, gate, integrate, obstacle, sensors
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.dynamics import State
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.plant.runs import (
     COAST,
     OPEN,

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import dynamics, gate, integrate, seal
-from plant.bridge import DriveInput
-from plant.compiler import compiled
-from plant.dynamics import DriveState, Plant, State
-from plant.vehicle import plant_of
+from liftgate_plant import dynamics, gate, integrate, seal
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import DriveState, Plant, State
+from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import (
     BRAKE,
     COAST,

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from hil.config.vehicle import load_vehicle
-from plant import bridge, dynamics, gate, integrate
-from plant.bridge import drive_input
-from plant.compiler import compiled
-from plant.dynamics import Inputs, Load, Plant, State
-from plant.vehicle import Vehicle, load_of, plant_of
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_plant import bridge, dynamics, gate, integrate
+from liftgate_plant.bridge import drive_input
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import Inputs, Load, Plant, State
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 FOLDER = Path(__file__).resolve().parents[2] / "configs" / "vehicles"
 SLOPES = (-8, 0, 8)  # degrees

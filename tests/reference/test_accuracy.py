@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from hil.config.vehicle import vehicle_of
-from plant.dynamics import DriveState, State
-from plant.vehicle import plant_of
+from liftgate_hil.config.vehicle import vehicle_of
+from liftgate_plant.dynamics import DriveState, State
+from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import OPEN, column, fast_run, inputs, run_phases, suv, tables
 from tests.reference.event_solution import DriveInput, Obstacle, Phase, Solution, solve
 

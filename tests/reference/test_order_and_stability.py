@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from plant.dynamics import DriveState, State
-from plant.vehicle import plant_of
+from liftgate_plant.dynamics import DriveState, State
+from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import CLOSE, OPEN, at_rest, column, fast_run, inputs, run_phases, suv, tables
 from tests.reference.event_solution import DriveInput, Phase, solve
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from plant.vehicle import plant_of
+from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import BRAKE, at_rest, column, fast_run, inputs, suv
 
 ALONE = (

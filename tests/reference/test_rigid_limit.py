@@ -8,8 +8,8 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from plant import gate, spring, transmission
-from plant.vehicle import Vehicle, plant_of
+from liftgate_plant import gate, spring, transmission
+from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import OPEN, at_rest, column, fast_run, inputs, suv
 
 START_DEG = 10.0  # above the seal, whose force (4.10) leaves out

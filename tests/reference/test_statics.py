@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from plant import dynamics
-from plant.dynamics import State
-from plant.vehicle import plant_of
+from liftgate_plant import dynamics
+from liftgate_plant.dynamics import State
+from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import (
     BRAKE,
     CLOSE,

@@ -22,7 +22,7 @@ import can
 import cantools
 import pytest
 
-from hil.data import data_root
+from liftgate_hil.config.shipped import data_root
 
 DBC = data_root() / "dbc" / "liftgate.dbc"
 PATIENCE = 90.0  # s until a process must have done what is waited for; nothing is judged by it
@@ -63,7 +63,7 @@ def lines_of(path: Path) -> list[str]:
 
 
 def emulator(group: str, *more: str):
-    return process("-m", "hil", "--bus", f"udp_multicast:{group}", *more)
+    return process("-m", "liftgate_hil", "--bus", f"udp_multicast:{group}", *more)
 
 
 def bus_of(group: str) -> can.BusABC:
@@ -75,7 +75,7 @@ def test_the_ecu_in_another_process_opens_the_gate(tmp_path: Path, group: str) -
     with (
         emulator(group, "--record", str(record), "--json") as gate,
         process(
-            "-m", "hil", "ecu", "--bus", f"udp_multicast:{group}", "--request", "0.2:open"
+            "-m", "liftgate_hil", "ecu", "--bus", f"udp_multicast:{group}", "--request", "0.2:open"
         ) as ecu,
     ):
         angle = "gate_angle_deg"
@@ -212,7 +212,7 @@ def test_a_recorded_command_played_back_moves_the_gate(tmp_path: Path, group: st
     # The demo's own bus log, its first seconds, through python-can's player.
     folder = tmp_path / "demo"
     folder.mkdir()
-    arguments = ("-m", "hil", "demo", "--clock", "free", "--duration", "4", "--quiet")
+    arguments = ("-m", "liftgate_hil", "demo", "--clock", "free", "--duration", "4", "--quiet")
     with process(*arguments, "--output", str(folder)) as demo:
         assert demo.wait(PATIENCE) == 0
     commands = [line for line in lines_of(folder / "demo.log") if " 120#" in line]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.cli import main
+from liftgate_hil.cli.main import main
 
 FOREIGN = Path(__file__).parent / "foreign" / "foreign.toml"
 TRUTH = {

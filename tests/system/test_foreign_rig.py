@@ -8,7 +8,7 @@ from pathlib import Path
 import cantools
 import pytest
 
-from hil.cli import main
+from liftgate_hil.cli.main import main
 
 RIG = Path(__file__).parent / "foreign" / "foreign.toml"
 STORY = [

@@ -22,7 +22,7 @@ import can
 import pytest
 from asammdf import MDF
 
-from hil.cli import main
+from liftgate_hil.cli.main import main
 
 PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
 LOST_S = 1.0  # of a recording, at most
@@ -43,7 +43,7 @@ def until(happened: object, what: str) -> None:
 def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """One that has begun to record."""
     records = [part for name in NAMES for part in ("--record", str(folder / name))]
-    command = [sys.executable, "-m", "hil", "--bus", "virtual:x", "--quiet", *records]
+    command = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--quiet", *records]
     with subprocess.Popen(
         [*command, "--overrun-limit", "3600"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -62,7 +62,7 @@ def recorder_of(folder: Path) -> int:
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
             command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
-            if b"hil.recording.process" in command and str(folder).encode() in command:
+            if b"liftgate_hil.recording.process" in command and str(folder).encode() in command:
                 return int(entry.name)
     return 0
 

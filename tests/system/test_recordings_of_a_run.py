@@ -19,7 +19,7 @@ PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
 def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path):
     names = ["run.log", "run.asc", "run.blf", "run.trc", "run.mf4", "run.csv"]
     records = [part for name in names for part in ("--record", str(tmp_path / name))]
-    arguments = [sys.executable, "-m", "hil", "--bus", "virtual:x", "--json", *records]
+    arguments = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--json", *records]
     with subprocess.Popen(
         arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:

@@ -53,7 +53,7 @@ def test_an_ecu_in_c_drives_the_gate_over_a_serial_line(
     with (
         serial_line() as (ours, theirs),
         process(
-            sys.executable, "-m", "hil", "--serial", f"{ours}@921600", "--clock", "realtime",
+            sys.executable, "-m", "liftgate_hil", "--serial", f"{ours}@921600", "--clock", "realtime",
             "--scenario", str(surroundings), "--overrun-limit", "60", "--json",
         ) as gate,
         process(str(ecus[1]), theirs, str(0.9 * PATIENCE)) as ecu,
@@ -83,7 +83,7 @@ def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None
     with (
         serial_line() as (ours, theirs),
         process(
-            sys.executable, "-m", "hil", "demo", "--serial", ours, "--ecu-serial", theirs,
+            sys.executable, "-m", "liftgate_hil", "demo", "--serial", ours, "--ecu-serial", theirs,
             "--duration", "4", "--overrun-limit", "60", "--output", str(tmp_path),
         ) as demo,
     ):  # fmt: skip

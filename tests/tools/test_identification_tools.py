@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.measurement.read import read_measurement
-from plant.identify.data import rows_of
-from plant.identify.trajectory import MODELS, REST, trajectory
-from plant.sensors import Sensors
-from plant.vehicle import load_of, plant_of
+from liftgate_hil.identify.data import rows_of
+from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.measurement.read import read_measurement
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import load_of, plant_of
 from tools.identification import coverage, dc_motor, thesis, versus
 from tools.identification.measurements import TRUTH, measure, true_vehicle, write_thesis_data
 

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import pytest
 
-from hil import build as vehicles
-from plant.bridge import DriveInput
-from plant.compiler import compiled
-from plant.dynamics import Inputs, initial_state
-from plant.obstacle import Obstacle
-from plant.vehicle import load_of, plant_of
+from liftgate_hil import session as vehicles
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import Inputs, initial_state
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.vehicle import load_of, plant_of
 from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN
 from tools.twin.build import Point, build, compare, many_steps, points, source, twin_steps
 from tools.twin.translate import NotInSubsetError, translate

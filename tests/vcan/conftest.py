@@ -10,7 +10,7 @@ import hil_support
 import pytest
 from vcan_support import Bus, link_back
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from hil_support import OPEN, both, command_frame
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 TIMEOUT = 30  # ticks
 

@@ -11,7 +11,7 @@ import pytest
 from recordings import check_coasting, story_of, telling_commands
 from vcan_support import Bus, emulator, sending, sent_by, summary_of
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 STEPS = (-6.0, 3600.0)  # s
 

@@ -18,7 +18,7 @@ from vcan_support import (
     write_log,
 )
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 FOREIGN = Path(__file__).parents[1] / "system" / "foreign" / "foreign.toml"
 TIMEOUT = 2

@@ -10,7 +10,7 @@ from hil_support import BENCH_STATUS, GATE
 from recordings import telling_commands
 from vcan_support import Bus, emulator, received, sending, sent_by, summary_of
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 # Identifiers that are not the gate's, spread over all of them; those of no payload are as fast as a bus can have.
 FOREIGN = [0x001, 0x111, 0x2FF, 0x300, 0x456, 0x5A5, 0x700, 0x7FF]

@@ -28,7 +28,7 @@ from vcan_support import (
     wait_for,
 )
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 DOWN, UP = "link set vcan0 down", "link set vcan0 up"
 GONE, THERE = "link del vcan0", "link add dev vcan0 mtu 72 type vcan"

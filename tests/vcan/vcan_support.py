@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from hil_support import BENCH_STATUS, GATE
 
-from hil.config.rig import Rig
+from liftgate_hil.config.rig import Rig
 
 PATIENCE = 120.0  # s until a process must have done what is waited for; nothing is judged by it
 COMMAND_PERIOD = 0.01  # s
@@ -104,7 +104,7 @@ class Emulator(subprocess.Popen[str]):
 
     def __init__(self, arguments: Sequence[str], told: Path) -> None:
         self._told = told
-        command = (sys.executable, "-m", "hil", "--bus", "socketcan:vcan0", *arguments)
+        command = (sys.executable, "-m", "liftgate_hil", "--bus", "socketcan:vcan0", *arguments)
         with told.open("w") as stream:
             super().__init__(command, stdout=subprocess.PIPE, stderr=stream, text=True)
 

@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import build
-from hil.codec.frames import Frames, empty_frames
-from hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
-from hil.loop.hard import (
+from liftgate_hil import session
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.priority import Realtime
+from liftgate_hil.loop.realtime_loop import (
     Course,
     Room,
     clock_ns,
@@ -29,15 +30,14 @@ from hil.loop.hard import (
     receive,
     send,
 )
-from hil.loop.priority import Realtime
-from hil.loop.shared import Memory, Shared
-from hil.loop.tick import Bench, LoopState, initial_loop, tick
-from hil.transport.can_bus import CanTransport
-from plant import integrate
-from plant.bridge import DriveInput
-from plant.compiler import borrowed, compilable, compiled
-from plant.dynamics import Inputs, Plant, State, initial_state
-from plant.vehicle import load_of, plant_of
+from liftgate_hil.loop.rings import Memory, Shared
+from liftgate_hil.loop.tick import Bench, LoopState, initial_loop, tick
+from liftgate_hil.transport.can_bus import CanTransport
+from liftgate_plant import integrate
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import borrowed, compilable, compiled
+from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
+from liftgate_plant.vehicle import load_of, plant_of
 
 ROUNDS = 7
 HOT = "hot tick with its socket reads and writes, mean over the shipped cycles"
@@ -122,9 +122,9 @@ def hot_tick(sent: int | None) -> float:
     be. As the shipped rig has it at 1 kHz (a command in ten ticks, five frames in ten), or with a command to
     read and so many frames to send each tick.
     """
-    rig = build.rig_from("liftgate")
-    bench = build.bench_of(
-        build.vehicle_from("suv"), rig, build.scenario_from(None).program, 1000.0, 0
+    rig = session.rig_from("liftgate")
+    bench = session.bench_of(
+        session.vehicle_from("suv"), rig, session.scenario_from(None).program, 1000.0, 0
     )
     if sent is not None:
         others = len(bench.outputs.messages) - sent
@@ -187,7 +187,10 @@ def whole_process(*arguments: str) -> float:
 
     def action() -> None:
         subprocess.run(
-            [sys.executable, "-m", "hil", *arguments], check=True, capture_output=True, timeout=120
+            [sys.executable, "-m", "liftgate_hil", *arguments],
+            check=True,
+            capture_output=True,
+            timeout=120,
         )
 
     action()  # the cache is warm from here on
@@ -196,8 +199,8 @@ def whole_process(*arguments: str) -> float:
 
 def measure() -> dict[str, float]:
     """All figures, in seconds unless the name says otherwise."""
-    vehicle = build.vehicle_from("suv")
-    rig = build.rig_from("liftgate")
+    vehicle = session.vehicle_from("suv")
+    rig = session.rig_from("liftgate")
     plant = plant_of(vehicle)
     state = initial_state(plant)
     load = load_of(vehicle)._replace(latch_released=1.0)
@@ -214,8 +217,8 @@ def measure() -> dict[str, float]:
         lambda: many_steps(plant, state, inputs, 0.001, 200), 200
     )
 
-    scenario = build.scenario_from(None)
-    bench = build.bench_of(vehicle, rig, scenario.program, 1000.0, 0)
+    scenario = session.scenario_from(None)
+    bench = session.bench_of(vehicle, rig, scenario.program, 1000.0, 0)
     loop_state = initial_loop(bench, initial_state(plant, 0.0, latched=True))
     ticks = compiled(many_ticks)
     ticks(bench, loop_state, 1)

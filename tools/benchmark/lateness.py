@@ -23,14 +23,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import build
-from hil.loop.histogram import upper_end
-from hil.loop.priority import PRIORITY, Realtime, best_cpu
-from hil.loop.realtime import RealtimeRun, memory_for
-from hil.loop.shared import LATENESS
-from hil.loop.tick import initial_loop
-from hil.transport.base import LinkCounts
-from plant.dynamics import initial_state
+from liftgate_hil import session
+from liftgate_hil.loop.histogram import upper_end
+from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
+from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
+from liftgate_hil.loop.rings import LATENESS
+from liftgate_hil.loop.tick import initial_loop
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_plant.dynamics import initial_state
 
 _BINS_US = 50_000  # of cyclictest's histogram
 
@@ -103,7 +103,7 @@ class Pairs:
 
 
 class PairLine:
-    """A wire to a process of our own; see hil.transport.base.Line."""
+    """A wire to a process of our own; see liftgate_hil.transport.base.Line."""
 
     name = "socket pair"
 
@@ -164,8 +164,8 @@ def load(is_on: bool) -> Iterator[None]:
 
 def our_run(condition: Condition, seconds: float) -> tuple[Times, RealtimeRun]:
     """The emulator's own loop, with commands that come and feedback that goes."""
-    vehicle, rig = build.vehicle_from("suv"), build.rig_from("liftgate")
-    bench = build.bench_of(vehicle, rig, build.scenario_from(None).program, condition.rate, 0)
+    vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
+    bench = session.bench_of(vehicle, rig, session.scenario_from(None).program, condition.rate, 0)
     memory = memory_for(condition.rate)
     line = PairLine()
     run = RealtimeRun(

@@ -10,16 +10,16 @@ import struct
 import sys
 import time
 
-from hil import build
-from hil.codec.checksum import put_checksum
-from hil.codec.frames import empty_frames
+from liftgate_hil import session
+from liftgate_hil.codec.checksum import put_checksum
+from liftgate_hil.codec.frames import empty_frames
 
 PERIOD = 0.010
 
 
 def main() -> None:
     """Until the other end is closed."""
-    rig = build.rig_from("liftgate")
+    rig = session.rig_from("liftgate")
     message = rig.messages["DriveCommand"]
     table = rig.input_layout().messages[0]
     frames = empty_frames(1)

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from hil.commands import identify as command
-from hil.report.drawing import png
-from hil.report.figures import trace_figure
+from liftgate_hil.cli import identify as command
+from liftgate_hil.report.drawing import png
+from liftgate_hil.report.figures import trace_figure
 from tools.benchmark.machine import machine_lines
 from tools.identification import coverage, dc_motor, thesis, versus
 from tools.identification.measurements import write_thesis_data

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import build
-from plant.identify.data import Data, rows_of
-from plant.identify.identification import identify
-from plant.identify.parameters import find_parameter, value_of
-from plant.identify.problem import Problem, Sought
-from plant.identify.trajectory import MODELS, REST, trajectory
-from plant.sensors import Sensors
-from plant.vehicle import load_of, plant_of
+from liftgate_hil import session
+from liftgate_hil.identify.data import Data, rows_of
+from liftgate_hil.identify.identification import identify
+from liftgate_hil.identify.parameters import find_parameter, value_of
+from liftgate_hil.identify.problem import Problem, Sought
+from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import load_of, plant_of
 from tools.identification.measurements import RATE, measure, true_vehicle
 
 Floats = NDArray[np.float64]
@@ -94,7 +94,7 @@ def scores(case: Case, seeds: int) -> Scores:
 
 
 def _one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
-    shipped, vehicle = build.vehicle_from("suv"), true_vehicle(TRUTH)
+    shipped, vehicle = session.vehicle_from("suv"), true_vehicle(TRUTH)
     data = _sensed(seed) if case.sensors else _gaussian(case.model, seed)
     sought = []
     for name in case.estimate:

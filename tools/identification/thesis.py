@@ -37,7 +37,7 @@ def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
     """The result of one run on opening.csv."""
     target = folder / f"{preset}.json"
     command = [
-        sys.executable, "-m", "hil", "identify", str(folder / "opening.csv"), "--preset", preset,
+        sys.executable, "-m", "liftgate_hil", "identify", str(folder / "opening.csv"), "--preset", preset,
         *flags, "--result", str(target), "--quiet",
     ]  # fmt: skip
     subprocess.run(command, check=True, timeout=600)

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from hil import build
-from plant import gate, spring, transmission
-from plant.identify.data import rows_of
-from plant.identify.parameters import find_parameter, value_of, with_values
-from plant.identify.trajectory import MODELS, REST, trajectory
-from plant.sensors import Sensors
-from plant.vehicle import Vehicle, load_of, plant_of
+from liftgate_hil import session
+from liftgate_hil.identify.data import rows_of
+from liftgate_hil.identify.parameters import find_parameter, value_of, with_values
+from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_plant import gate, spring, transmission
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tools.identification.measurements import RATE, TRUTH, true_vehicle, write_csv
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Side(NamedTuple):
 def ours(path: Path, result: Path, rounds: int = 5) -> Side:
     """The command as a process of its own on one core, start-up included; the median."""
     command = [
-        sys.executable, "-m", "hil", "identify", str(path), "--preset", "thesis-1",
+        sys.executable, "-m", "liftgate_hil", "identify", str(path), "--preset", "thesis-1",
         "--initial", str(ANGLE_DEG), "--result", str(result), "--quiet",
     ]  # fmt: skip
     core = min(os.sched_getaffinity(0))
@@ -105,7 +105,7 @@ def ours(path: Path, result: Path, rounds: int = 5) -> Side:
 def theirs(columns: dict[str, Floats]) -> Side:
     """The other side, its imports not counted."""
     began = time.perf_counter()
-    vehicle = build.vehicle_from("suv")
+    vehicle = session.vehicle_from("suv")
     parameters = [find_parameter(vehicle, name) for name in NAMES]
     initial = np.array([value_of(vehicle, each) for each in parameters])
     measured = np.column_stack(

@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil import build as vehicles
-from plant import integrate
-from plant.bridge import DriveInput
-from plant.compiler import compiled
-from plant.dynamics import Inputs, Plant, State, initial_state
-from plant.obstacle import Obstacle
-from plant.vehicle import load_of, plant_of
+from liftgate_hil import session as vehicles
+from liftgate_plant import integrate
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.vehicle import load_of, plant_of
 from tools.twin.names import fields_of, is_struct
 from tools.twin.translate import translate
 

@@ -11,7 +11,7 @@ from hil_support import CALM, j1850
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.codec.bits import (
+from liftgate_hil.codec.bits import (
     FLOAT32,
     FLOAT64,
     SIGNED,
@@ -22,8 +22,8 @@ from hil.codec.bits import (
     read_number,
     write_number,
 )
-from hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum, crc8_byte
-from hil.codec.tables import MESSAGE
+from liftgate_hil.codec.checksum import CRC8_SAE_J1850, SUM8, XOR8, checksum, crc8_byte
+from liftgate_hil.codec.tables import MESSAGE
 
 MAX = 64
 

@@ -16,16 +16,16 @@ from hil_support import CALM, FREE, frames_of, rig_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.codec.layout import Wire, build_layout
-from hil.codec.protection import EndToEnd, MessageOptions
-from hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
-from hil.codec.sequence import INIT, INVALID, NODATA, STATE, VALID
-from hil.codec.tables import Layout
-from hil.codec.transmit import transmit
-from hil.config.toml import Faults
-from hil.errors import ConfigError
-from hil.loop.tick import initial_loop, tick
-from plant.compiler import compiled
+from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VALID
+from liftgate_hil.codec.layout import Wire, build_layout
+from liftgate_hil.codec.protection import EndToEnd, MessageOptions
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.transmit import transmit
+from liftgate_hil.config.toml import Faults
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.tick import initial_loop, tick
+from liftgate_plant.compiler import compiled
 
 MS = 1_000_000
 CYCLE = 10 * MS
@@ -375,12 +375,12 @@ data_id = 0xBEEF
 
 
 def test_a_rig_protects_both_ways(tmp_path: Path):
-    from hil import build
-    from hil.stimulus import no_program
-    from plant.dynamics import initial_state
+    from liftgate_hil import session
+    from liftgate_hil.stimuli.timeline import no_program
+    from liftgate_plant.dynamics import initial_state
 
     rig = rig_of(tmp_path, DATABASE, RIG)
-    bench = build.bench_of(build.vehicle_from("suv"), rig, no_program(), 1000.0, 0)
+    bench = session.bench_of(session.vehicle_from("suv"), rig, no_program(), 1000.0, 0)
     state = initial_loop(bench, initial_state(bench.plant))
     replies = []
     for number in range(60):

@@ -21,9 +21,9 @@ from hil_support import (
     with_checksum,
 )
 
-from hil.codec.frames import ERROR, EXTENDED, REMOTE
-from hil.codec.quantities import INPUT_INDEX, INPUTS
-from hil.codec.receive import (
+from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
+from liftgate_hil.codec.quantities import INPUT_INDEX, INPUTS
+from liftgate_hil.codec.receive import (
     NO_COUNTS,
     Counts,
     Reception,
@@ -32,8 +32,8 @@ from hil.codec.receive import (
     receive,
     rejected,
 )
-from hil.codec.tables import Layout
-from hil.config.rig import Rig
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.config.rig import Rig
 
 MS = 1_000_000
 

@@ -15,14 +15,14 @@ from hil_support import CALM, FREE, frames_of, j1850, layout_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hil.codec.frames import EXTENDED, FD, empty_frames
-from hil.codec.layout import Wire, raw_range
-from hil.codec.protection import MessageOptions
-from hil.codec.quantities import BusQuantity
-from hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
-from hil.codec.tables import Layout
-from hil.codec.transmit import encode, transmit
-from plant.compiler import compiled
+from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
+from liftgate_hil.codec.layout import Wire, raw_range
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.quantities import BusQuantity
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.transmit import encode, transmit
+from liftgate_plant.compiler import compiled
 
 NAN = float("nan")
 

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from hil.config import rig as rig_file
-from hil.config.rig import load_rig
-from hil.config.scenario import load_scenario
-from hil.config.vehicle import load_vehicle
-from hil.errors import ConfigError
+from liftgate_hil.config import rig as rig_file
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.errors import ConfigError
 
 ROOT = Path(__file__).parents[3]
 FOREIGN = ROOT / "tests/system/foreign"

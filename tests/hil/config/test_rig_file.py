@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from hil_support import EXTENDED, rig_of, write_rig
 
-from hil import build
-from hil.codec.frames import FD
-from hil.config.rig import Rig, load_rig
-from hil.errors import ConfigError
+from liftgate_hil import session
+from liftgate_hil.codec.frames import FD
+from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.errors import ConfigError
 
 DATABASE = """VERSION ""
 BS_:
@@ -63,7 +63,7 @@ def keys_of(faults: list[str]) -> list[str]:
 
 
 def test_the_shipped_rig_wires_everything_there_is():
-    rig = build.rig_from("liftgate")
+    rig = session.rig_from("liftgate")
     assert (len(rig.inputs), len(rig.outputs)) == (10, 28)
     assert rig.command_identifier() == 0x120
     assert rig.command_cycle_ms() == 10.0

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import build
-from hil.config.scenario import Scenario, load_scenario
-from hil.errors import ConfigError
-from hil.stimulus import CHANNELS, obstacle_at, value_at
-from plant.dynamics import NO_OBSTACLE
+from liftgate_hil import session
+from liftgate_hil.config.scenario import Scenario, load_scenario
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.stimuli.timeline import CHANNELS, obstacle_at, value_at
+from liftgate_plant.dynamics import NO_OBSTACLE
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
@@ -33,7 +33,7 @@ def keys_of(faults: list[str]) -> list[str]:
 
 
 def test_the_demo_asks_open_close_open_close_around_an_obstacle():
-    scenario = build.scenario_from("demo")
+    scenario = session.scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
     assert scenario.program.obstacles.shape == (1, 8)
     assert scenario.duration is not None

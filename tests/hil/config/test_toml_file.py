@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from hil.config.rig import load_rig
-from hil.config.scenario import load_scenario
-from hil.config.toml import Faults, known_keys, number, show, text
-from hil.config.vehicle import load_vehicle
-from hil.errors import ConfigError
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.toml import Faults, known_keys, number, show, text
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.errors import ConfigError
 
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import build
-from hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
-from hil.config.vehicle_file import vehicle_text
-from hil.errors import ConfigError
-from plant.vehicle import Vehicle, plant_of
+from liftgate_hil import session
+from liftgate_hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
+from liftgate_hil.config.vehicle_file import vehicle_text
+from liftgate_hil.errors import ConfigError
+from liftgate_plant.vehicle import Vehicle, plant_of
 
 SUV = (Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text(encoding="utf-8")
 
@@ -39,7 +39,7 @@ def keys_of(faults: list[str]) -> list[str]:
 
 
 def test_the_shipped_vehicle_holds_what_its_file_says():
-    vehicle = build.vehicle_from("suv")
+    vehicle = session.vehicle_from("suv")
     raw = tomllib.loads(SUV)
     assert vehicle.drives == 2
     assert vehicle.left == vehicle.right
@@ -50,7 +50,7 @@ def test_the_shipped_vehicle_holds_what_its_file_says():
 
 
 def test_a_default_is_the_one_that_the_table_itself_has():
-    vehicle = build.vehicle_from("suv")
+    vehicle = session.vehicle_from("suv")
     assert vehicle.environment == BODY_TABLES["environment"]()
     assert vehicle.left.thermal == DRIVE_TABLES["thermal"]()
 
@@ -229,15 +229,15 @@ def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
 
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
     with pytest.raises(ConfigError, match=r"--vehicle nosuch: .*suv"):
-        build.vehicle_from("nosuch")
+        session.vehicle_from("nosuch")
     with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file"):
-        build.vehicle_from("nosuch.toml")
+        session.vehicle_from("nosuch.toml")
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "/", "suv/"])
 def test_strange_names_are_no_vehicles(name: str):
     with pytest.raises(ConfigError):
-        build.vehicle_from(name)
+        session.vehicle_from(name)
 
 
 def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):

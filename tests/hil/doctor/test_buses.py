@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.doctor import buses
+from liftgate_hil.doctor import buses
 
 
 def interface(root: Path, name: str, **files: object) -> None:

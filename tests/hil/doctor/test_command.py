@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hil.cli import main
+from liftgate_hil.cli.main import main
 
 ROOT = Path(__file__).parents[3]
 SHORT = ("--duration", "0.1")
@@ -19,7 +19,7 @@ SHORT = ("--duration", "0.1")
 
 def doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "hil", "doctor", *arguments],
+        [sys.executable, "-m", "liftgate_hil", "doctor", *arguments],
         capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
         env={**os.environ, **environment},
     )  # fmt: skip
@@ -68,7 +68,7 @@ def test_a_cpu_that_is_not_there_is_a_problem():
 # What the user may not read or do must not stop it. All is imported first: the user may not see the interpreter.
 _UNPRIVILEGED = """
 import contextlib, io, os, sys
-from hil.cli import main
+from liftgate_hil.cli.main import main
 with contextlib.redirect_stdout(io.StringIO()):
     main(["doctor", "--json", "--duration", "0.1"])
 os.setgroups([])

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.doctor import limits, machine, software
-from hil.doctor.check import Check, ranges
-from hil.loop.priority import cpus_of
+from liftgate_hil.doctor import limits, machine, software
+from liftgate_hil.doctor.check import Check, ranges
+from liftgate_hil.loop.priority import cpus_of
 
 CPU = "sys/devices/system/cpu"
 CLOCK = "sys/devices/system/clocksource/clocksource0"

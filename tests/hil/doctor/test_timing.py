@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hil.doctor import timing
-from hil.doctor.timing import Wakeups
-from hil.loop.hard import make_room
-from hil.loop.histogram import BINS, NOTHING, Distribution
-from hil.loop.wakeups import in_own_thread, measure_wakeups, note_wakeups
+from liftgate_hil.doctor import timing
+from liftgate_hil.doctor.timing import Wakeups
+from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution
+from liftgate_hil.loop.realtime_loop import make_room
+from liftgate_hil.loop.wakeups import in_own_thread, measure_wakeups, note_wakeups
 
 WITH, WITHOUT = "with --realtime", "without --realtime"
 CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)

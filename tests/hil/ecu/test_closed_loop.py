@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import build
-from hil.data import find_config
-from hil.ecu.controller import Controller, GateState
-from hil.ecu.node import EcuNode
-from hil.loop.run import Loop, run_free
-from hil.loop.tick import initial_loop
-from hil.requests import Request
-from hil.snapshot import Snapshot
-from hil.stimulus import Program, no_program
-from hil.transport.can_bus import CanTransport
-from plant.dynamics import initial_state
+from liftgate_hil import session
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.ecu.controller import Controller, GateState
+from liftgate_hil.ecu.node import EcuNode
+from liftgate_hil.loop.python_loop import Loop, run_free
+from liftgate_hil.loop.tick import initial_loop
+from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import Program, no_program
+from liftgate_hil.transport.can_bus import CanTransport
+from liftgate_plant.dynamics import initial_state
 
 _channels = itertools.count()
 ROD = 10_000.0  # N/m, the softest of the regulators' test rods
@@ -44,8 +44,8 @@ class Run:
         settings: Sequence[str] = (),
         rig_name: str = "liftgate",
     ) -> None:
-        vehicle = build.vehicle_from(vehicle_name, settings)
-        rig = build.rig_from(rig_name)
+        vehicle = session.vehicle_from(vehicle_name, settings)
+        rig = session.rig_from(rig_name)
         wire = {"interface": "virtual", "channel": f"closed-loop-{next(_channels)}"}
         ours, theirs = CanTransport(wire), CanTransport(wire)
         self.controller = Controller(vehicle.drives)
@@ -56,7 +56,7 @@ class Run:
             vehicle.drives,
             [Request(time, action) for time, action in requests],
         )
-        bench = build.bench_of(vehicle, rig, program or no_program(), 1000.0, 0)
+        bench = session.bench_of(vehicle, rig, program or no_program(), 1000.0, 0)
         rows: list[Snapshot] = []
         state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
         self.loop = Loop(bench, state, ours, [], [node], rows.append)

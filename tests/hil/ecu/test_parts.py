@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from hil.ecu.anti_trap import AntiTrap
-from hil.ecu.calibration import Calibration
-from hil.ecu.controller import Controller, Feedback, GateState
-from hil.ecu.speed_control import SpeedController, SpeedSensor
+from liftgate_hil.ecu.anti_trap import AntiTrap
+from liftgate_hil.ecu.calibration import Calibration
+from liftgate_hil.ecu.controller import Controller, Feedback, GateState
+from liftgate_hil.ecu.speed_control import SpeedController, SpeedSensor
 
 C = Calibration()
 

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hil.codec.receive import NO_COUNTS
-from hil.errors import LiftgateError, OverrunError
-from hil.loop.clock import FreeClock, RealtimeClock
-from hil.loop.histogram import BINS, NOTHING, bin_of, distribution, note, upper_end
-from hil.loop.statistics import BusLoad, Summary, Timing, force_of
-from hil.transport.base import LinkCounts
+from liftgate_hil.codec.receive import NO_COUNTS
+from liftgate_hil.errors import LiftgateError, OverrunError
+from liftgate_hil.loop.clock import FreeClock, RealtimeClock
+from liftgate_hil.loop.histogram import BINS, NOTHING, bin_of, distribution, note, upper_end
+from liftgate_hil.loop.statistics import BusLoad, Summary, Timing, force_of
+from liftgate_hil.transport.base import LinkCounts
 
 MS = 1_000_000
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from hil.loop import priority
-from hil.loop.priority import PRIORITY, Realtime, best_cpu, cpus_of
+from liftgate_hil.loop import priority
+from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu, cpus_of
 
 DROP = """
 import json, os, resource, subprocess, sys, threading
-from hil.cli import main
-from hil.loop import priority
-from hil.loop.priority import Realtime
+from liftgate_hil.cli.main import main
+from liftgate_hil.loop import priority
+from liftgate_hil.loop.priority import Realtime
 
 def drop():
     for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):

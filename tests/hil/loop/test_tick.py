@@ -35,13 +35,13 @@ from hil_support import (
     start_of,
 )
 
-from hil.codec.frames import EXTENDED, Frames, empty_frames
-from hil.config.rig import Rig, load_rig
-from hil.config.scenario import load_scenario
-from hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, Bench, LoopState, tick
-from hil.snapshot import Snapshot
-from hil.stimulus import Program, load_at
-from plant.dynamics import initial_state
+from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
+from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, Bench, LoopState, tick
+from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.stimuli.timeline import Program, load_at
+from liftgate_plant.dynamics import initial_state
 
 NOTHING = empty_frames(0)
 Tick = Callable[..., Any]

@@ -8,11 +8,11 @@ from pathlib import Path
 import can
 import numpy as np
 
-from hil.config.rig import Rig
-from hil.measurement.mapping import parse_maps
-from hil.measurement.measurement import Measurement
-from hil.measurement.read import read_measurement
-from hil.recording.bus_log import convert
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.measurement.mapping import parse_maps
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.recording.bus_log import convert
 
 EPOCH = 1_700_000_000.0
 

@@ -26,11 +26,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measurement_files import Frame, write_log
 
-from hil.config.rig import Rig
-from hil.errors import ConfigError
-from hil.measurement.bus_log import unwrapped
-from hil.measurement.measurement import Measurement
-from hil.measurement.read import read_measurement
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.bus_log import unwrapped
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.measurement.read import read_measurement
 
 FORMATS = ["log", "asc", "blf", "trc", "mf4"]
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from measurement_files import read, write_csv
 
-from hil.errors import ConfigError
-from hil.measurement.mapping import KNOWN, Theirs, parse_maps
-from hil.measurement.units import conversion, units_of
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.mapping import KNOWN, Theirs, parse_maps
+from liftgate_hil.measurement.units import conversion, units_of
 
 TIMES = np.arange(25) * 0.01
 

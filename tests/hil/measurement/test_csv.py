@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from measurement_files import csv_text, read, write_csv
 
-from hil.errors import ConfigError
-from hil.measurement.csv_file import open_csv
-from hil.measurement.measurement import INPUTS
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.csv_file import open_csv
+from liftgate_hil.measurement.measurement import INPUTS
 
 TIMES = np.arange(30) * 0.01
 GOOD = {"time_s": TIMES, "left_voltage_v": np.full(30, 6.0), "left_current_a": TIMES * 3.0}
@@ -214,7 +214,7 @@ def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, said: str) -
 
 @pytest.mark.parametrize("name", ["m.csv", "m.mf4", "m.log", "m.blf", "m.asc", "m.trc"])
 def test_a_file_that_is_not_there_is_told(tmp_path: Path, name: str, rig: object) -> None:
-    from hil.measurement.read import read_measurement
+    from liftgate_hil.measurement.read import read_measurement
 
     with pytest.raises(ConfigError, match=r"cannot be read: No such file or directory$"):
         read_measurement(tmp_path / name, {}, rig)

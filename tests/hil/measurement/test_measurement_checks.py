@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from hil.measurement.checks import Expected, check
-from hil.measurement.measurement import Floats, Measurement
+from liftgate_hil.measurement.checks import Expected, check
+from liftgate_hil.measurement.measurement import Floats, Measurement
 
 TIMES = np.arange(2000) * 0.001
 SPEED = 40.0 * np.sin(3.0 * TIMES)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from measurement_files import read
 
-from hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError
 
 asammdf = pytest.importorskip("asammdf")
 

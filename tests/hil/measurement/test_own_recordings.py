@@ -10,12 +10,12 @@ import numpy as np
 from hil_support import CLOSE, COAST, OPEN, bench, both, command_frame, frames_of, start_of
 from measurement_files import read
 
-from hil.cli import main
-from hil.codec.frames import empty_frames
-from hil.config.rig import Rig
-from hil.measurement.read import read_measurement
-from hil.recording.bus_log import CandumpRecorder
-from hil.recording.table import CsvRecorder
+from liftgate_hil.cli.main import main
+from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.measurement.read import read_measurement
+from liftgate_hil.recording.bus_log import CandumpRecorder
+from liftgate_hil.recording.table import CsvRecorder
 
 
 def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Path]:

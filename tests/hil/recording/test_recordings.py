@@ -21,15 +21,15 @@ from hil_support import (
     start_of,
 )
 
-from hil.codec.frames import ERROR, FD, REMOTE, Frames, empty_frames
-from hil.config.rig import Rig
-from hil.errors import ConfigError
-from hil.loop.tick import tick
-from hil.recording.base import Recorder
-from hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
-from hil.recording.open import check_record, open_recorder
-from hil.recording.table import CsvRecorder
-from hil.snapshot import WHOLE, Snapshot
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.tick import tick
+from liftgate_hil.recording.base import Recorder
+from liftgate_hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
+from liftgate_hil.recording.open import check_record, open_recorder
+from liftgate_hil.recording.table import CsvRecorder
+from liftgate_hil.snapshot import WHOLE, Snapshot
 
 NOTHING = empty_frames(0)
 COLUMNS = [
@@ -198,7 +198,7 @@ def test_a_conversion_that_fails_leaves_the_log(tmp_path: Path, monkeypatch: pyt
     def fail(source: Path, target: Path) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("hil.recording.bus_log.convert", fail)
+    monkeypatch.setattr("liftgate_hil.recording.bus_log.convert", fail)
     with pytest.raises(OSError, match="No space"):
         recorder.close()
     assert len(messages_in(tmp_path / "bus.blf.log")) == 1
@@ -314,7 +314,7 @@ def test_mf4_without_asammdf_is_told_with_what_to_install(
 
 def test_checking_a_csv_loads_nothing_heavy():
     code = (
-        "import sys; from hil.recording.open import check_record; check_record('x.csv');"
+        "import sys; from liftgate_hil.recording.open import check_record; check_record('x.csv');"
         "assert not {'can', 'asammdf', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

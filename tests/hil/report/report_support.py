@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from plant.identify.result import (
+from liftgate_hil.identify.result import (
     Estimate,
     Experiment,
     Identification,

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hil.report import figures, figures_estimates
-from hil.report.drawing import limits, png, svg, thin
-from plant.identify.result import Experiment
+from liftgate_hil.identify.result import Experiment
+from liftgate_hil.report import figures, figures_estimates
+from liftgate_hil.report.drawing import limits, png, svg, thin
 
 EXPERIMENT = (figures.trace_figure, figures.error_figure, figures.residual_figure)
 ESTIMATES = (
@@ -145,7 +145,7 @@ def test_a_wild_initial_model_does_not_crush_the_measurement():
 
 def test_matplotlib_is_not_loaded_until_something_is_drawn():
     code = (
-        "import sys, hil.report.html, hil.report.text, hil.report.json_result;"
+        "import sys, liftgate_hil.report.html, liftgate_hil.report.text, liftgate_hil.report.json_result;"
         "sys.exit('matplotlib' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import report_support
 
-from hil.report.html import identification_html, validation_html
+from liftgate_hil.report.html import identification_html, validation_html
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.errors import ConfigError
-from hil.report.files import check_target, write_report
-from hil.report.json_result import identification_json, validation_json, write_json
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.files import check_target, write_report
+from liftgate_hil.report.json_result import identification_json, validation_json, write_json
 
 
 def strict(content):

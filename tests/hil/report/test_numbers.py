@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from hil.report.numbers import (
+from liftgate_hil.report.numbers import (
     axis_label,
     clean,
     known_digits,

@@ -1,6 +1,6 @@
 import io
 
-from hil.report.progress import Progress
+from liftgate_hil.report.progress import Progress
 
 
 class Terminal(io.StringIO):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from serial_peers import Terminal, opened
 
-from hil.transport.serial_port import SerialTransport
+from liftgate_hil.transport.serial_port import SerialTransport
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from hil.transport.cobs import encode
+from liftgate_hil.transport.cobs import encode
 
 ROWS = [(0x120, b"12345678"), (0x7FF, b""), (0, bytes(8)), (0x210, b"\x00\xff" * 4)]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from hil.transport.serial_port import SerialTransport
+from liftgate_hil.transport.serial_port import SerialTransport
 
 PATIENCE = 30.0  # s; a bound, nothing is judged by it
 

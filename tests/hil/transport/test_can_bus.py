@@ -14,13 +14,13 @@ from hil_support import CALM, EXTENDED, bench, frames_of, rig_of, rows_of, start
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
-from hil.config.rig import Rig
-from hil.errors import ConfigError, TransportError
-from hil.loop.run import Loop, run_free
-from hil.transport.base import LinkCounts
-from hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
-from hil.transport.find import bus_arguments
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.loop.python_loop import Loop, run_free
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
+from liftgate_hil.transport.find import bus_arguments
 
 # --bus.
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from serial_lines import line_of, noisy_line
 
-from hil.transport.cobs import BadFrames, Decoder, crc16, encode, stuff, unstuff
+from liftgate_hil.transport.cobs import BadFrames, Decoder, crc16, encode, stuff, unstuff
 
 README = Path(__file__).parents[3] / "README.md"
 identifiers = st.integers(0, 0x7FF)

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from hil_support import frames_of, rows_of
 
-from hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
-from hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_frames, write_frames
-from hil.transport.base import LinkCounts
-from hil.transport.can_bus import CanTransport, message_of
-from hil.transport.pump import Pump
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_frames, write_frames
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.can_bus import CanTransport, message_of
+from liftgate_hil.transport.pump import Pump
 
 Rows = list[tuple[int, bytes]]
 PATIENCE = 60.0  # s until something must have happened; nothing is judged by it
@@ -209,7 +209,7 @@ class Rig:
         self.drivers: list[Driver] = []
         self.refusals = 0
         monkeypatch.setattr(can, "Bus", self._open)
-        monkeypatch.setattr("hil.transport.can_bus._RETRY", 0.001)
+        monkeypatch.setattr("liftgate_hil.transport.can_bus._RETRY", 0.001)
         self.pump = Pump(CanTransport({"interface": "virtual", "channel": "x"}))
 
     def _open(self, **arguments: Any) -> Driver:
@@ -334,7 +334,7 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
 
 
 def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("hil.transport.pump._LEAVE_S", 0.02)
+    monkeypatch.setattr("liftgate_hil.transport.pump._LEAVE_S", 0.02)
     told: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", told.append)
     driver = rig.drivers[0]

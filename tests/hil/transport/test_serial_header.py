@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from serial_lines import line_of, noisy_line
 
-import hil.transport
-from hil.transport.cobs import Decoder, encode, stuff
+import liftgate_hil.transport
+from liftgate_hil.transport.cobs import Decoder, encode, stuff
 
-HEADERS = Path(hil.transport.__file__).parent
+HEADERS = Path(liftgate_hil.transport.__file__).parent
 
 compiler = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(compiler is None, reason="no C compiler")

@@ -10,10 +10,10 @@ from hil_support import frames_of, rows_of
 from serial_lines import ROWS, line_of
 from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
-from hil.transport import serial_open
-from hil.transport.base import LinkCounts
-from hil.transport.cobs import Decoder, encode
-from hil.transport.serial_port import SerialTransport
+from liftgate_hil.transport import serial_open
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.cobs import Decoder, encode
+from liftgate_hil.transport.serial_port import SerialTransport
 
 
 @pytest.fixture

@@ -16,14 +16,14 @@ from hil_support import EXTENDED, frames_of, rig_of, rows_of
 from serial_lines import ROWS, line_of
 from serial_peers import Server, Terminal, descriptors, opened, wait_for
 
-from hil.codec.frames import ERROR, FD, REMOTE, empty_frames
-from hil.config.rig import Rig
-from hil.errors import ConfigError, TransportError
-from hil.transport.base import LinkCounts
-from hil.transport.cobs import Decoder, encode
-from hil.transport.find import check_serial, find_way, open_transport
-from hil.transport.serial_open import parse_serial
-from hil.transport.serial_port import CAPACITY, SerialTransport
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.cobs import Decoder, encode
+from liftgate_hil.transport.find import check_serial, find_way, open_transport
+from liftgate_hil.transport.serial_open import parse_serial
+from liftgate_hil.transport.serial_port import CAPACITY, SerialTransport
 
 # --serial.
 

@@ -1,0 +1,53 @@
+"""Is this machine fit for real time? Looks at kernel, limits, CPUs, buses and software, measures how late the
+emulator's own loop is woken, and says how to mend what isn't ok.
+
+Exit code 0: fit, perhaps with warnings; 1: something makes real time impossible.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+
+if TYPE_CHECKING:
+    from liftgate_hil.doctor.check import Check
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument(
+        "--duration",
+        type=options.bounded(0.1, 86_400.0, "s"),
+        default=2.0,
+        metavar="S",
+        help="of each measurement of lateness; default: 2; an hour shows what is rare",
+    )
+    options.add_rate(parser)
+    options.add_realtime(parser)
+    parser.add_argument("--quiet", action="store_true", help="only what isn't ok")
+    parser.add_argument("--json", action="store_true", help="print checks and figures as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.doctor.examination import Examination
+
+    def tell(check: Check) -> None:
+        if not args.json and (check.level != "ok" or not args.quiet):
+            print("\n".join(check.lines()), flush=True)
+
+    def say(text: str) -> None:
+        if not args.json and not args.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    found = Examination(args.rate, args.duration, args.realtime, args.cpu, tell, say)
+    found.run()
+    if args.json:
+        checks = [check._asdict() for check in found.checks]
+        answer = {"fit": not found.problems(), "checks": checks, "figures": found.figures}
+        print(json.dumps(answer, indent=1))
+    return 1 if found.problems() else 0

@@ -1,0 +1,93 @@
+"""The reference ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
+
+It does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+
+if TYPE_CHECKING:
+    from liftgate_hil.stimuli.requests import Request
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    options.add_bus(parser)
+    parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
+    parser.add_argument(
+        "--request",
+        action="append",
+        default=[],
+        metavar="TIME:ACTION",
+        help="instead of the scenario's: seconds after the gate is first heard, and open, close or "
+        "stop (repeatable)",
+    )
+    parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
+    parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.config.rig import load_rig
+    from liftgate_hil.config.scenario import load_scenario
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.ecu.controller import Controller
+    from liftgate_hil.ecu.node import EcuNode
+    from liftgate_hil.transport.find import find_way, open_transport
+
+    rig = load_rig(find_config("rigs", args.rig))
+    scenario = load_scenario(find_config("scenarios", args.scenario))
+    duration = args.duration if args.duration is not None else scenario.duration
+    requests = _requests(args.request) if args.request else list(scenario.requests)
+    transport = open_transport(find_way(args, rig))
+    controller = Controller(args.drives)
+    node = EcuNode(rig, transport, controller, args.drives, requests)
+    stop = options.StopSignals()
+    start = time.monotonic_ns()
+    told = 0
+    try:
+        while not stop():
+            now = time.monotonic_ns() - start
+            node.poll(now)
+            # The flag counts from the start, a scenario from when the gate is first heard.
+            spent = node.elapsed if args.duration is None else now * 1e-9
+            if duration is not None and spent >= duration:
+                break
+            for event in controller.events[told:]:
+                if not args.quiet:
+                    print(f"ecu {event.time:7.3f} s  {event.text}", file=sys.stderr, flush=True)
+            told = len(controller.events)
+            time.sleep(0.001)
+    finally:
+        node.finish()
+        transport.close()
+    return 0
+
+
+def _requests(given: list[str]) -> list[Request]:
+    from liftgate_hil.errors import ConfigError
+    from liftgate_hil.stimuli.requests import REQUESTS, Request
+
+    requests = []
+    for text in given:
+        when, _, action = text.partition(":")
+        try:
+            time_s = float(when)
+        except ValueError:
+            time_s = math.nan
+        requests.append(Request(time_s, action))
+        if not 0.0 <= time_s <= 1e6:
+            action = ""
+        if action not in REQUESTS:
+            raise ConfigError(
+                f"--request {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
+            )
+    return sorted(requests, key=lambda request: request.time)

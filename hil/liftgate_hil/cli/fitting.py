@@ -1,0 +1,298 @@
+"""What `identify` and `validate` have in common: measured data for the grey box, and which outputs it looks at."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.cli import options
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from liftgate_hil.identify.data import Data
+    from liftgate_hil.identify.problem import Problem, Sought
+    from liftgate_hil.measurement.measurement import Measurement
+    from liftgate_plant.vehicle import Vehicle
+
+MODEL_NAMES = ("full", "third-order", "second-order")
+# Kinds of outputs, and the columns that show them.
+KINDS = {
+    "current": ("left_current_a", "right_current_a"),
+    "speed": ("left_speed_rps", "right_speed_rps"),
+    "position": ("left_position_rev", "right_position_rev"),
+    "angle": ("gate_angle_deg",),
+}
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """Flags that both commands have."""
+    options.add_vehicle_file(parser)
+    parser.add_argument(
+        "--model",
+        choices=MODEL_NAMES,
+        help="the full plant, or the thesis's (4.1-4.13), or that without inductance; default: full",
+    )
+    parser.add_argument(
+        "--outputs",
+        metavar="LIST",
+        help=f"of {', '.join(KINDS)}; default: all that were measured",
+    )
+    parser.add_argument(
+        "--initial",
+        default="auto",
+        metavar="auto|pause|closed|open|ANGLE_deg",
+        help="closed, open, ANGLE: at rest there for long, so that windings are cold; pause: at rest after a "
+        "motion; auto: as the first samples say; for each FILE its own: closed,open",
+    )
+    parser.add_argument(
+        "--input-delay",
+        default="auto",
+        metavar="S|estimate",
+        help="seconds from a change of the inputs' columns to its effect; default: estimated for bus logs, whose "
+        "stamps are not the time of the effect, else 0",
+    )
+    parser.add_argument(
+        "--speed-window",
+        type=options.bounded(0.0, 1.0, "s"),
+        default=0.0,
+        metavar="S",
+        help="a measured speed is the mean over so long before its sample (counts in a period); default: 0",
+    )
+    parser.add_argument(
+        "--step",
+        type=options.bounded(1e-5, 5e-3, "s"),
+        default=1e-3,
+        metavar="S",
+        help="longest step of the simulation; default: 0.001",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def problem_of(
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    model: str,
+    sought: Sequence[Sought],
+    outputs: str | None,
+) -> tuple[Problem, tuple[str, ...]]:
+    """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
+    from liftgate_hil.cli.measurements import measurements_from
+    from liftgate_hil.identify.problem import Problem
+
+    measurements = measurements_from(args, vehicle, model != "full")
+    angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
+    data = [
+        dataclasses.replace(data_of(each, vehicle), after_motion=pause)
+        for each, pause in zip(measurements, pauses, strict=True)
+    ]
+    data = _thinned(data, args, vehicle)
+    delay, is_delay_sought = delay_of(args.input_delay, data)
+    tell_of_compiling(args.quiet)
+    try:
+        problem = Problem(
+            vehicle,
+            model,
+            sought,
+            data,
+            outputs_of(outputs, data),
+            angles,
+            delay=delay,
+            is_delay_sought=is_delay_sought,
+            speed_window=args.speed_window,
+            longest=args.step,
+        )
+    except ValueError as error:
+        raise ConfigError(f"{', '.join(args.files)}: {error}") from error
+    notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
+    for measurement, each in zip(measurements, data, strict=True):
+        notes += [f"{measurement.source}: {note}" for note in measurement.notes]
+        if each.thinning is not None:
+            said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
+            said += [f"one in {args.decimate} after a low-pass"] if args.decimate > 1 else []
+            counts = f"{len(each.times)} samples of {len(each.rows)} rows"
+            notes.append(f"{each.name}: {', '.join(said)}: {counts}")
+    for each, begin in zip(data, problem.beginnings, strict=True):
+        if begin.in_pause:
+            is_warm = any(unknown.name == "warmth" for unknown in begin.unknowns)
+            notes.append(
+                f"{each.name}: begins at rest after a motion that is not in it: where its drives stopped"
+                f"{', and how warm they are,' if is_warm else ''} is estimated along; "
+                "--initial says where a gate is that has rested for long"
+            )
+    return problem, tuple(notes)
+
+
+def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:
+    """As `--resample` and `--decimate` say. Raises ConfigError with the faults of all files."""
+    from liftgate_hil.measurement.raster import thinned
+
+    quantum = 1.0 / vehicle.sensors.hall_counts
+    result, faults = [], []
+    for each in data:
+        try:
+            result.append(thinned(each, args.resample, args.decimate, quantum))
+        except ConfigError as error:
+            faults += error.faults
+    if faults:
+        raise ConfigError(faults)
+    return result
+
+
+def deliver(
+    args: argparse.Namespace,
+    content: Mapping[str, Any],
+    text: Callable[[], str],
+    page: Callable[[], str],
+) -> None:
+    """Print and write a result: `content` as JSON, `text` for the terminal, `page` as HTML. Raises ConfigError."""
+    from liftgate_hil.report.files import write_report
+    from liftgate_hil.report.json_result import write_json
+
+    if args.json:
+        print(json.dumps(content, allow_nan=False))
+    elif not args.quiet:
+        print(text())
+    if args.result:
+        write_json(args.result, "--result", content)
+    if args.html:
+        write_report(args.html, "--html", page())
+
+
+def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
+    """A measurement as the grey box takes it: a Hall count is a position, where no position was measured."""
+    from liftgate_hil.identify.data import Data, rows_of
+    from liftgate_hil.identify.trajectory import OUTPUTS
+
+    columns = dict(measurement.columns)
+    for side in ("left", "right"):
+        count = columns.get(f"{side}_hall_count")
+        if count is not None and f"{side}_position_rev" not in columns:
+            columns[f"{side}_position_rev"] = count / vehicle.sensors.hall_counts
+    if vehicle.drives == 1:
+        columns = {name: each for name, each in columns.items() if not name.startswith("right_")}
+    return Data(
+        measurement.source,
+        measurement.times,
+        rows_of(columns, len(measurement.times)),
+        {name: columns[name] for name in OUTPUTS if name in columns},
+        measurement.through_sensors,
+    )
+
+
+def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
+    """The columns to look at. Raises ConfigError where one was not measured."""
+    moving, still = _moving_and_still(data)
+    measured = moving or still  # where nothing moves, who identifies says so
+    kinds = list(KINDS) if wanted is None else [each.strip() for each in wanted.split(",")]
+    faults = []
+    found: list[str] = []
+    for kind in kinds:
+        if kind not in KINDS:
+            faults.append(f"--outputs {kind}: allowed: {', '.join(KINDS)}")
+            continue
+        own = [name for name in KINDS[kind] if name in measured and name not in found]
+        if wanted is not None and not measured.intersection(KINDS[kind]):
+            why = "never changes" if still.intersection(KINDS[kind]) else "not measured"
+            faults.append(
+                f"--outputs {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
+                f"{' or '.join(KINDS[kind])}"
+            )
+        found += own
+    if faults:
+        raise ConfigError(faults)
+    return found
+
+
+def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
+    """Measured columns that change, and those that never do: they say nothing of their noise, so weigh nothing
+    beside others (the Hall counts of a locked rotor).
+    """
+    measured: set[str] = set()
+    moving: set[str] = set()
+    for each in data:
+        for name, values in each.outputs.items():
+            there = values[np.isfinite(values)]
+            if len(there):
+                measured.add(name)
+                if np.ptp(there) > 0.0:
+                    moving.add(name)
+    return moving, measured - moving
+
+
+def _measured_kinds(measured: set[str]) -> str:
+    return ", ".join(kind for kind, names in KINDS.items() if measured.intersection(names))
+
+
+def tell_of_compiling(quiet: bool) -> None:
+    """The first run on a machine compiles for some seconds: say so."""
+    from liftgate_hil.identify.trajectory import run
+    from liftgate_plant import compiler
+
+    if not quiet and not compiler.is_cached(run):
+        print("compiling the model (once for this version and machine) …", file=sys.stderr)
+
+
+def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:
+    """For each file of `--initial` (the angle [deg] it begins at, None: as the data say; whether it begins in a
+    pause). Raises ConfigError.
+    """
+    parts = [each.strip() for each in text.split(",")]
+    if len(parts) not in (1, files):
+        raise ConfigError(
+            f"--initial {text}: {len(parts)} for {files} files; allowed: one for all, or one for each"
+        )
+    angles = [
+        None
+        if part in ("auto", "pause")
+        else math.degrees(options.angle(part, vehicle.gate.open_angle, "auto, pause, "))
+        for part in parts
+    ]
+    times = files // len(angles)
+    return angles * times, [part == "pause" for part in parts] * times
+
+
+def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
+    """(`--input-delay` [s], whether to estimate it). Raises ConfigError."""
+    if text == "auto":
+        logs = [each.name for each in data if each.through_sensors]
+        if logs and len(logs) < len(data):
+            raise ConfigError(
+                f"--input-delay auto: {', '.join(logs)} with files that are no bus logs; allowed: files of one "
+                "kind, or a delay for all"
+            )
+        return 0.0, bool(logs)
+    if text == "estimate":
+        return 0.0, True
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not -0.5 <= value <= 0.5:
+        raise ConfigError(f"--input-delay {text}: allowed: -0.5 to 0.5 s, or estimate")
+    return value, False
+
+
+def pairs(given: Sequence[str], flag: str, form: str) -> dict[str, tuple[float, float]]:
+    """`NAME=A:B` flags. Raises ConfigError."""
+    found = {}
+    for text in given:
+        match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+)", text)
+        try:
+            if match is None:
+                raise ValueError
+            values = (float(match[2]), float(match[3]))
+        except ValueError:
+            raise ConfigError(f"{flag} {text}: allowed: {form}") from None
+        if match[1] in found:
+            raise ConfigError(f"{flag} {match[1]}: twice; allowed: once")
+        found[match[1]] = values
+    return found

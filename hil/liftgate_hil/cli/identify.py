@@ -1,0 +1,312 @@
+"""Parameters of a vehicle from measurements: a nonlinear grey box by prediction-error minimisation.
+
+A FILE has time_s, the inputs (motor voltages or duties) and what was measured of currents, speeds, positions or
+Hall counts and the gate's angle: CSV, MF4, or a bus log with its rig. With --plan: which experiment would tell
+most.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from liftgate_hil.cli import fitting, options
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from liftgate_hil.identify.problem import Sought
+    from liftgate_hil.identify.result import Identification
+    from liftgate_plant.vehicle import Vehicle
+
+
+class Preset(NamedTuple):
+    """A ready choice of what to estimate, by which model, from which outputs."""
+
+    estimate: str
+    model: str
+    outputs: str
+
+
+_THESIS = "current,speed,position"
+PRESETS = {
+    # §4.6.1, Table 4.1
+    "thesis-1": Preset(
+        "motor.resistance,motor.inductance,motor.rotor_inertia,motor.load_torque",
+        "third-order",
+        _THESIS,
+    ),
+    # §4.6.2, Table 4.2
+    "thesis-2": Preset(
+        "motor.resistance,motor.inductance,motor.torque_constant,motor.speed_constant,"
+        "motor.efficiency",
+        "third-order",
+        _THESIS,
+    ),
+    # §4.6.3: the first run without the inductance
+    "thesis-3": Preset(
+        "motor.resistance,motor.rotor_inertia,motor.load_torque", "second-order", _THESIS
+    ),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    from liftgate_hil.cli.measurements import add_measurement_arguments
+
+    add_measurement_arguments(parser, required=False)
+    fitting.add_model(parser)
+    parser.add_argument(
+        "--estimate",
+        metavar="LIST",
+        help="keys of the vehicle file, e.g. motor.resistance,gear.backlash",
+    )
+    parser.add_argument(
+        "--preset", choices=tuple(PRESETS), help="a run of the thesis (4.6.1 to 4.6.3)"
+    )
+    parser.add_argument(
+        "--bounds",
+        action="append",
+        default=[],
+        metavar="KEY=LOW:HIGH",
+        help="search only there (repeatable)",
+    )
+    parser.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="KEY=MEAN:STD",
+        help="known beforehand, so well (repeatable)",
+    )
+    parser.add_argument(
+        "--noise",
+        action="append",
+        default=[],
+        metavar="OUTPUT=STD",
+        help="of current, speed, position, angle, in the column's unit; default: estimated",
+    )
+    parser.add_argument(
+        "--profile", metavar="LIST", help="show the profile likelihood of these keys"
+    )
+    parser.add_argument("--result", metavar="FILE.json", help="write the result")
+    parser.add_argument(
+        "--save-vehicle", metavar="FILE.toml", help="write the vehicle that was found"
+    )
+    parser.add_argument("--html", metavar="FILE", help="write a report with plots")
+    parser.add_argument(
+        "--plan",
+        action="store_true",
+        help="rank experiments by what they would tell; needs no FILE",
+    )
+    parser.add_argument(
+        "--duration",
+        type=options.bounded(0.1, 60.0, "s"),
+        default=4.0,
+        metavar="S",
+        help="of a planned experiment; default: 4",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.report.files import check_targets
+
+    targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
+    check_targets(targets, args.files)
+    if args.plan:
+        return _plan(args)
+    _deliver(args, identified(args))
+    return 0
+
+
+def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str | None]:
+    """Vehicle, model, what is sought, outputs: of the flags, else of the preset. Raises ConfigError."""
+    from liftgate_hil.session import vehicle_from
+
+    preset = PRESETS[args.preset] if args.preset else Preset("", "full", "")
+    vehicle = vehicle_from(args.vehicle, args.settings)
+    sought = _sought(args, vehicle, args.estimate or preset.estimate)
+    return (
+        vehicle,
+        args.model or preset.model,
+        sought,
+        preset.outputs or None if args.outputs is None else args.outputs,
+    )
+
+
+def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Sought]:
+    """What to estimate, with bounds and priors. Raises ConfigError with all faults."""
+    from liftgate_hil.identify.parameters import find_parameter, same_on_both_sides, value_of
+    from liftgate_hil.identify.problem import Sought
+
+    wanted = [each.strip() for each in names.split(",") if each.strip()]
+    if not wanted:
+        raise ConfigError("--estimate: missing; allowed: keys of the vehicle file, or --preset")
+    bounds = fitting.pairs(args.bounds, "--bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")
+    priors = fitting.pairs(args.prior, "--prior", "KEY=MEAN:STD, e.g. motor.resistance=0.7:0.1")
+    faults = []
+    found: dict[str, Sought] = {}
+    for name in wanted:
+        try:
+            parameter = find_parameter(vehicle, name)
+        except ValueError as error:
+            faults.append(f"--estimate {name}: {error}")
+            continue
+        if name in found:
+            faults.append(f"--estimate {name}: twice")
+            continue
+        part = name.partition(".")[2]
+        if name.startswith(("left.", "right.")) and part in wanted:
+            faults.append(f"--estimate {name}: within {part}; allowed: one of them")
+        if not same_on_both_sides(vehicle, parameter):
+            faults.append(
+                f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
+            )
+        initial, quantity = value_of(vehicle, parameter), parameter.quantity
+        low, high = bounds.pop(name, (quantity.low, quantity.high))
+        if not quantity.low <= low < high <= quantity.high:
+            faults.append(
+                f"--bounds {name}={low:g}:{high:g}: allowed: {quantity.low:g} to {quantity.high:g} "
+                f"{quantity.unit}, low before high"
+            )
+        elif not low <= initial <= high:
+            faults.append(
+                f"--bounds {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: around "
+                "it, or another one by --set"
+            )
+        is_known = name in priors
+        mean, std = priors.pop(name, (math.nan, math.inf))
+        if is_known and not (math.isfinite(mean) and 0.0 < std < math.inf):
+            faults.append(
+                f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0"
+            )
+        found[name] = Sought(parameter, initial, low, high, mean, std)
+    faults += [f"--bounds {name}: not among --estimate" for name in bounds]
+    faults += [f"--prior {name}: not among --estimate" for name in priors]
+    if faults:
+        raise ConfigError(faults)
+    return list(found.values())
+
+
+def identified(args: argparse.Namespace) -> Identification:
+    """The result of these flags. Raises ConfigError."""
+    from liftgate_hil.identify.identification import NothingToTellError, identify
+    from liftgate_hil.report.progress import Progress
+
+    if not args.files:
+        raise ConfigError("FILE: missing; allowed: one measurement or more, or --plan")
+    vehicle, model, sought, outputs = _wanted(args)
+    profiles = [each.strip() for each in (args.profile or "").split(",") if each.strip()]
+    names = [each.parameter.name for each in sought]
+    unknown = [each for each in profiles if each not in names]
+    if unknown:
+        raise ConfigError([f"--profile {each}: allowed: {', '.join(names)}" for each in unknown])
+    problem, notes = fitting.problem_of(args, vehicle, model, sought, outputs)
+    try:
+        with Progress(sys.stderr, args.quiet) as progress:
+            noise = _noise(args, problem.outputs)
+            result = identify(problem, progress.update, noise, profiles)
+    except NothingToTellError as error:
+        raise ConfigError(f"{', '.join(args.files)}: nothing to identify from: {error}") from error
+    return dataclasses.replace(result, vehicle=args.vehicle, notes=notes)
+
+
+def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float64] | None:
+    """Standard deviations of the outputs' noise, or None. Raises ConfigError."""
+    import numpy as np
+
+    if not args.noise:
+        return None
+    given: dict[str, float] = {}
+    for text in args.noise:
+        kind, equals, value = text.partition("=")
+        try:
+            std = float(value)
+        except ValueError:
+            std = math.nan
+        if kind not in fitting.KINDS or not equals or not 0.0 < std < math.inf:
+            raise ConfigError(
+                f"--noise {text}: allowed: {', '.join(fitting.KINDS)} = a standard deviation above 0"
+            )
+        given |= dict.fromkeys(fitting.KINDS[kind], std)
+    missing = [name for name in columns if name not in given]
+    if missing:
+        raise ConfigError(
+            f"--noise: not given for {', '.join(missing)}; allowed: all outputs, or none"
+        )
+    return np.array([given[name] for name in columns])
+
+
+def _deliver(args: argparse.Namespace, result: Identification) -> None:
+    """Print and write the result."""
+    from liftgate_hil.report.files import write_report
+    from liftgate_hil.report.json_result import identification_json
+
+    def text() -> str:
+        from liftgate_hil.report.text import identification_text
+
+        return identification_text(result)
+
+    def page() -> str:
+        from liftgate_hil.report.html import identification_html
+
+        return identification_html(result)
+
+    fitting.deliver(args, identification_json(result), text, page)
+    if args.save_vehicle:
+        write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
+
+
+def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
+    """The vehicle file with what was found. What could not be told keeps its initial value."""
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.config.vehicle_file import vehicle_text
+    from liftgate_hil.report.json_result import identification_json
+
+    told = [k for k, each in enumerate(result.parameters) if each.identifiable]
+    content = identification_json(result)
+    origin = {
+        "model": result.model,
+        "files": list(args.files),
+        "parameters": [result.parameters[k].name for k in told],
+        "values": [result.parameters[k].value for k in told],
+        "std": [result.parameters[k].std for k in told],
+        "covariance": result.covariance[told][:, told].tolist(),
+        "not_identifiable": [each.name for each in result.parameters if not each.identifiable],
+        "fit_percent": {
+            key: value for key, value in content["fit_percent"].items() if value is not None
+        },
+    }
+    values = {result.parameters[k].name: result.parameters[k].value for k in told}
+    return vehicle_text(find_config("vehicles", args.vehicle), args.settings, values, origin)
+
+
+def _plan(args: argparse.Namespace) -> int:
+    """Rank experiments."""
+    from liftgate_hil.identify.design import candidates, plan
+    from liftgate_hil.report.plan import plan_json, plan_text
+
+    faults = ["--plan: needs no FILE; allowed: one or the other"] if args.files else []
+    unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}
+    faults += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
+    if faults:
+        raise ConfigError(faults)
+    vehicle, model, sought, outputs = _wanted(args)
+    given = "current,position" if outputs is None else outputs
+    kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))
+    unknown = [each for each in kinds if each not in fitting.KINDS]
+    if unknown:
+        raise ConfigError(
+            [f"--outputs {each}: allowed: {', '.join(fitting.KINDS)}" for each in unknown]
+        )
+    columns = [fitting.KINDS[kind][0] for kind in kinds]
+    result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
+    # No page: --html is refused above.
+    fitting.deliver(args, plan_json(result), lambda: plan_text(result), str)
+    return 0

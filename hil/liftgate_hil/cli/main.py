@@ -1,0 +1,80 @@
+"""`liftgate-hil`: which subcommand, and how errors leave it. Each subcommand is a file beside this one."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from liftgate_hil.errors import ConfigError, LiftgateError
+
+COMMANDS = {
+    "run": "the real-time emulator on a bus (what happens without a subcommand)",
+    "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
+    "ecu": "the reference ECU alone, on any bus",
+    "simulate": "the plant alone, offline, as fast as it goes",
+    "identify": "parameters of a vehicle from measurements; which experiment tells most",
+    "validate": "a vehicle's model against measurements",
+    "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """One clear line instead of the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong; exit code 2."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
+    module = importlib.import_module(f"liftgate_hil.cli.{name}")
+    parser = Parser(
+        prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
+        description=module.__doc__,
+        epilog=_overview() if name == "run" else None,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    if name == "run" and arguments and not arguments[0].startswith("-"):
+        parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
+    args = parser.parse_args(arguments)
+    try:
+        return int(module.run(args))
+    except ConfigError as error:
+        for fault in error.faults:
+            print(f"liftgate-hil: {fault}", file=sys.stderr)
+        return 2
+    except LiftgateError as error:
+        for text in dict.fromkeys(_chain(error)):
+            print(f"liftgate-hil: {text}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:  # before there was anything to end in order
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python would complain again while it flushes.
+        sys.stdout = None
+        return 1
+
+
+def _chain(error: LiftgateError) -> list[str]:
+    """An error, after the one that was on its way when it came."""
+    earlier = error.__context__
+    if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
+        return [*_chain(earlier), str(error)]
+    return [str(error)]
+
+
+def _overview() -> str:
+    lines = [f"  {name:<10} {text}" for name, text in COMMANDS.items()]
+    return "subcommands (each with its own --help):\n" + "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

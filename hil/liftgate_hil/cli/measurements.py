@@ -1,0 +1,212 @@
+"""Flags of the commands that read measurements, and the measurements that they ask for."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli.options import bounded, whole
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from liftgate_hil.measurement.checks import Expected
+    from liftgate_hil.measurement.measurement import Measurement
+    from liftgate_plant.vehicle import Vehicle
+
+_MARGIN_DEG = 0.5  # from seal and end stops
+_TIME = bounded(-1e9, 1e10, "s")
+
+
+def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = True) -> None:
+    """Which files, what their columns are called, and which part of them."""
+    parser.add_argument(
+        "files",
+        nargs="+" if required else "*",
+        metavar="FILE",
+        help="measurements: .csv, .mf4, or a bus log .log .asc .blf .trc .mf4",
+    )
+    parser.add_argument(
+        "--map",
+        dest="maps",
+        action="append",
+        default=[],
+        metavar="OURS=THEIRS[unit]",
+        help="a column under another name, in another unit, e.g. 'left_current_a=Iq[mA]*0.5', "
+        "or a FILE.toml with a table [columns] (repeatable)",
+    )
+    parser.add_argument(
+        "--rig",
+        default="liftgate",
+        metavar="NAME|FILE",
+        help="what bus logs mean; default: liftgate",
+    )
+    parser.add_argument(
+        "--from", dest="start", type=_TIME, metavar="S", help="leave out what is before"
+    )
+    parser.add_argument("--to", dest="end", type=_TIME, metavar="S", help="leave out what is after")
+    parser.add_argument(
+        "--cut-angle",
+        type=_angles,
+        metavar="LOW:HIGH",
+        help="the longest stretch with the gate between these degrees",
+    )
+    parser.add_argument(
+        "--resample",
+        type=bounded(1e-3, 1e6, "Hz"),
+        metavar="HZ",
+        help="outputs evenly spaced, on straight lines between their samples, never across gaps",
+    )
+    parser.add_argument(
+        "--decimate",
+        type=whole(1, 100_000),
+        default=1,
+        metavar="N",
+        help="every N-th sample of the outputs, after a low-pass filter",
+    )
+    parser.add_argument(
+        "--drop-outliers", action="store_true", help="leave out samples that are told as outliers"
+    )
+
+
+def measurements_from(
+    args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False
+) -> list[Measurement]:
+    """The measurements of all files, read, checked and conditioned; `travel_only`: for a model that has neither
+    seal nor end stops, cut to the travel between these where `--cut-angle` does not say. Raises ConfigError with
+    all faults of all files.
+    """
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.measurement.mapping import parse_maps
+    from liftgate_hil.session import rig_from
+
+    if args.start is not None and args.end is not None and args.start >= args.end:
+        raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: from before to")
+    mapping = parse_maps(args.maps)
+    find_config("rigs", args.rig)
+    rig = functools.cache(functools.partial(rig_from, args.rig))
+    paths = [Path(name).resolve() for name in args.files]
+    faults = [
+        f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
+        for k, name in enumerate(args.files)
+        if paths[k] in paths[:k]
+    ]
+    result = []
+    for name in args.files:
+        try:
+            from liftgate_hil.measurement.read import read_measurement
+
+            measurement = read_measurement(Path(name), mapping, rig, _surroundings(vehicle))
+            cut = args.cut_angle
+            if cut is None and travel_only and _shows_angle(measurement):
+                cut = _travel(vehicle)
+            result.append(_conditioned(measurement, args, vehicle, cut))
+        except ConfigError as error:
+            faults += [fault for fault in error.faults if fault not in faults]
+    if faults:
+        raise ConfigError(faults)
+    return result
+
+
+def _shows_angle(measurement: Measurement) -> bool:
+    """Whether there is something that says where the gate is."""
+    shown = ("_position_rev", "_hall_count", "gate_angle_deg")
+    return any(name.endswith(shown) for name in measurement.columns)
+
+
+def _travel(vehicle: Vehicle) -> tuple[float, float]:
+    """Where neither the seal nor an end stop acts on the gate [deg]."""
+    from liftgate_plant import gate
+
+    link, seal = gate.linkage(vehicle.gate), vehicle.seal
+    low, high = -math.inf, math.inf
+    if seal.force > 0.0 and seal.stiffness > 0.0:
+        low = math.degrees(gate.angle_of_extension(link, seal.force / seal.stiffness)) + _MARGIN_DEG
+    if vehicle.left.spring.stop_stiffness > 0.0:
+        high = math.degrees(vehicle.gate.open_angle) - _MARGIN_DEG
+    return low, high
+
+
+def _conditioned(
+    measurement: Measurement,
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    cut: tuple[float, float] | None,
+) -> Measurement:
+    """Checked, and the part of it that is asked for."""
+    from liftgate_hil.measurement import checks, condition, quality
+
+    if vehicle.drives == 1:
+        columns = {k: v for k, v in measurement.columns.items() if not k.startswith("right_")}
+        measurement = replace(measurement, columns=columns)
+    _raise_if_any(checks.check(measurement, expected_of(vehicle)))
+    measurement = condition.cut_time(measurement, args.start, args.end)
+    measurement = quality.report_gaps(measurement)
+    measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
+    if cut is not None:
+        low, high = cut
+        measurement = condition.cut_angle(
+            measurement, low, high, angle_of_position(vehicle), vehicle.sensors.hall_counts
+        )
+    _raise_if_any(checks.check(measurement))
+    return measurement
+
+
+def expected_of(vehicle: Vehicle) -> Expected:
+    """What a measurement on this vehicle cannot be far from."""
+    from liftgate_hil.measurement.checks import Expected
+
+    return Expected(
+        supply_voltage=vehicle.supply.voltage,
+        stall_current=vehicle.supply.voltage / vehicle.left.motor.resistance,
+        hall_counts=vehicle.sensors.hall_counts,
+        angle_of_position=angle_of_position(vehicle),
+    )
+
+
+def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
+    """The gate's angle [deg] at a position [rev] of the left motor, without play and flexibility; NaN where no
+    gate can be.
+    """
+    from liftgate_plant import gate
+
+    link = gate.linkage(vehicle.gate)
+    travel = vehicle.left.spindle.lead / vehicle.left.gear.ratio
+
+    def angle(position: float) -> float:
+        try:
+            return math.degrees(gate.angle_of_extension(link, position * travel))
+        except ValueError:
+            return math.nan
+
+    return angle
+
+
+def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
+    """The inputs as the vehicle file has them, for the time before a test bench's panel says otherwise."""
+    return {
+        "supply_voltage_v": vehicle.supply.voltage,
+        "road_slope_deg": math.degrees(vehicle.environment.road_slope),
+        "hand_force_n": vehicle.environment.hand_force,
+    }
+
+
+def _raise_if_any(faults: list[str]) -> None:
+    if faults:
+        raise ConfigError(faults)
+
+
+def _angles(value: str) -> tuple[float, float]:
+    """An argparse type: LOW:HIGH in degrees."""
+    low, _, high = value.partition(":")
+    try:
+        angles = (float(low), float(high))
+    except ValueError:
+        angles = (math.nan, math.nan)
+    if not -360.0 <= angles[0] < angles[1] <= 360.0:
+        raise argparse.ArgumentTypeError(f"{value!r}; allowed: LOW:HIGH, -360 to 360 degrees")
+    return angles

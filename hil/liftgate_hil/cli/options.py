@@ -1,0 +1,185 @@
+"""Flags that several subcommands share, and what they check."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+from collections.abc import Callable
+from types import FrameType
+
+from liftgate_hil.errors import ConfigError
+
+MAX_RATE = 10_000.0
+
+
+def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
+    """An argparse type: a finite number within [low, high]."""
+
+    def convert(value: str) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low:g} to {high:g} {unit}")
+        return number
+
+    return convert
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """An argparse type: a whole number within [low, high]."""
+
+    def convert(value: str) -> int:
+        try:
+            number = int(value)
+        except ValueError:
+            number = low - 1
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low} to {high}")
+        return number
+
+    return convert
+
+
+def add_bus(parser: argparse.ArgumentParser) -> None:
+    """How to reach the bus."""
+    parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
+    parser.add_argument(
+        "--serial",
+        metavar="PORT[@BAUD]",
+        help="instead of a bus: a device or URL of pyserial, e.g. /dev/ttyUSB0@921600",
+    )
+    parser.add_argument("-i", "--interface", help="python-can's own way to name the bus")
+    parser.add_argument("-c", "--channel", help="python-can's own way to name the bus")
+    parser.add_argument(
+        "-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's"
+    )
+    parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
+    parser.add_argument("--rig", default="liftgate", metavar="NAME|FILE", help="how it is wired")
+
+
+def add_vehicle(parser: argparse.ArgumentParser) -> None:
+    """Which vehicle, and what happens to it."""
+    add_vehicle_file(parser)
+    parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
+
+
+def add_vehicle_file(parser: argparse.ArgumentParser) -> None:
+    """Which vehicle."""
+    parser.add_argument("--vehicle", default="suv", metavar="NAME|FILE", help="default: suv")
+    parser.add_argument(
+        "--set",
+        dest="settings",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace a value of the vehicle file, e.g. environment.road_slope_deg=8 (repeatable)",
+    )
+
+
+def angle(text: str, open_angle: float, others: str = "") -> float:
+    """The angle [rad] of `--initial`: closed, open (`open_angle`, rad) or degrees; `others` are allowed besides.
+    Raises ConfigError.
+    """
+    named = {"closed": 0.0, "open": open_angle}
+    if text in named:
+        return named[text]
+    top = math.degrees(open_angle)
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not 0.0 <= degrees <= top:
+        raise ConfigError(
+            f"--initial {text}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+        )
+    return math.radians(degrees)
+
+
+def add_loop(parser: argparse.ArgumentParser) -> None:
+    """How the loop runs."""
+    add_rate(parser)
+    parser.add_argument(
+        "--clock",
+        choices=("realtime", "free", "lockstep"),
+        default="realtime",
+        help="wall time; as fast as it goes; one command period per command frame",
+    )
+    parser.add_argument(
+        "--duration",
+        type=bounded(1e-3, 1e9, "s"),
+        metavar="S",
+        help="model time; default: the scenario's, else until stopped",
+    )
+    parser.add_argument(
+        "--overrun-limit",
+        type=bounded(1e-3, 3600.0, "s"),
+        default=1.0,
+        metavar="S",
+        help="end with an error when the loop falls this far behind; default: 1",
+    )
+    add_realtime(parser)
+    parser.add_argument(
+        "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
+    )
+
+
+def add_rate(parser: argparse.ArgumentParser) -> None:
+    """How often it ticks."""
+    parser.add_argument(
+        "--rate",
+        type=bounded(200.0, MAX_RATE, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="ticks per second, 200 to 10000; default: 1000",
+    )
+
+
+def add_realtime(parser: argparse.ArgumentParser) -> None:
+    """What it asks of the machine."""
+    parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help="ask for FIFO scheduling, locked memory and a CPU; what is refused is told",
+    )
+    parser.add_argument(
+        "--cpu",
+        type=whole(0, 1023),
+        metavar="N",
+        help="the CPU for --realtime; default: an isolated one, else the last",
+    )
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """What comes out."""
+    parser.add_argument(
+        "--record",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="write a recording; the suffix picks the format: .csv the plant, .log .asc .blf .mf4 "
+        ".trc the bus (repeatable)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+
+
+class StopSignals:
+    """Ctrl-C and SIGTERM set a flag; a second one ends the program as usual."""
+
+    def __init__(self) -> None:
+        self.received = False
+        self._previous = {
+            number: signal.signal(number, self._set) for number in (signal.SIGINT, signal.SIGTERM)
+        }
+
+    def __call__(self) -> bool:
+        """Whether to stop."""
+        return self.received
+
+    def _set(self, number: int, frame: FrameType | None) -> None:
+        self.received = True
+        for each, handler in self._previous.items():
+            signal.signal(each, handler)

@@ -1,0 +1,91 @@
+"""The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, CSV or MF4 out.
+
+It starts unlatched and at rest. A sample of the input holds from its time until the next one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from pathlib import Path
+
+from liftgate_hil.cli import options
+from liftgate_hil.errors import ConfigError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    options.add_vehicle(parser)
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument(
+        "--voltage",
+        type=options.bounded(-1000.0, 1000.0, "V"),
+        metavar="V",
+        help="step of the motor voltage on both drives",
+    )
+    source.add_argument("--input", metavar="FILE", help="CSV or MF4 with time_s and input columns")
+    parser.add_argument(
+        "--duration",
+        type=options.bounded(0.0, 1e7, "s"),
+        metavar="S",
+        help="default: the scenario's, else to the input's last sample",
+    )
+    parser.add_argument(
+        "--step",
+        type=options.bounded(1e-5, 5e-3, "s"),
+        default=0.001,
+        metavar="S",
+        help="1e-5 to 5e-3; default: 0.001",
+    )
+    parser.add_argument(
+        "--initial", default="closed", metavar="closed|open|ANGLE_deg", help="default: closed"
+    )
+    parser.add_argument(
+        "--every",
+        type=options.whole(1, 10**9),
+        default=1,
+        metavar="N",
+        help="write every N-th step; default: 1",
+    )
+    parser.add_argument(
+        "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.loop.simulation import COLUMNS, INTEGERS, simulate
+    from liftgate_hil.measurement.input_file import constant_voltage, read_samples
+    from liftgate_hil.recording.rows import check_output, write_rows
+    from liftgate_hil.recording.table import columns
+    from liftgate_hil.session import scenario_from, vehicle_from
+    from liftgate_plant.dynamics import initial_state
+    from liftgate_plant.vehicle import load_of, plant_of
+
+    vehicle = vehicle_from(args.vehicle, args.settings)
+    scenario = scenario_from(args.scenario)
+    check_output(args.output)
+    samples = (
+        read_samples(Path(args.input)) if args.input else constant_voltage(args.voltage or 0.0)
+    )
+    duration = args.duration if args.duration is not None else scenario.duration
+    if duration is None and args.input:
+        duration = float(samples.times[-1])
+    if duration is None:
+        raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
+    plant = plant_of(vehicle)
+    stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
+    blocks = simulate(
+        plant,
+        vehicle.sensors,
+        scenario.program,
+        load_of(vehicle)._replace(latch_released=1.0),
+        initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle)),
+        samples,
+        round(duration / args.step),
+        args.step,
+        args.every,
+    )
+    whole = itertools.takewhile(lambda _: not stopped(), blocks)
+    write_rows(args.output, whole, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
+    return 130 if stopped() else 0

@@ -1,0 +1,90 @@
+"""A vehicle's model against measurements: simulated with the measured input and nothing fed back.
+
+Fit per output (NRMSE in %), RMS and largest error, error by phase, and what the residuals say.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.cli import fitting
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from liftgate_plant.vehicle import Vehicle
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    from liftgate_hil.cli.measurements import add_measurement_arguments
+
+    add_measurement_arguments(parser)
+    fitting.add_model(parser)
+    parser.add_argument(
+        "--parameters", metavar="FILE.json", help="use the values of a result of identify"
+    )
+    parser.add_argument("--result", metavar="FILE.json", help="write the result")
+    parser.add_argument("--html", metavar="FILE", help="write a report with plots")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.identify.identification import validate
+    from liftgate_hil.report.files import check_targets
+    from liftgate_hil.report.json_result import validation_json
+    from liftgate_hil.session import vehicle_from
+
+    check_targets({"--result": args.result, "--html": args.html}, args.files)
+    vehicle = vehicle_from(args.vehicle, args.settings)
+    if args.parameters:
+        vehicle = _with_result(vehicle, Path(args.parameters))
+    problem, notes = fitting.problem_of(args, vehicle, args.model or "full", [], args.outputs)
+    result = dataclasses.replace(validate(problem), vehicle=args.vehicle, notes=notes)
+
+    def text() -> str:
+        from liftgate_hil.report.text import validation_text
+
+        return validation_text(result)
+
+    def page() -> str:
+        from liftgate_hil.report.html import validation_html
+
+        return validation_html(result)
+
+    fitting.deliver(args, validation_json(result), text, page)
+    return 0
+
+
+def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
+    """The vehicle with the values of a result; what was not identifiable is left as it is. Raises ConfigError."""
+    from liftgate_hil.identify.parameters import find_parameter, with_value
+
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        told = content["identifiable"]
+        values = {
+            name: float(each["value"]) for name, each in content["parameters"].items() if told[name]
+        }
+    except OSError as error:
+        raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ConfigError(f"--parameters {path}: allowed: a result written by identify") from error
+    faults = []
+    for name, value in values.items():
+        try:
+            parameter = find_parameter(vehicle, name)
+        except ValueError as error:
+            faults.append(f"--parameters {path}: {name}: {error}")
+            continue
+        low, high = parameter.quantity.low, parameter.quantity.high
+        if low <= value <= high:
+            vehicle = with_value(vehicle, parameter, value)
+        else:
+            faults.append(f"--parameters {path}: {name}: {value:g}; allowed: {low:g} to {high:g}")
+    if faults:
+        raise ConfigError(faults)
+    return vehicle

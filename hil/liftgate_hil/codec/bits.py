@@ -1,0 +1,118 @@
+"""Raw values in and out of a frame's bytes.
+
+A signal is taken from the byte with its least significant bit towards its most significant one: forward for
+Intel byte order, backward for Motorola. So one loop serves both. Values travel as at most 32 bits at a time,
+which keeps the arithmetic the same in Python's integers and in the machine's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_plant.compiler import compilable
+
+UNSIGNED, SIGNED, FLOAT32, FLOAT64 = 0, 1, 2, 3
+
+_WORD = 4294967296.0
+
+
+class Place(NamedTuple):
+    """Where a signal lies: byte and shift of its lowest bit, length in bits, +1 Intel or −1 Motorola."""
+
+    byte: int
+    shift: int
+    length: int
+    stride: int
+    kind: int
+
+
+@compilable
+def place_at(places: Any, row: int) -> Place:
+    """A row of a table of places."""
+    place = places[row]
+    return Place(place.byte, place.shift, place.length, place.stride, place.kind)
+
+
+@compilable
+def extract(
+    data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int
+) -> int:
+    """Up to 32 bits of a frame (row of `data`), unsigned."""
+    raw = int(np.int64(data[row, byte])) >> shift
+    have = 8 - shift
+    while have < length:
+        byte += stride
+        raw |= int(np.int64(data[row, byte])) << have
+        have += 8
+    return raw & ((1 << length) - 1)
+
+
+@compilable
+def insert(
+    data: NDArray[np.uint8],
+    row: int,
+    byte: int,
+    shift: int,
+    length: int,
+    stride: int,
+    raw: int,
+) -> None:
+    """Put up to 32 bits into a frame (row of `data`), leaving the other bits as they are."""
+    left = length
+    while left > 0:
+        take = min(8 - shift, left)
+        mask = ((1 << take) - 1) << shift
+        bits = (raw << shift) & mask
+        data[row, byte] = (int(np.int64(data[row, byte])) & ~mask & 0xFF) | bits
+        raw >>= take
+        left -= take
+        shift = 0
+        byte += stride
+
+
+@compilable
+def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
+    """A signal's raw value as a number (exact up to 53 bits)."""
+    length = place.length
+    if length <= 32:
+        value = extract(data, row, place.byte, place.shift, length, place.stride)
+        if place.kind == SIGNED and value >> (length - 1):
+            return float(value - (1 << length))
+        if place.kind == FLOAT32:
+            return float(np.uint32(value).view(np.float32))
+        return float(value)
+    low = extract(data, row, place.byte, place.shift, 32, place.stride)
+    high = extract(data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride)
+    if place.kind == FLOAT64:
+        word = np.uint64(low) | (np.uint64(high) << np.uint64(32))
+        return float(np.uint64(word).view(np.float64))
+    if place.kind == SIGNED and high >> (length - 33):
+        high -= 1 << (length - 32)
+    return high * _WORD + low
+
+
+@compilable
+def write_number(data: NDArray[np.uint8], row: int, place: Place, value: float) -> None:
+    """Put a raw value into its place: an integral number within the signal's range, or any float."""
+    length = place.length
+    if place.kind == FLOAT32:
+        word = int(np.int64(np.float32(value).view(np.uint32)))
+        insert(data, row, place.byte, place.shift, 32, place.stride, word)
+        return
+    if place.kind == FLOAT64:
+        double = np.float64(value).view(np.uint64)
+        low = int(np.int64(double & np.uint64(0xFFFFFFFF)))
+        high = int(np.int64(double >> np.uint64(32)))
+    else:
+        top = math.floor(value / _WORD)
+        low = int(np.int64(value - top * _WORD))
+        high = int(np.int64(top))
+    if length <= 32:
+        insert(data, row, place.byte, place.shift, length, place.stride, low)
+        return
+    insert(data, row, place.byte, place.shift, 32, place.stride, low)
+    insert(data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride, high)

@@ -1,0 +1,56 @@
+"""Frames as arrays, so that compiled code can read and write them.
+
+The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error; and above
+them one of our own, bit 32 for a CAN FD frame.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_plant.compiler import compilable
+
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+FD = 0x100000000
+MAX_BYTES = 64  # CAN FD
+
+
+class Frames(NamedTuple):
+    """`count` frames: identifiers with flags (n,), payload lengths (n,), payloads (n, 64)."""
+
+    count: int  # type: ignore[assignment]  # shadows tuple.count, which nobody wants here
+    identifiers: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    data: NDArray[np.uint8]
+
+
+@compilable
+def bits_of(identifier: int, length: int) -> int:
+    """A frame's bits on the wire, without stuffing: 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended
+    one (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound.
+    """
+    return (67 if identifier & EXTENDED else 47) + 8 * length
+
+
+# A frame with its time, as it is kept.
+LOGGED = np.dtype(
+    [
+        ("time_ns", "i8"),  # since the run's start
+        ("identifier", "i8"),  # with flags
+        ("length", "i8"),
+        ("payload", "u1", (MAX_BYTES,)),
+    ]
+)
+
+
+def empty_frames(capacity: int) -> Frames:
+    """Room for frames; none in it."""
+    return Frames(
+        0,
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
+    )

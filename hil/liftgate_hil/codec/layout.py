@@ -1,0 +1,275 @@
+"""A database and a mapping, laid out as the tables that the loop can work through.
+
+One row a mapped signal, one row a message. The same tables serve either end of the bus: the emulator receives
+a rig's inputs and sends its outputs, an ECU the other way round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.bits import Place, write_number
+from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
+from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
+from liftgate_hil.codec.quantities import PANEL, BusQuantity
+from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, Layout
+from liftgate_hil.config.toml import Faults
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+
+@dataclass(frozen=True)
+class Wire:
+    """One mapped signal: quantity = scale · physical value + offset, or a value each by name."""
+
+    quantity: str
+    message: str
+    signal: str
+    scale: float = 1.0
+    offset: float = 0.0
+    values: Mapping[str, float | str] | None = None
+
+
+def raw_range(signal: Signal) -> tuple[float, float]:
+    """What the signal's bits can hold."""
+    if signal.is_float:
+        top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
+        return -top, top
+    bits = signal.length - int(signal.is_signed)
+    # From 54 bits on the largest value is no double: the next one below it.
+    top = 2.0**bits - 1.0 if bits <= 53 else float(np.nextafter(2.0**bits, 0.0))
+    return (-(2.0**bits) if signal.is_signed else 0.0), top
+
+
+def physical_range(signal: Signal) -> tuple[float, float]:
+    """The database's range, or what the bits can hold where it has none."""
+    factor, offset = _conversion(signal)
+    ends = [factor * raw + offset for raw in raw_range(signal)]
+    low, high = min(ends), max(ends)
+    # [0|0] is how a DBC says that it has no range.
+    if (
+        signal.minimum is not None
+        and signal.maximum is not None
+        and signal.minimum < signal.maximum
+    ):
+        low, high = max(low, float(signal.minimum)), min(high, float(signal.maximum))
+    return low, high
+
+
+def build_layout(
+    messages: Mapping[str, Message],
+    wires: Sequence[Wire],
+    options: Mapping[str, MessageOptions],
+    quantities: Mapping[str, BusQuantity],
+    faults: Faults,
+    sending: bool,
+) -> Layout:
+    """The tables for these wires; what cannot be laid out is noted in `faults`."""
+    tables = _Tables()
+    order = list(dict.fromkeys(wire.message for wire in wires))
+    for name in order:
+        message = messages[name]
+        own = [wire for wire in wires if wire.message == name]
+        if message.length > MAX_BYTES:
+            faults.add(
+                name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
+            )
+            continue
+        start = start_payload(message)
+        first = len(tables.signals)
+        chosen: set[Selector] = set()
+        for wire in own:
+            signal = message.get_signal_by_name(wire.signal)
+            quantity = quantities[wire.quantity]
+            if not _is_usable(wire, signal, faults):
+                continue
+            pairs = _enumeration(wire, signal, quantity, faults, sending)
+            row = _signal_row(wire, signal, quantity)
+            row["quantity"] = list(quantities).index(wire.quantity)
+            row["place"] = tables.add_place(place_of(signal))
+            row |= {"names_first": len(tables.names), "names_count": len(pairs)}
+            tables.names += pairs
+            for chain in _selectors(message, signal):
+                chosen |= set(chain)
+                row |= {"selectors_first": len(tables.selectors), "selectors_count": len(chain)}
+                tables.selectors += [(tables.add_place(place), value) for place, value in chain]
+                tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
+        options_of = options.get(name, MessageOptions())
+        head = _message_row(message, options_of, tables, faults)
+        if all(wire.quantity in PANEL for wire in own):
+            head["timeout_ns"] = 0  # a panel speaks when something changes
+        head |= {"first": first, "count": len(tables.signals) - first}
+        if sending:
+            _check_overlap(name, own, options_of, faults)
+            if len({place for place, _ in chosen}) < len(chosen):
+                faults.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
+        for place, value in chosen:
+            write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
+        tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
+        tables.start.append(start)
+    return tables.layout()
+
+
+Selector = tuple[Place, int]
+
+
+@dataclass
+class _Tables:
+    """The rows so far."""
+
+    messages: list[tuple[float, ...]] = field(default_factory=list)
+    signals: list[tuple[float, ...]] = field(default_factory=list)
+    places: list[Place] = field(default_factory=list)
+    selectors: list[tuple[float, ...]] = field(default_factory=list)
+    names: list[tuple[float, float]] = field(default_factory=list)
+    start: list[NDArray[np.uint8]] = field(default_factory=list)
+
+    def add_place(self, place: Place) -> int:
+        """The place's row."""
+        self.places.append(place)
+        return len(self.places) - 1
+
+    def layout(self) -> Layout:
+        """The rows as arrays."""
+
+        def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
+            return np.array(rows, dtype=kind).view(np.recarray)
+
+        return Layout(
+            table(self.messages, MESSAGE),
+            table(self.signals, SIGNAL),
+            table(self.places, PLACE),
+            table(self.selectors, SELECTOR),
+            table(self.names, NAME),
+            np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
+        )
+
+
+def _conversion(signal: Signal) -> tuple[float, float]:
+    return float(signal.scale), float(signal.offset)
+
+
+def _is_usable(wire: Wire, signal: Signal, faults: Faults) -> bool:
+    """Whether the signal can carry a number at all."""
+    name = f"{wire.message}.{wire.signal}"
+    if signal.is_float and signal.length not in (32, 64):
+        faults.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
+        return False
+    if float(signal.scale) == 0.0:
+        faults.add(wire.quantity, f"{name}: factor 0 in the database; allowed: anything else")
+        return False
+    return True
+
+
+def _check_overlap(name: str, wires: Sequence[Wire], own: MessageOptions, faults: Faults) -> None:
+    """No two quantities, and no quantity and protection, may be sent in one signal."""
+    taken = {own.counter: "the counter", own.checksum: "the checksum"}
+    if own.e2e is not None:
+        taken[own.e2e.nibble] = "the data ID's nibble"
+    for wire in wires:
+        if wire.signal in taken:
+            faults.add(
+                wire.quantity,
+                f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one per signal",
+            )
+        taken[wire.signal] = wire.quantity
+
+
+def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity) -> dict[str, Any]:
+    factor, offset = _conversion(signal)
+    low, high = physical_range(signal)
+    raw = sorted(((low - offset) / factor, (high - offset) / factor))
+    bits = raw_range(signal)
+    # Rounding on the way there and back; of long signals never a quantum.
+    slack = [min(1e-9 * max(1.0, abs(end)), 0.25) for end in raw]
+    return {
+        "factor": factor,
+        "offset": offset,
+        "scale": wire.scale,
+        "bias": wire.offset,
+        # Half a quantum of slack: a limit need not be a multiple of the factor.
+        "low": low - 0.5 * abs(factor) * (not signal.is_float),
+        "high": high + 0.5 * abs(factor) * (not signal.is_float),
+        "raw_low": raw[0] if signal.is_float else max(np.ceil(raw[0] - slack[0]), bits[0]),
+        "raw_high": raw[1] if signal.is_float else min(np.floor(raw[1] + slack[1]), bits[1]),
+        "quantity_low": quantity.low,
+        "quantity_high": quantity.high,
+    }
+
+
+def _enumeration(
+    wire: Wire, signal: Signal, quantity: BusQuantity, faults: Faults, sending: bool
+) -> list[tuple[float, float]]:
+    """Pairs of our value and their physical value, where the wire names them."""
+    if wire.values is None:
+        return []
+    key = f"{wire.quantity}.values"
+    pairs = []
+    labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
+    factor, offset = _conversion(signal)
+    for name, value in wire.values.items():
+        if name not in quantity.names:
+            allowed = ", ".join(quantity.names) or "none, this is no enumeration"
+            faults.add(key, f"{name}: allowed: {allowed}")
+        elif isinstance(value, str) and value not in labels:
+            allowed = ", ".join(labels) or "numbers, the signal has no value table"
+            faults.add(key, f"{name} = {value!r}: allowed: {allowed}")
+        elif isinstance(value, str) or abs(value) <= 1e15:
+            physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
+            pairs.append((float(quantity.names.index(name)), physical))
+    missing = [name for name in quantity.names if name not in wire.values]
+    if sending and missing:
+        faults.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
+    return pairs
+
+
+def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
+    """Under which values of which multiplexers the signal is in the frame: alternatives, each a chain."""
+    if signal.multiplexer_signal is None or not signal.multiplexer_ids:
+        return [()]
+    multiplexer = message.get_signal_by_name(signal.multiplexer_signal)
+    place = place_of(multiplexer)
+    return [
+        ((place, int(value)), *above)
+        for value in signal.multiplexer_ids
+        for above in _selectors(message, multiplexer)
+    ]
+
+
+def _message_row(
+    message: Message, options: MessageOptions, tables: _Tables, faults: Faults
+) -> dict[str, Any]:
+    cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
+    row = protection_row(message, options, tables.add_place, faults)
+    identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+    return {
+        "identifier": identifier,
+        "fd": FD if needs_fd(message) else 0,
+        "length": message.length,
+        "cycle_ns": round(cycle_ms * 1e6),
+        "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
+        **row,
+    }
+
+
+def needs_fd(message: Message) -> bool:
+    """Whether only a CAN FD frame can carry the message, whatever its database says of the format."""
+    return bool(message.is_fd) or message.length > 8
+
+
+def start_payload(message: Message) -> NDArray[np.uint8]:
+    """The message with every signal at its start value (GenSigStartValue), 0 where it has none."""
+    data = np.zeros((1, MAX_BYTES), dtype=np.uint8)
+    for signal in message.signals:
+        raw = signal.raw_initial
+        if raw is not None and not isinstance(raw, str) and signal.multiplexer_signal is None:
+            low, high = raw_range(signal)
+            write_number(data, 0, place_of(signal), min(max(float(raw), low), high))
+    payload: NDArray[np.uint8] = data[0]
+    return payload

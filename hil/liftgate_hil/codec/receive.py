@@ -1,0 +1,283 @@
+"""Frames to quantities: what is ours, is it sound, what does it say.
+
+A frame counts under exactly one cause. A sound frame is taken whole, a refused one not at all. Quantities of a
+message that never came, or went stale, are NaN.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.bits import extract, place_at, read_number
+from liftgate_hil.codec.checksum import checksum, checksum_in
+from liftgate_hil.codec.e2e import check_state
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.tables import Layout
+from liftgate_plant.compiler import compilable
+
+
+class Counts(NamedTuple):
+    """What became of the frames that came in."""
+
+    accepted: int  # sound frames of ours
+    foreign: int  # other identifiers: normal traffic
+    error: int  # error frames of the controller
+    remote: int  # remote requests for ours
+    wrong_length: int
+    out_of_range: int  # a value not allowed by the database, the rig or the quantity; not a number
+    checksum: int
+    counter: int  # alive counter did not move, or is out of sequence
+    unqualified: int  # sound, but the E2E state machine is not (yet) VALID
+    lost: int  # frames missing between two alive counters (these never came in)
+
+
+NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+# Causes, in the order of Counts' fields.
+(
+    ACCEPTED,
+    FOREIGN,
+    ERROR_FRAME,
+    REMOTE_FRAME,
+    WRONG_LENGTH,
+    OUT_OF_RANGE,
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+    UNQUALIFIED,
+) = range(9)
+
+
+class Reception(NamedTuple):
+    """What has been received: quantities (NaN: not there), per message the last sound frame."""
+
+    values: NDArray[np.float64]  # per quantity
+    seen_ns: NDArray[np.int64]  # per message; -1: not there
+    counter: NDArray[np.int64]  # per message; -1: not known
+    memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
+
+
+def nothing_received(layout: Layout, quantities: int) -> Reception:
+    """Before the first frame."""
+    messages = len(layout.messages)
+    return Reception(
+        np.full(quantities, np.nan),
+        np.full(messages, -1, dtype=np.int64),
+        np.full(messages, -1, dtype=np.int64),
+        np.zeros((messages, check_state.MEMORY), dtype=np.int64),
+    )
+
+
+@compilable
+def rejected(counts: Counts) -> int:
+    """Frames of ours that were refused."""
+    return (
+        counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
+    )
+
+
+@compilable
+def find_message(layout: Layout, identifier: int) -> int:
+    """The message's row, or -1."""
+    for row in range(len(layout.messages)):
+        if layout.messages[row].identifier == identifier:
+            return row
+    return -1
+
+
+@compilable
+def quantity_of(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> float:
+    """A signal's value in our unit; NaN where it is not allowed."""
+    signal = layout.signals[row]
+    raw = read_number(data, frame, place_at(layout.places, signal.place))
+    physical = raw * signal.factor + signal.offset
+    if not (signal.low <= physical <= signal.high):
+        return np.nan
+    value = signal.scale * physical + signal.bias
+    if signal.names_count > 0:
+        value = np.nan
+        for name in range(signal.names_first, signal.names_first + signal.names_count):
+            if abs(layout.names[name].theirs - physical) <= 1e-9 * (1.0 + abs(physical)):
+                value = layout.names[name].ours
+    if signal.quantity_low <= value <= signal.quantity_high:
+        return float(value)
+    return np.nan
+
+
+@compilable
+def selected(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> bool:
+    """Whether a multiplexed signal is in this frame."""
+    signal = layout.signals[row]
+    for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
+        selector = layout.selectors[level]
+        if read_number(data, frame, place_at(layout.places, selector.place)) != selector.value:
+            return False
+    return True
+
+
+@compilable
+def counter_of(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> int:
+    """The alive counter in a frame."""
+    place = place_at(layout.places, layout.messages[message].counter)
+    return extract(data, frame, place.byte, place.shift, place.length, place.stride)
+
+
+@compilable
+def nibble_fits(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> bool:
+    """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
+    table = layout.messages[message]
+    if table.nibble < 0:
+        return True
+    sent = read_number(data, frame, place_at(layout.places, table.nibble))
+    return bool(sent == (table.data_ids[0] >> 8) & 15)
+
+
+@compilable
+def check(
+    layout: Layout, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
+) -> tuple[int, int]:
+    """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
+    table = layout.messages[message]
+    memory = current.memory[message]
+    counter = 0
+    if table.counter >= 0:
+        counter = counter_of(layout, message, frames.data, frame)
+    if table.kind and (
+        checksum_in(table, frames.data, frame) != checksum(table, counter, frames.data, frame)
+        or not nibble_fits(layout, message, frames.data, frame)
+    ):
+        if table.window > 0:
+            check_state.next_state(table, memory, check_state.BAD_SUM)
+        return BAD_CHECKSUM, 0
+    if table.counter < 0:
+        return ACCEPTED, 0
+    last = int(current.counter[message])
+    late = 0
+    if table.cycle_ns > 0 and current.seen_ns[message] >= 0:
+        late = max((now_ns - current.seen_ns[message]) // table.cycle_ns - 1, 0)
+    status = check_state.place_in_sequence(table, memory, last, counter, late)
+    if status == check_state.BAD_SUM:
+        return BAD_CHECKSUM, 0
+    current.counter[message] = counter
+    state = check_state.VALID
+    if table.window > 0:
+        state = check_state.next_state(table, memory, status)
+    if status in (check_state.REPEATED, check_state.WRONG):
+        return BAD_COUNTER, 0
+    lost = check_state.missing(last, counter, table.modulus) if last >= 0 else 0
+    if state != check_state.VALID or status == check_state.SYNCHRONISING:
+        return UNQUALIFIED, lost
+    return ACCEPTED, lost
+
+
+@compilable
+def judge(
+    layout: Layout,
+    current: Reception,
+    frames: Frames,
+    frame: int,
+    now_ns: int,
+    read: NDArray[np.float64],
+) -> tuple[int, int, int]:
+    """(cause, message, frames lost before it). What checksum and counter say is noted in `current`; what the
+    signals say goes to `read`, by their rows, NaN for one that is not in the frame.
+    """
+    identifier = int(frames.identifiers[frame]) & ~FD
+    if identifier & ERROR:
+        return ERROR_FRAME, -1, 0
+    message = find_message(layout, identifier & ~REMOTE)
+    if message < 0:
+        return FOREIGN, -1, 0
+    if identifier & REMOTE:
+        return REMOTE_FRAME, message, 0
+    table = layout.messages[message]
+    if frames.lengths[frame] != table.length:
+        return WRONG_LENGTH, message, 0
+    cause, lost = check(layout, current, message, frames, frame, now_ns)
+    if cause == ACCEPTED:
+        for row in range(table.first, table.first + table.count):
+            read[row] = np.nan
+            if selected(layout, row, frames.data, frame):
+                read[row] = quantity_of(layout, row, frames.data, frame)
+                if np.isnan(read[row]):
+                    return OUT_OF_RANGE, message, lost
+    return cause, message, lost
+
+
+@compilable
+def take(layout: Layout, current: Reception, message: int, read: NDArray[np.float64]) -> None:
+    """The quantities of a frame that was judged to be sound."""
+    table = layout.messages[message]
+    for row in range(table.first, table.first + table.count):
+        if not np.isnan(read[row]):
+            current.values[layout.signals[row].quantity] = read[row]
+
+
+@compilable
+def counted(counts: Counts, cause: int, lost: int) -> Counts:
+    """One frame more."""
+    return Counts(
+        counts.accepted + int(cause == ACCEPTED),
+        counts.foreign + int(cause == FOREIGN),
+        counts.error + int(cause == ERROR_FRAME),
+        counts.remote + int(cause == REMOTE_FRAME),
+        counts.wrong_length + int(cause == WRONG_LENGTH),
+        counts.out_of_range + int(cause == OUT_OF_RANGE),
+        counts.checksum + int(cause == BAD_CHECKSUM),
+        counts.counter + int(cause == BAD_COUNTER),
+        counts.unqualified + int(cause == UNQUALIFIED),
+        counts.lost + lost,
+    )
+
+
+@compilable
+def receive(
+    layout: Layout, reception: Reception, counts: Counts, frames: Frames, now_ns: int
+) -> tuple[Reception, Counts]:
+    """Take in frames that have come by `now_ns`; neither argument is changed."""
+    if frames.count == 0:
+        return reception, counts
+    current = copy_of(reception)
+    read = np.empty(len(layout.signals))
+    for frame in range(frames.count):
+        cause, message, lost = judge(layout, current, frames, frame, now_ns, read)
+        counts = counted(counts, cause, lost)
+        if cause == ACCEPTED:
+            take(layout, current, message, read)
+            current.seen_ns[message] = now_ns
+    return current, counts
+
+
+@compilable
+def copy_of(reception: Reception) -> Reception:
+    """A reception that may be written to."""
+    return Reception(
+        reception.values.copy(),
+        reception.seen_ns.copy(),
+        reception.counter.copy(),
+        reception.memory.copy(),
+    )
+
+
+@compilable
+def forget_stale(layout: Layout, reception: Reception, now_ns: int) -> tuple[Reception, int]:
+    """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
+    stale = 0
+    for message in range(len(layout.messages)):
+        limit = layout.messages[message].timeout_ns
+        if limit > 0 and 0 <= reception.seen_ns[message] <= now_ns - limit:
+            stale += 1
+    if stale == 0:
+        return reception, 0
+    after = copy_of(reception)
+    for message in range(len(layout.messages)):
+        table = layout.messages[message]
+        if table.timeout_ns > 0 and 0 <= after.seen_ns[message] <= now_ns - table.timeout_ns:
+            after.seen_ns[message] = -1
+            after.counter[message] = -1
+            check_state.forget(after.memory[message])
+            for row in range(table.first, table.first + table.count):
+                after.values[layout.signals[row].quantity] = np.nan
+    return after, stale

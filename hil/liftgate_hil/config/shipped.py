@@ -1,0 +1,39 @@
+"""Where the shipped files are: inside the wheel, or in the checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from liftgate_hil.errors import ConfigError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def data_root() -> Path:
+    """The folder with `dbc` and `configs`: `liftgate_hil/_data` of an installed wheel, else the checkout's top."""
+    shipped = _PACKAGE / "_data"
+    return shipped if shipped.is_dir() else _PACKAGE.parents[1]
+
+
+def shipped_names(folder: str) -> list[str]:
+    """Names of the shipped files in a folder, without suffix."""
+    return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
+
+
+def find_config(kind: str, name: str) -> Path:
+    """The file for a `--vehicle`, `--rig` or `--scenario` value: a shipped name or a path.
+
+    `kind` is the folder under `configs`. Raises ConfigError where there is neither.
+    """
+    path = Path(name)
+    if path.suffix or len(path.parts) > 1:
+        if path.is_file():
+            return path
+        raise ConfigError(f"{name}: no such file")
+    shipped = data_root() / "configs" / kind / f"{name}.toml"
+    if shipped.is_file():
+        return shipped
+    if path.is_file():
+        return path
+    known = ", ".join(shipped_names(f"configs/{kind}"))
+    raise ConfigError(f"--{kind[:-1]} {name}: neither a file nor a shipped name ({known})")

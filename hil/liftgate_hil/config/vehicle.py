@@ -1,0 +1,187 @@
+"""A vehicle file to a vehicle: the allowed keys and ranges stand at the parameters themselves, in `plant`."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from liftgate_hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table
+from liftgate_hil.errors import ConfigError
+from liftgate_plant import gate as gate_body
+from liftgate_plant.bridge import Bridge
+from liftgate_plant.environment import Environment
+from liftgate_plant.gate import Gate
+from liftgate_plant.motor import Motor
+from liftgate_plant.quantity import Quantity
+from liftgate_plant.seal import Seal
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.spring import Spring
+from liftgate_plant.supply import Supply
+from liftgate_plant.thermal import Thermal
+from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
+from liftgate_plant.vehicle import DriveTables, Vehicle
+
+DRIVE_TABLES: Mapping[str, type] = {
+    "motor": Motor,
+    "gear": Gear,
+    "spindle": Spindle,
+    "spring": Spring,
+    "mechanism": Mechanism,
+    "friction": Friction,
+    "bridge": Bridge,
+    "thermal": Thermal,
+}
+BODY_TABLES: Mapping[str, type] = {
+    "gate": Gate,
+    "seal": Seal,
+    "supply": Supply,
+    "environment": Environment,
+    "sensors": Sensors,
+}
+SIDES = ("left", "right")
+
+
+def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
+    """The vehicle of a file, with `--set` values put over it. Raises ConfigError with all faults."""
+    raw = read_toml(path)
+    for setting in settings:
+        apply_setting(raw, setting)
+    return vehicle_of(raw, str(path))
+
+
+def vehicle_of(raw: Table, source: str) -> Vehicle:
+    """The vehicle of a file's content; `source` names it in messages."""
+    faults = Faults(source)
+    # Where values were estimated, the file says how; nothing here depends on it.
+    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
+    drives = raw.get("drives")
+    if isinstance(drives, bool) or drives not in (1, 2):
+        said = "missing" if drives is None else show(drives)
+        faults.add("drives", f"{said}; allowed: 1 (left only) or 2")
+    if drives == 1 and "right" in raw:
+        faults.add("right", "this gate has drives = 1, the left one; allowed: no such table")
+    left = _drive_tables(faults, raw, "left")
+    # The right drive of a gate that has none gets the left one's constants, and is never stepped.
+    right = _drive_tables(faults, raw, "right") if drives == 2 else left
+    parts = {
+        name: _fields(faults, name, table(faults, name, raw.get(name, {})), kind)
+        for name, kind in BODY_TABLES.items()
+    }
+    faults.raise_if_any()
+    vehicle = Vehicle(
+        drives=int(raw["drives"]),
+        left=DriveTables(**{name: kind(**left[name]) for name, kind in DRIVE_TABLES.items()}),
+        right=DriveTables(**{name: kind(**right[name]) for name, kind in DRIVE_TABLES.items()}),
+        **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
+    )
+    _check_geometry(faults, vehicle.gate)
+    faults.raise_if_any()
+    return vehicle
+
+
+def apply_setting(raw: Table, setting: str) -> None:
+    """Put one `--set KEY=VALUE` into a file's content; the value is TOML, as in the file."""
+    import tomllib
+
+    key, equals, value = setting.partition("=")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError):  # TOMLDecodeError is one
+        parsed = _plain_number(value)
+    names = key.strip().split(".")
+    if not equals or not all(names):
+        raise ConfigError(f"--set {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
+    place = raw
+    for name in names[:-1]:
+        inner = place.setdefault(name, {})
+        if not isinstance(inner, dict):
+            raise ConfigError(f"--set {setting}: {name} is not a table")
+        place = inner
+    place[names[-1]] = parsed
+
+
+def _plain_number(text: str) -> float | str:
+    """`.5` and `5.` are no TOML, but mean what they say."""
+    return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
+
+
+def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, Any]]:
+    own = raw.get(side, {})
+    if side in raw:
+        own = table(faults, side, own)
+        known_keys(faults, side, own, DRIVE_TABLES)
+    result = {}
+    for name, kind in DRIVE_TABLES.items():
+        shared = table(faults, name, raw.get(name, {})) if side == "left" else raw.get(name, {})
+        mine = table(faults, f"{side}.{name}", own.get(name, {}))
+        shared = shared if isinstance(shared, dict) else {}
+        # Faults of the shared table are told once, with the left drive.
+        silent = Faults(faults.source) if side == "right" and not mine else faults
+        result[name] = _fields(silent, name, {**shared, **mine}, kind, side, mine)
+    return result
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+def _fields(
+    faults: Faults, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
+) -> dict[str, Any]:
+    """The fields of one table, converted to SI and radians; keys in `own` were given for one side."""
+    hints = _hints(kind)
+    defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
+    keys = {}
+    for field, hint in hints.items():
+        quantity: Quantity = hint.__metadata__[0]
+        keys[field + quantity.suffix] = (field, quantity, hint.__origin__)
+    known_keys(faults, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
+    known_keys(faults, f"{side}.{prefix}", own or {}, keys)
+    result: dict[str, Any] = {}
+    for key, (field, quantity, origin) in keys.items():
+        dotted = f"{side}.{prefix}.{key}" if own and key in own else f"{prefix}.{key}"
+        if key not in given:
+            if field in defaults:
+                result[field] = defaults[field]
+            else:
+                faults.add(dotted, f"missing; {quantity.meaning}, {_allowed(quantity)}")
+            continue
+        result[field] = _value(faults, dotted, given[key], quantity, origin)
+    return result
+
+
+def _value(faults: Faults, key: str, value: object, quantity: Quantity, origin: type) -> Any:
+    if origin is float:
+        return quantity.scale * number(
+            faults, key, value, quantity.low, quantity.high, quantity.unit
+        )
+    if not isinstance(value, list) or len(value) != 2:
+        faults.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
+        return (0.0, 0.0)
+    return tuple(
+        number(faults, f"{key}[{i}]", each, quantity.low, quantity.high, quantity.unit)
+        for i, each in enumerate(value)
+    )
+
+
+def _allowed(quantity: Quantity) -> str:
+    return f"allowed: {quantity.low:g} to {quantity.high:g} {quantity.unit}"
+
+
+def _check_geometry(faults: Faults, gate: Gate) -> None:
+    """The actuator must get longer all the way from closed to open."""
+    link = gate_body.linkage(gate)
+    if min(link.body_radius, link.gate_radius) < 1e-6:
+        faults.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")
+        return
+    levers = [gate_body.lever(link, gate.open_angle * i / 100.0) for i in range(101)]
+    if min(levers) <= 1e-4:
+        faults.add(
+            "gate",
+            f"the actuator's lever arm falls to {min(levers):.4g} m between 0 and "
+            f"open_angle_deg; allowed: hinge, gate_point and body_point that keep it above 0.0001 m",
+        )

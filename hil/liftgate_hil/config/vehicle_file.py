@@ -1,0 +1,58 @@
+"""A vehicle file with other values: its comments and order stay."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.toml import read_toml
+from liftgate_hil.config.vehicle import SIDES, apply_setting
+
+_COORDINATE = re.compile(r"(.+)\[([01])\]")
+
+
+def vehicle_text(
+    source: Path, settings: Sequence[str], values: Mapping[str, float], origin: Mapping[str, Any]
+) -> str:
+    """The text of `source` with `settings` (as of `--set`) and `values` (by their dotted names) put into it, and a
+    table `[identification]` that says where they come from.
+    """
+    import tomlkit
+
+    read_toml(source)  # tells what is wrong with it
+    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for setting in settings:
+        apply_setting(document, setting)
+    for name, value in values.items():
+        _put(document, name, value)
+    document.pop("identification", None)
+    document["identification"] = dict(origin)
+    text: str = tomlkit.dumps(document)
+    return text
+
+
+def _put(document: Any, name: str, value: float) -> None:
+    """One value; where a drive has a table of its own with that key, there too."""
+    match = _COORDINATE.fullmatch(name)
+    names = (match[1] if match else name).split(".")
+    places = [names]
+    if names[0] not in SIDES:
+        places += [[side, *names] for side in SIDES if _has(document, [side, *names])]
+    for path in places:
+        table = document
+        for key in path[:-1]:
+            table = table.setdefault(key, {})
+        if match:
+            table[path[-1]][int(match[2])] = value
+        else:
+            table[path[-1]] = value
+
+
+def _has(document: Any, path: Sequence[str]) -> bool:
+    for key in path:
+        if not isinstance(document, Mapping) or key not in document:
+            return False
+        document = document[key]
+    return True

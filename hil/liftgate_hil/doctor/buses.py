@@ -1,0 +1,201 @@
+"""CAN interfaces, adapters that python-can finds, serial ports."""
+
+from __future__ import annotations
+
+import contextlib
+import grp
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.doctor.check import Check, number, read
+
+_CAN = "280"  # ARPHRD_CAN
+_UP = 0x1  # IFF_UP
+_FD_MTU = 72
+_QUEUE = 10  # frames; the gate sends up to six at once
+PATIENCE = 10.0  # s that drivers get to answer
+VCAN = "sudo modprobe vcan; sudo ip link add vcan0 type vcan; sudo ip link set vcan0 up"
+
+# Drivers log what they miss; only the answer counts. Its own process, since one may hang or crash.
+_ASK = """
+import json, logging, warnings
+logging.disable(logging.CRITICAL)
+warnings.simplefilter("ignore")
+from liftgate_hil.python_can import can
+found = can.detect_available_configs()
+print("\\n" + json.dumps([[str(each["interface"]), str(each["channel"])] for each in found]))
+"""
+
+
+def open_can() -> None:
+    """Try to make a CAN socket. Raises OSError."""
+    if not hasattr(socket, "AF_CAN"):
+        raise OSError("Python was built without it")
+    socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+
+
+def socketcan(attempt: Callable[[], None] = open_can) -> Check:
+    """Whether the kernel knows CAN."""
+    try:
+        attempt()
+    except OSError as error:
+        return Check(
+            "SocketCAN",
+            "warning",
+            f"not in this kernel ({error.strerror or error}): no socketcan: buses",
+            "sudo modprobe can_raw; where there is no such module, boot a kernel with CONFIG_CAN",
+        )
+    return Check("SocketCAN", "ok", "the kernel has it")
+
+
+def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
+    """A check for each CAN interface; `details` gives what `ip -details -json link show NAME` says."""
+    paths = sorted((root / "sys/class/net").glob("*/type"))
+    names = [path.parent.name for path in paths if read(path.parent, "type") == _CAN]
+    if not names:
+        return [
+            Check(
+                "CAN interfaces",
+                "warning",
+                "none",
+                f"plug an adapter in; without hardware: {VCAN}; or use --bus udp_multicast:239.74.163.2",
+            )
+        ]
+    return [_interface(root, name, link_of(details(name))) for name in names]
+
+
+def link_of(text: str) -> dict[str, Any]:
+    """`ip`'s answer for an interface: kind, bitrate [bit/s], state; empty where there is none."""
+    try:
+        link = json.loads(text)[0]["linkinfo"]
+        data = link.get("info_data", {})
+        bitrate = data.get("bittiming", {}).get("bitrate")
+        return {"kind": link["info_kind"], "bitrate": bitrate, "state": data.get("state")}
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return {}
+
+
+def _interface(root: Path, name: str, link: dict[str, Any]) -> Check:
+    folder = root / "sys/class/net" / name
+    is_real = link.get("kind", "vcan" if name.startswith("vcan") else "can") == "can"
+    is_up = bool(int(read(folder, "flags") or "0", 16) & _UP)
+    queue = number(read(folder, "tx_queue_len"), 0)
+    words = ["" if is_real else "virtual", "up" if is_up else "is down"]
+    if link.get("bitrate"):
+        words.append(f"{link['bitrate']} bit/s")
+    if link.get("state"):
+        words.append(str(link["state"]).lower())
+    can_fd = number(read(folder, "mtu"), 16) >= _FD_MTU
+    words += ["CAN FD" if can_fd else "classic CAN", f"queue of {queue} frames"]
+    mend = ""
+    if not is_up:
+        how = " type can bitrate 500000" if is_real else ""
+        mend = f"sudo ip link set {name} up{how}"
+    elif is_real and read(folder, "carrier") == "0":
+        words.append("not running (bus-off?)")
+        mend = (
+            f"check wiring, termination and bit rate, then sudo ip link set {name} down; "
+            f"sudo ip link set {name} up type can bitrate 500000 restart-ms 100"
+        )
+    elif is_real and queue < _QUEUE:
+        mend = f"sudo ip link set {name} txqueuelen 100"
+    return Check(name, "warning" if mend else "ok", ", ".join(filter(None, words)), mend)
+
+
+def ask_ip(name: str) -> str:
+    """What iproute2 says of an interface; "" where it is not installed."""
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(
+            ["ip", "-details", "-json", "link", "show", name],
+            capture_output=True, text=True, timeout=2.0, check=False,
+        ).stdout  # fmt: skip
+    return ""
+
+
+class Detection:
+    """python-can's own search, in a process of its own, begun at once; it takes seconds."""
+
+    def __init__(self, command: Sequence[str] = (sys.executable, "-c", _ASK)) -> None:
+        self._child: subprocess.Popen[str] | None = None
+        with contextlib.suppress(OSError):  # told by `wait`
+            self._child = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+            )  # fmt: skip
+
+    def wait(self, patience: float = PATIENCE) -> Check:
+        """What it found."""
+        if self._child is None:
+            return _undetected("python-can's search could not be started")
+        try:
+            out, _ = self._child.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            return _undetected(f"a driver did not answer within {patience:g} s")
+        try:
+            found = json.loads(out.splitlines()[-1])
+        except (ValueError, IndexError):
+            return _undetected(f"python-can's search failed (exit code {self._child.returncode})")
+        return adapters(found)
+
+    def close(self) -> None:
+        """End it, whether it is done or not."""
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+
+
+def _undetected(why: str) -> Check:
+    return Check(
+        "adapters",
+        "warning",
+        why,
+        "unplug adapters one by one, or name yours: liftgate-hil --bus INTERFACE:CHANNEL",
+    )
+
+
+def adapters(found: Sequence[Sequence[str]]) -> Check:
+    """What python-can found, as `--bus` takes it; serial ports and SocketCAN have checks of their own."""
+    with_hardware = [
+        f"{interface}:{channel}"
+        for interface, channel in found
+        if interface not in ("virtual", "udp_multicast", "serial", "socketcan")
+    ]
+    text = ", ".join(with_hardware) or "none"
+    return Check("adapters", "ok", f"found by python-can's drivers: {text}")
+
+
+def list_ports() -> list[Any]:
+    """Pyserial's search."""
+    from serial.tools.list_ports import comports
+
+    return list(comports())
+
+
+def serial_ports(ports: Sequence[Any], user: str) -> Check:
+    """Ports, and whether this user may open those that something is plugged into."""
+    if not ports:
+        return Check("serial ports", "ok", "none")
+    words, shut = [], []
+    for port in sorted(ports, key=lambda each: (each.vid is None, each.device)):
+        plugged = port.vid is not None
+        words.append(f"{port.device} ({port.description})" if plugged else port.device)
+        if not os.access(port.device, os.R_OK | os.W_OK):
+            words[-1] += " shut to this user"
+            if plugged:
+                shut.append(port.device)
+    group = _group_of(shut[0]) if shut else ""
+    mend = f"sudo usermod -aG {group} {user}, then log in again" if shut else ""
+    return Check("serial ports", "warning" if mend else "ok", ", ".join(words), mend)
+
+
+def _group_of(device: str) -> str:
+    """The group that may open a device."""
+    with contextlib.suppress(OSError, KeyError):
+        return grp.getgrgid(Path(device).stat().st_gid).gr_name
+    return "dialout"

@@ -1,0 +1,130 @@
+"""All checks of this machine, one after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pwd
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from liftgate_hil.doctor import buses, limits, machine, software, timing
+from liftgate_hil.doctor.check import ROOT, Check
+from liftgate_hil.loop.histogram import Distribution
+from liftgate_hil.loop.priority import Realtime
+from liftgate_plant import compiler
+
+
+@dataclass
+class Examination:
+    """What was asked, and what was found; `tell` gets each check as soon as it is done."""
+
+    rate: float  # Hz
+    duration: float  # s, of each measurement
+    realtime: bool
+    cpu: int | None
+    tell: Callable[[Check], None]
+    say: Callable[[str], None]  # what takes a while
+    checks: list[Check] = field(default_factory=list)
+    figures: dict[str, Any] = field(default_factory=dict)
+    _modes: dict[str, timing.Wakeups] = field(default_factory=dict)
+    _tick: Distribution | None = None
+
+    def run(self) -> None:
+        """Look at everything; what would disturb the measurements is over before they begin."""
+        self._add(machine.platform())
+        if not self.problems():
+            with contextlib.closing(buses.Detection()) as detection:
+                self._look_at_machine()
+                self._look_at_software()
+                self._look_at_buses(detection)
+            if all(check.check != "software" or check.level == "ok" for check in self.checks):
+                self._measure()
+        self._add(timing.verdict(self.rate, self._modes, self._tick, self.problems()))
+
+    def problems(self) -> int:
+        """How many so far."""
+        return sum(check.level == "problem" for check in self.checks)
+
+    def _add(self, *checks: Check) -> None:
+        for check in checks:
+            self.checks.append(check)
+            self.tell(check)
+
+    def _look_at_machine(self) -> None:
+        allowed = os.sched_getaffinity(0)
+        user = user_name()
+        self._add(
+            machine.kernel(ROOT),
+            machine.cpus(ROOT, allowed),
+            machine.isolated(ROOT, allowed, self.cpu),
+            machine.quota(ROOT),
+            machine.governor(ROOT),
+            machine.virtual(ROOT),
+            machine.clock(ROOT),
+            machine.throttling(ROOT),
+            limits.priority(ROOT, user),
+            limits.memory(ROOT, user),
+            limits.sleep_states(ROOT),
+            limits.swap(ROOT, self.realtime and limits.may_lock_memory(ROOT)),
+            limits.rivals(ROOT),
+            limits.receive_buffer(ROOT),
+        )
+
+    def _look_at_software(self) -> None:
+        self._add(
+            software.versions(),
+            software.model(compiler.enabled(), _is_compiled(), compiler.cache_folder()),
+        )
+
+    def _look_at_buses(self, detection: buses.Detection) -> None:
+        self._add(buses.socketcan(), *buses.interfaces(ROOT, buses.ask_ip))
+        self._add(buses.serial_ports(buses.list_ports(), user_name()))
+        self._add(detection.wait())
+
+    def _measure(self) -> None:
+        may = limits.may_have_fifo(ROOT)
+        times = "twice" if may or self.realtime else "once"
+        self.say(f"measuring how late timers are, {times} {self.duration:g} s …")
+        before = timing.steal(ROOT)
+        plain = timing.measure(self.rate, self.duration)
+        self._modes["without --realtime"] = plain
+        mend = (
+            "run with --realtime" if may else "get a FIFO priority as said above, then --realtime"
+        )
+        self._add(timing.lateness("lateness", plain, self.rate, mend))
+        fifo = self._measure_fifo() if may or self.realtime else None
+        shares = timing.stolen_percent(before, timing.steal(ROOT))
+        self._add(timing.stolen(shares))
+        if compiler.enabled() and _is_compiled():
+            self._tick = timing.measure_tick(self.rate, Realtime(self.cpu) if fifo else None)
+        self._add(timing.tick_cost(self._tick, self.rate))
+        self.figures = timing.figures(self.rate, self.duration, plain, fifo, self._tick, shares)
+
+    def _measure_fifo(self) -> timing.Wakeups | None:
+        """With --realtime; None where FIFO scheduling was refused."""
+        realtime = Realtime(self.cpu)
+        wakeups = timing.measure(self.rate, self.duration, realtime)
+        self._add(timing.given(realtime.refused, asked=self.realtime))
+        if any(text.startswith("FIFO") for text in realtime.refused):
+            return None
+        self._modes["with --realtime"] = wakeups
+        mend = "end other programs, isolate a CPU (isolcpus=), or boot a PREEMPT_RT kernel"
+        self._add(timing.lateness("with --realtime", wakeups, self.rate, mend))
+        return wakeups
+
+
+def _is_compiled() -> bool:
+    """Whether the loop's machine code is in the cache."""
+    from liftgate_hil.loop.realtime_loop import run_hard
+
+    return compiler.is_cached(run_hard)
+
+
+def user_name() -> str:
+    """Who runs this."""
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # a container's user without a name
+        return "*"

@@ -1,0 +1,150 @@
+"""What this user may have of the machine: priority, memory, sleep states, swap, receive buffers."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from liftgate_hil.doctor.check import Check, number, read
+from liftgate_hil.loop.priority import PRIORITY
+
+_CAP_NET_ADMIN, _CAP_IPC_LOCK, _CAP_SYS_NICE = 12, 14, 23  # linux/capability.h
+_KERNEL_THREAD = 0x00200000  # PF_KTHREAD
+_FIFO, _ROUND_ROBIN = 1, 2
+_UNLIMITED = 2**63
+RUN_MAPS = 4 << 30  # bytes; mlockall counts what is mapped, 2 to 3 GB in a run
+RECEIVE_BUFFER = 8 << 20  # bytes that the CAN socket asks for
+_FILE = "/etc/security/limits.d/90-liftgate.conf"
+
+
+def has_capability(root: Path, bit: int) -> bool:
+    """Whether this process has a capability."""
+    held = re.search(r"^CapEff:\s*([0-9a-f]+)$", read(root, "proc/self/status"), re.MULTILINE)
+    return held is not None and bool(int(held[1], 16) >> bit & 1)
+
+
+def _limit(root: Path, name: str) -> int:
+    """A soft limit of this process."""
+    line = re.search(rf"^{name}\s+(\S+)", read(root, "proc/self/limits"), re.MULTILINE)
+    if line is None:
+        return 0
+    return _UNLIMITED if line[1] == "unlimited" else number(line[1], 0)
+
+
+def _allow(user: str, name: str, value: str, unit: str) -> str:
+    return (
+        f"echo '{user} - {name} {value}' | sudo tee -a {_FILE}, then log in again "
+        f"(a systemd service: {unit}={value})"
+    )
+
+
+def may_have_fifo(root: Path) -> bool:
+    """Whether --realtime should get its priority."""
+    limit = _limit(root, "Max realtime priority")
+    return limit >= PRIORITY or has_capability(root, _CAP_SYS_NICE)
+
+
+def may_lock_memory(root: Path) -> bool:
+    """Whether --realtime should get its memory locked."""
+    return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, _CAP_IPC_LOCK)
+
+
+def priority(root: Path, user: str) -> Check:
+    """FIFO scheduling."""
+    if may_have_fifo(root):
+        return Check("FIFO priority", "ok", f"--realtime may have its {PRIORITY}")
+    limit = _limit(root, "Max realtime priority")
+    return Check(
+        "FIFO priority",
+        "warning",
+        f"this user may have at most {limit}, --realtime needs {PRIORITY}: other programs can hold up the loop",
+        _allow(user, "rtprio", str(PRIORITY), "LimitRTPRIO"),
+    )
+
+
+def memory(root: Path, user: str) -> Check:
+    """Locked memory."""
+    if may_lock_memory(root):
+        return Check("locked memory", "ok", "--realtime may lock what it needs")
+    limit = _limit(root, "Max locked memory") / 2**20
+    return Check(
+        "locked memory",
+        "warning",
+        f"this user may lock {limit:.0f} MiB, --realtime needs all: a page fault can hold up the loop",
+        _allow(user, "memlock", "unlimited", "LimitMEMLOCK").replace("=unlimited", "=infinity"),
+    )
+
+
+def sleep_states(root: Path) -> Check:
+    """Whether --realtime may keep CPUs out of sleep states that they wake from slowly."""
+    path = root / "dev/cpu_dma_latency"
+    if not path.exists():
+        return Check(
+            "CPU sleep states",
+            "warning",
+            "no /dev/cpu_dma_latency: --realtime cannot keep the CPUs from deep sleep",
+            "give the container the device (docker --device /dev/cpu_dma_latency), or boot with "
+            "processor.max_cstate=1 idle=poll",
+        )
+    if os.access(path, os.W_OK):
+        return Check("CPU sleep states", "ok", "--realtime may forbid deep ones")
+    return Check(
+        "CPU sleep states",
+        "warning",
+        "this user may not write /dev/cpu_dma_latency: waking from a deep one takes up to 200 µs",
+        'sudo chmod o+w /dev/cpu_dma_latency; for good: echo \'KERNEL=="cpu_dma_latency", '
+        'MODE="0666"\' | sudo tee /etc/udev/rules.d/90-liftgate.rules',
+    )
+
+
+def swap(root: Path, locked: bool) -> Check:
+    """Whether a page of ours may lie on a disk when a tick needs it."""
+    rows = [line.split() for line in read(root, "proc/swaps").splitlines()[1:]]
+    used = sum(number(row[3], 0) for row in rows if len(row) > 3) / 1024.0
+    if not rows:
+        return Check("swap", "ok", "none")
+    found = f"{used:.0f} MiB in use"
+    if used == 0.0 or locked:
+        return Check("swap", "ok", f"{found}{', but memory gets locked' if used else ''}")
+    return Check(
+        "swap", "warning", f"{found}, and memory is not locked", "--realtime, or sudo swapoff -a"
+    )
+
+
+def rivals(root: Path) -> Check:
+    """Other programs' threads that the loop could have to wait for."""
+    found = []
+    own = str(os.getpid())
+    for path in (root / "proc").glob("[0-9]*/stat"):
+        if path.parent.name == own:
+            continue
+        text = read(root, str(path.relative_to(root)))
+        name, _, rest = text.partition("(")[2].rpartition(")")
+        fields = rest.split()  # from field 3 of proc(5) on
+        if len(fields) < 39 or number(fields[6], 0) & _KERNEL_THREAD:
+            continue
+        if number(fields[38], 0) in (_FIFO, _ROUND_ROBIN) and number(fields[37], 0) >= PRIORITY:
+            found.append(f"{name} ({path.parent.name}) at {fields[37]}")
+    if not found:
+        return Check("other FIFO tasks", "ok", f"none at the loop's priority {PRIORITY} or above")
+    return Check(
+        "other FIFO tasks",
+        "warning",
+        f"{', '.join(found)}: can hold up the loop's {PRIORITY}",
+        f"give them less (sudo chrt -f -p {PRIORITY - 10} PID), or end them",
+    )
+
+
+def receive_buffer(root: Path) -> Check:
+    """Whether a CAN socket gets the buffer it asks for."""
+    allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
+    if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
+        return Check("receive buffer", "ok", f"CAN sockets get their {RECEIVE_BUFFER >> 20} MiB")
+    return Check(
+        "receive buffer",
+        "warning",
+        f"CAN sockets get {allowed >> 10} KiB, not {RECEIVE_BUFFER >> 20} MiB: frames are lost if the loop stalls",
+        f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER}; for good: a line "
+        f"net.core.rmem_max={RECEIVE_BUFFER} in /etc/sysctl.d/90-liftgate.conf",
+    )

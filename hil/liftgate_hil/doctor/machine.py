@@ -1,0 +1,210 @@
+"""The machine and its kernel: platform, preemption, CPUs, frequencies, virtualisation, clock."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+
+from liftgate_hil.doctor.check import Check, judged, number, ranges, read
+from liftgate_hil.loop.priority import cpus_of
+
+_CPU = "sys/devices/system/cpu"
+_CLOCK = "sys/devices/system/clocksource/clocksource0"
+_SLOW_CLOCKS = ("acpi_pm", "hpet", "jiffies", "pit", "refined-jiffies")
+
+
+def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byteorder) -> Check:
+    """Whether the hard loop can be at all."""
+    bits = bits or (64 if sys.maxsize > 2**32 else 32)
+    found = f"{name}, {bits} bit, {byte_order}-endian"
+    fit = name == "linux" and bits == 64 and byte_order == "little"
+    return judged(
+        "platform",
+        found
+        if fit
+        else f"{found}: only the portable loop runs here, which keeps no hard deadlines",
+        "" if fit else "use 64-bit little-endian Linux (x86-64 or arm64)",
+        "problem",
+    )
+
+
+def kernel(root: Path) -> Check:
+    """Version, and how willingly it lets itself be interrupted."""
+    version = read(root, "proc/sys/kernel/version")
+    flavour = match[0] if (match := re.search(r"PREEMPT\w*", version)) else "no PREEMPT"
+    if read(root, "sys/kernel/realtime") == "1":
+        flavour = "PREEMPT_RT"
+    found = f"Linux {read(root, 'proc/sys/kernel/osrelease') or 'of unknown version'}, {flavour}"
+    if flavour == "PREEMPT_DYNAMIC":
+        chosen = _chosen_preemption(root)
+        found += (
+            f", preempt={chosen}"
+            if chosen
+            else ", mode not told (sudo cat /sys/kernel/debug/sched/preempt tells)"
+        )
+        if chosen == "full":
+            return Check("kernel", "ok", found)
+        mend = "add preempt=full to the kernel's command line"
+    elif flavour in ("PREEMPT_RT", "PREEMPT"):
+        return Check("kernel", "ok", found)
+    else:
+        mend = "boot a kernel with preemption"
+    return Check(
+        "kernel",
+        "warning",
+        found,
+        f"{mend}; best is PREEMPT_RT: apt install linux-image-rt-amd64 (Debian), "
+        "pro enable realtime-kernel (Ubuntu)",
+    )
+
+
+def _chosen_preemption(root: Path) -> str:
+    """The mode in use of a kernel that can change it; "" where it is not told."""
+    chosen = re.search(r"\((\w+)\)", read(root, "sys/kernel/debug/sched/preempt"))
+    if chosen is None:
+        chosen = re.search(r"(?:^|\s)preempt=(\w+)", read(root, "proc/cmdline"))
+    return chosen[1] if chosen else ""
+
+
+def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
+    """Model and number."""
+    info = read(root, "proc/cpuinfo")
+    names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
+    online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
+    found = f"{names[1].strip() if names else 'model not told'}, {_counted(len(online))}"
+    if len(allowed) < len(online):
+        found += f", this process may use {ranges(list(allowed))}"
+    mend = ""
+    if len(allowed) < 2:
+        mend = "give this process two CPUs (taskset, docker --cpuset-cpus): one is the loop's alone"
+    return judged("CPUs", found, mend)
+
+
+def _counted(count: int) -> str:
+    return "1 CPU" if count == 1 else f"{count} CPUs"
+
+
+def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
+    """Which CPU --realtime would take, and whether it is the loop's alone."""
+    alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
+    if wanted is not None and wanted not in allowed:
+        return Check(
+            "loop's CPU",
+            "problem",
+            f"CPU {wanted} is not one that this process may use",
+            f"--cpu with one of {ranges(list(allowed))}",
+        )
+    cpu = wanted if wanted is not None else max(alone & allowed or allowed)
+    if cpu in alone:
+        return Check("loop's CPU", "ok", f"--realtime takes CPU {cpu}, which is isolated")
+    if alone:
+        return Check(
+            "loop's CPU",
+            "warning",
+            f"--realtime takes CPU {cpu}, but isolated are {ranges(list(alone))}",
+            f"--cpu {max(alone)}, and let this process use it (taskset, docker --cpuset-cpus)",
+        )
+    return Check(
+        "loop's CPU",
+        "ok",
+        f"--realtime takes CPU {cpu}; none is isolated (isolcpus={cpu} on the kernel's command line "
+        "would keep other tasks off it)",
+    )
+
+
+def quota(root: Path) -> Check:
+    """A container's share of CPU time: when it is used up, the loop stands still until the next period."""
+    limits = [*_quotas(root, r"^0::(.*)$", "sys/fs/cgroup")]
+    limits += _quotas(root, r"^\d+:(?:cpu|cpu,cpuacct):(.*)$", "sys/fs/cgroup/cpu")
+    if not limits:
+        return Check("CPU quota", "ok", "none")
+    return Check(
+        "CPU quota",
+        "warning",
+        f"this group of processes may use {min(limits):g} CPUs' time, then it is halted",
+        "start the container without --cpus, the service without CPUQuota=",
+    )
+
+
+def _quotas(root: Path, line: str, mount: str) -> list[float]:
+    """The CPUs' time that this process's group and those around it may use, where that is limited."""
+    group = re.search(line, read(root, "proc/self/cgroup"), re.MULTILINE)
+    folder = group[1].strip("/") if group else ""
+    limits = []
+    while True:
+        here = f"{mount}/{folder}" if folder else mount
+        limit = read(root, f"{here}/cpu.max").split()
+        if not limit:
+            limit = [read(root, f"{here}/cpu.cfs_{name}_us") for name in ("quota", "period")]
+        share = number(limit[0], -1) / max(number(limit[1], 1), 1)
+        if share > 0.0:
+            limits.append(share)
+        if not folder:
+            return limits
+        folder = folder.rpartition("/")[0]
+
+
+def governor(root: Path) -> Check:
+    """What sets each CPU's frequency."""
+    by_governor: dict[str, list[int]] = {}
+    for path in sorted((root / _CPU).glob("cpu[0-9]*/cpufreq/scaling_governor")):
+        cpu = number(path.parent.parent.name.removeprefix("cpu"), -1)
+        by_governor.setdefault(read(root, str(path.relative_to(root))), []).append(cpu)
+    if not by_governor:
+        return Check("CPU frequency", "ok", "not set by this kernel (usual in a virtual machine)")
+    found = ", ".join(f"{name or '?'} on CPU {ranges(each)}" for name, each in by_governor.items())
+    mend = "" if set(by_governor) == {"performance"} else "cpupower frequency-set -g performance"
+    return judged("CPU frequency", f"governor {found}", f"sudo {mend}" if mend else "")
+
+
+def virtual(root: Path) -> Check:
+    """Whether there is a hypervisor, which may take CPUs away unseen."""
+    flags = re.search(r"^(?:flags|Features)\s*:(.*)$", read(root, "proc/cpuinfo"), re.MULTILINE)
+    kind = read(root, "sys/hypervisor/type") or read(
+        root, "sys/firmware/devicetree/base/hypervisor/compatible"
+    )
+    if not kind and (flags is None or "hypervisor" not in flags[1].split()):
+        return Check("virtual machine", "ok", "no")
+    name = kind.strip("\0") or read(root, "sys/class/dmi/id/sys_vendor")
+    return Check(
+        "virtual machine",
+        "warning",
+        f"yes{f' ({name})' if name else ''}: its host can halt it at any time",
+        "use a real machine for results that count, or pin its virtual CPUs to CPUs of the host",
+    )
+
+
+def throttling(root: Path) -> Check:
+    """The share of CPU time that the kernel leaves FIFO tasks."""
+    runtime = number(read(root, "proc/sys/kernel/sched_rt_runtime_us"), -2)
+    period = max(number(read(root, "proc/sys/kernel/sched_rt_period_us"), 1_000_000), 1)
+    if runtime == -2:
+        return Check("FIFO share", "ok", "not told by this kernel")
+    if runtime == -1:
+        return Check("FIFO share", "ok", "unlimited")
+    share = runtime / period
+    return judged(
+        "FIFO share",
+        f"FIFO tasks may use {100.0 * share:g} % of a CPU",
+        "" if share >= 0.9 else "sudo sysctl -w kernel.sched_rt_runtime_us=950000",
+    )
+
+
+def clock(root: Path) -> Check:
+    """What the kernel reads the time from."""
+    current = read(root, f"{_CLOCK}/current_clocksource")
+    if not current:
+        return Check("clock source", "ok", "not told by this kernel")
+    others = [
+        name
+        for name in read(root, f"{_CLOCK}/available_clocksource").split()
+        if name not in _SLOW_CLOCKS
+    ]
+    if current not in _SLOW_CLOCKS:
+        return Check("clock source", "ok", current)
+    mend = "boot with tsc=reliable, if the processor's counter is (dmesg | grep -i tsc tells)"
+    if others:
+        mend = f"echo {others[0]} | sudo tee /{_CLOCK}/current_clocksource"
+    return Check("clock source", "warning", f"{current}, slow or coarse to read", mend)

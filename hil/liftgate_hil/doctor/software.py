@@ -1,0 +1,69 @@
+"""Python, the packages that a run rests on, and the compiled model."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+from liftgate_hil.doctor.check import Check
+
+_PACKAGES = ("numba", "numpy", "python-can", "cantools", "pyserial")
+WARM = "liftgate-hil --bus virtual:warm --duration 0.01 --quiet"
+
+
+def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
+    """Which software this is."""
+    found, missing = [f"Python {platform.python_version()}"], []
+    for name in ("liftgate-hil", *_PACKAGES):
+        try:
+            found.append(f"{name} {version_of(name)}")
+        except metadata.PackageNotFoundError:
+            missing.append(name)
+    text = ", ".join(found)
+    needed = [name for name in missing if name in _PACKAGES]
+    if needed:
+        return Check(
+            "software",
+            "problem",
+            f"{text}; missing: {', '.join(needed)}",
+            f"python -m pip install {' '.join(needed)}",
+        )
+    return Check("software", "ok", text)
+
+
+def model(enabled: bool, cached: bool, folder: Path) -> Check:
+    """Whether the model's machine code is ready."""
+    if not enabled:
+        return Check(
+            "compiled model",
+            "warning",
+            "the compiler is switched off (LIFTGATE_COMPILE=0): ticks take 20 to 50 times as long",
+            "unset LIFTGATE_COMPILE",
+        )
+    if cached:
+        return Check("compiled model", "ok", f"ready, in {folder}")
+    if not _can_be_made(folder):
+        return Check(
+            "compiled model",
+            "warning",
+            f"cannot be kept, {folder} cannot be written: every start compiles it, 10 to 60 s",
+            "set XDG_CACHE_HOME to a folder that this user may write",
+        )
+    return Check(
+        "compiled model",
+        "warning",
+        "not there yet: the first start compiles it, 10 to 60 s",
+        f"{WARM} (once for this version, machine and user)",
+    )
+
+
+def _can_be_made(folder: Path) -> bool:
+    """Whether this user can write there, or make it."""
+    try:
+        existing = next(each for each in (folder, *folder.parents) if each.exists())
+    except (OSError, StopIteration):
+        return False
+    return os.access(existing, os.W_OK | os.X_OK)

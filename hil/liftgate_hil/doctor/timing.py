@@ -1,0 +1,261 @@
+"""How well this machine keeps time, measured with the hard loop's own code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from liftgate_hil.doctor.check import Check, number, read
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.histogram import Distribution
+    from liftgate_hil.loop.priority import Realtime
+
+RATES = (10_000, 5_000, 4_000, 2_000, 1_000, 500, 400, 200)  # Hz that it recommends
+BUS_COST = 20.0  # µs a tick that a bus's system calls take
+TICK_COST = 25.0  # µs of a tick that was not measured, caches cold
+FEW = 0.001  # share of periods that may be missed
+MANY = 0.01  # share at which nothing can be tested
+_TICK_TIME = 0.5  # s of ticks that are timed
+
+
+class Wakeups(NamedTuple):
+    """A measurement of timer lateness."""
+
+    lateness: Distribution
+    missed: int  # periods
+    periods: int
+
+    @property
+    def missed_share(self) -> float:
+        """Of all periods, 0 to 1."""
+        return self.missed / self.periods
+
+
+def measure(rate: float, duration: float, realtime: Realtime | None = None) -> Wakeups:
+    """Timer lateness at a rate [Hz] over a duration [s]."""
+    from liftgate_hil.loop.wakeups import measure_wakeups
+
+    periods = max(1, round(rate * duration))
+    lateness, missed = measure_wakeups(round(1e9 / rate), periods, realtime)
+    return Wakeups(lateness, missed, periods)
+
+
+def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
+    """What a tick takes within a real run of the shipped vehicle without a bus: paced, its caches cold."""
+    import numpy as np
+
+    from liftgate_hil import session
+    from liftgate_hil.loop import realtime_loop
+    from liftgate_hil.loop.histogram import distribution
+    from liftgate_hil.loop.realtime_run import memory_for
+    from liftgate_hil.loop.rings import EXECUTION
+    from liftgate_hil.loop.tick import initial_loop
+    from liftgate_hil.loop.wakeups import in_own_thread
+    from liftgate_plant.compiler import compiled
+    from liftgate_plant.dynamics import initial_state
+
+    scenario = session.scenario_from(None)
+    bench = session.bench_of(
+        session.vehicle_from("suv"), session.rig_from("liftgate"), scenario.program, rate, 0
+    )
+    memory = memory_for(rate)
+    shared, room = memory.shared, realtime_loop.make_room()
+    state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
+    state = state._replace(timing=shared.timing)
+    code = compiled(realtime_loop.run_hard)
+    # No descriptor: what is read and sent fails at once.
+    nothing = realtime_loop.Course(-1, 0, 2**62, 0, np.zeros(0, dtype=np.int64))
+    code(bench, state, nothing, shared, room)  # reads the cache before time counts
+    shared.control[:] = np.zeros(1, shared.control.dtype)
+    ticks = max(1, round(rate * _TICK_TIME))
+
+    def run() -> None:
+        code(bench, state, nothing._replace(ticks=ticks), shared, room)
+
+    def end() -> None:
+        shared.control[0].stop = 1
+
+    try:
+        in_own_thread(run, end, realtime)
+        return distribution(shared.histograms[EXECUTION])
+    finally:
+        memory.close()
+
+
+def steal(root: Path) -> dict[str, tuple[int, int]]:
+    """(stolen, all) time of each CPU since the machine began, in its own ticks."""
+    found = {}
+    for line in read(root, "proc/stat").splitlines():
+        name, *fields = line.split()
+        if name.startswith("cpu") and name != "cpu" and len(fields) >= 8:
+            times = [number(field, 0) for field in fields[:8]]
+            found[name] = (times[7], sum(times))
+    return found
+
+
+def stolen_percent(
+    before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]
+) -> dict[str, float]:
+    """What the host took from each CPU between two looks, in % of the time."""
+    return {
+        name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
+        for name, (taken, total) in before.items()
+        if name in after
+    }
+
+
+def stolen(shares: dict[str, float]) -> Check:
+    """Whether the host took CPU time away."""
+    worst = max(shares, key=lambda name: shares[name], default="")
+    if not worst or shares[worst] <= 0.0:
+        return Check("stolen time", "ok", "none while it was measured")
+    return Check(
+        "stolen time",
+        "warning",
+        f"the host took {shares[worst]:.1f} % of {worst.upper()}'s time while it was measured",
+        "give this virtual machine CPUs of its own, or use a real machine",
+    )
+
+
+def recommended(lateness: Distribution, tick: Distribution | None) -> int:
+    """The highest rate [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
+
+    A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that
+    a tick takes have to fit into a period.
+    """
+    if not lateness.count:
+        return 0
+    cost = tick.p99_us + BUS_COST if tick is not None and tick.count else TICK_COST
+    needed = lateness.p999_us + cost
+    return next((rate for rate in RATES if needed <= 1e6 / rate), 0)
+
+
+def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
+    """The figures of a measurement."""
+    from liftgate_hil.loop.statistics import told
+
+    few = wakeups.missed_share <= FEW
+    return Check(
+        name,
+        "ok" if few else "warning",
+        f"{told(wakeups.lateness)} at {rate:g} Hz; {wakeups.missed} of {wakeups.periods} periods missed",
+        "" if few else mend,
+    )
+
+
+def given(refused: Sequence[str], asked: bool) -> Check:
+    """What --realtime was refused, which is told in full only where it was asked for."""
+    if not refused:
+        return Check("--realtime", "ok", "is given all that it asks for")
+    parts = [text.partition("; ") for text in refused]
+    return Check(
+        "--realtime",
+        "warning" if asked else "ok",
+        f"not given: {', '.join(what for what, _, _ in parts)}",
+        "; ".join(how.removeprefix("to get it: ") for _, _, how in parts) if asked else "",
+    )
+
+
+def tick_cost(tick: Distribution | None, rate: float) -> Check:
+    """What is left of a period."""
+    if tick is None:
+        return Check("tick", "ok", "not measured: the model is not compiled yet")
+    share = 100.0 * tick.p50_us * 1e-6 * rate
+    fits = tick.p99_us + BUS_COST <= 1e6 / rate
+    return Check(
+        "tick",
+        "ok" if fits else "warning",
+        f"takes p50 {tick.p50_us:.1f} µs, p99 {tick.p99_us:.1f} µs without a bus: {share:.1f} % of a "
+        f"period at {rate:g} Hz",
+        "" if fits else "a lower --rate, or a faster machine",
+    )
+
+
+def verdict(
+    rate: float,
+    modes: dict[str, Wakeups],
+    tick: Distribution | None,
+    problems: int,
+) -> Check:
+    """Whether to trust this machine at a rate [Hz]; `modes` are "with --realtime" and "without --realtime"."""
+    from liftgate_hil.loop.statistics import force_of
+
+    if not modes:
+        return Check("verdict", "problem", "not fit for real time", "mend the problems above")
+    rates = {mode: recommended(each.lateness, tick) for mode, each in modes.items()}
+    # Ties go to the mode that misses less.
+    best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
+    late = modes[best].lateness.p99_us
+    others = [
+        f"{f'{rates[mode]} Hz' if rates[mode] else 'no rate'} {mode}"
+        for mode in modes
+        if mode != best
+    ]
+    found = f"for up to {rates[best]} Hz {best}{f' ({others[0]})' if others else ''}"
+    force = (
+        f"p99 lateness {late:.0f} µs is {force_of(late):.2f} N of pinch force on the 10 N/mm rod"
+    )
+    quieter = "end other programs, isolate a CPU, take the advice above"
+    if not rates[best]:
+        return Check(
+            "verdict", "problem", f"not fit, even 200 Hz would skip ticks; {force}", quieter
+        )
+    if modes[best].missed_share > MANY:
+        percent = 100.0 * modes[best].missed_share
+        return Check(
+            "verdict",
+            "problem",
+            f"not fit: {percent:.1f} % of the periods at {rate:g} Hz missed {best}; {force}",
+            quieter,
+        )
+    if problems:
+        return Check("verdict", "problem", f"fit {found}, but for the above; {force}", "mend that")
+    if rates[best] < rate:
+        return Check(
+            "verdict",
+            "warning",
+            f"fit {found}, not {rate:g} Hz; {force}",
+            f"--rate {rates[best]}, or {quieter}",
+        )
+    if modes[best].missed_share > FEW:
+        percent = 100.0 * modes[best].missed_share
+        return Check(
+            "verdict",
+            "warning",
+            f"fit {found}, but {percent:.2f} % of periods missed at {rate:g} Hz; {force}",
+            quieter,
+        )
+    return Check("verdict", "ok", f"fit {found}; {force}")
+
+
+def figures(
+    rate: float,
+    duration: float,
+    plain: Wakeups,
+    fifo: Wakeups | None,
+    tick: Distribution | None,
+    stolen_shares: dict[str, float],
+) -> dict[str, Any]:
+    """All of it for JSON."""
+    from liftgate_hil.loop.statistics import force_of
+
+    def of(wakeups: Wakeups) -> dict[str, Any]:
+        return {
+            **wakeups.lateness.as_dict(),
+            "missed": wakeups.missed,
+            "periods": wakeups.periods,
+            "recommended_rate_hz": recommended(wakeups.lateness, tick),
+            "pinch_force_error_n": force_of(wakeups.lateness.p99_us),
+        }
+
+    return {
+        "rate_hz": rate,
+        "duration_s": duration,
+        "lateness": of(plain),
+        "lateness_realtime": of(fifo) if fifo is not None else None,
+        "tick": tick.as_dict() if tick is not None else None,
+        "tick_share_percent": 100.0 * tick.p50_us * 1e-6 * rate if tick is not None else None,
+        "stolen_percent": stolen_shares,
+    }

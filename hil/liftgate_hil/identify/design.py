@@ -1,0 +1,185 @@
+"""Which experiment tells most: D-optimality of candidate inputs, from the model's sensitivities.
+
+The information of an experiment is M = Σ ψᵀ Λ⁻¹ ψ with ψ relative to each parameter's value, so ½ log₁₀ det M⁻¹ is
+the log of the volume of relative uncertainty (Ljung, System Identification, 2nd ed., 13.3; Atkinson and Donev,
+Optimum Experimental Designs). Informations of independent experiments add up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify import statistics
+from liftgate_hil.identify.data import Data, rows_of
+from liftgate_hil.identify.problem import Problem, Sought
+from liftgate_plant.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+_BIT = 0.05  # s of one bit of the PRBS
+_CHIRP = (0.2, 20.0)  # Hz, from and to
+_SLOPE_DEG = 8.0
+# Noise of sensors that the vehicle says nothing of: a shunt's amplifier, a Hall speed's rounding, a potentiometer.
+_NOISE = {"current_a": 0.05, "speed_rps": 0.5, "angle_deg": 0.1}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An experiment that could be made: motor voltage (n,) [V] on all drives over `times` (n,)."""
+
+    name: str
+    times: Floats
+    voltage: Floats
+    angle_deg: float  # at which it begins, at rest
+    road_slope_deg: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """What a candidate would tell."""
+
+    candidate: Candidate
+    log_det: (
+        float  # log10 det of the relative information; −inf: some parameters cannot be told at all
+    )
+    relative_std: Floats  # (p,) expected standard deviations by their values; inf: cannot be told
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Candidates, the best first, and the best order to add them up."""
+
+    names: tuple[str, ...]  # of the parameters
+    ranked: tuple[Ranked, ...]
+    order: tuple[Ranked, ...]  # with the information of all before it included
+
+
+def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate]:
+    """Steps, a chirp, a PRBS, open and close, on level ground and on slopes; within the supply's voltage."""
+    times = np.arange(round(duration * rate) + 1) / rate
+    full = vehicle.supply.voltage
+    top = math.degrees(vehicle.gate.open_angle)
+    share = times / max(duration, 1e-9)
+    phase = _CHIRP[0] * times + 0.5 * (_CHIRP[1] - _CHIRP[0]) * share * times
+    chirp = full * (0.6 + 0.35 * np.sin(2.0 * math.pi * phase))
+    bits = prbs(math.ceil(duration / _BIT) + 1)[(times / _BIT).astype(int)]
+    random = full * np.where(bits, 0.9, 0.35)
+    turns = full * np.select([share < 0.4, share < 0.5, share < 0.9], [1.0, 0.0, -1.0], 0.0)
+    level = [
+        ("step to full voltage, opening", np.full(len(times), full), 0.0),
+        ("step to half voltage, opening", np.full(len(times), 0.5 * full), 0.0),
+        ("step to full voltage, closing", np.full(len(times), -full), top),
+        ("open, stop, close", turns, 0.0),
+        ("chirp 0.2 to 20 Hz, opening", chirp, 0.0),
+        ("PRBS of 50 ms, opening", random, 0.0),
+        ("PRBS of 50 ms, closing", -random, top),
+    ]
+    found = [Candidate(name, times, volts, angle, 0.0) for name, volts, angle in level]
+    for slope in (_SLOPE_DEG, -_SLOPE_DEG):
+        found += [
+            Candidate(f"{name}, slope {slope:+g} deg", times, volts, angle, slope)
+            for name, volts, angle in (level[0], level[5])
+        ]
+    return found
+
+
+def prbs(bits: int) -> NDArray[np.bool_]:
+    """A pseudo-random binary sequence of period 1023: the shift register x¹⁰ + x⁷ + 1."""
+    register = [True] * 10
+    result = np.empty(bits, dtype=np.bool_)
+    for k in range(bits):
+        result[k] = register[-1]
+        register = [register[9] != register[6], *register[:-1]]
+    return result
+
+
+def noise_of(vehicle: Vehicle, output: str) -> float:
+    """Standard deviation that a measured output is expected to have, in its unit."""
+    sensors = vehicle.sensors
+    if output.endswith("current_a"):
+        return (
+            math.hypot(sensors.current_noise, sensors.current_resolution / math.sqrt(12.0))
+            or (_NOISE["current_a"])
+        )
+    if output.endswith("position_rev"):
+        return 1.0 / (sensors.hall_counts * math.sqrt(12.0))
+    if output.endswith("angle_deg"):
+        noise = math.hypot(sensors.angle_noise, sensors.angle_resolution / math.sqrt(12.0))
+        return math.degrees(noise) or _NOISE["angle_deg"]
+    return _NOISE["speed_rps"]
+
+
+def plan(
+    vehicle: Vehicle,
+    model: str,
+    sought: Sequence[Sought],
+    outputs: Sequence[str],
+    offered: Sequence[Candidate],
+    count: int = 3,
+) -> Plan:
+    """Rank the candidates for what is sought, and say which `count` of them tell most together, in which order."""
+    root = np.diag([1.0 / noise_of(vehicle, name) for name in outputs])
+    matrices = [_information(vehicle, model, sought, outputs, each, root) for each in offered]
+    ranked = [_ranked(each, matrix) for each, matrix in zip(offered, matrices, strict=True)]
+    total = np.zeros_like(matrices[0])
+    order: list[Ranked] = []
+    for _ in range(min(count, len(offered))):
+        sums = [
+            _ranked(each, total + matrix) for each, matrix in zip(offered, matrices, strict=True)
+        ]
+        best = max(range(len(sums)), key=lambda k: _order(sums[k]))
+        total = total + matrices[best]
+        order.append(sums[best])
+    ranked.sort(key=_order, reverse=True)
+    return Plan(tuple(each.parameter.name for each in sought), tuple(ranked), tuple(order))
+
+
+def _order(each: Ranked) -> tuple[int, float, float]:
+    """More parameters told, then more information."""
+    told = np.isfinite(each.relative_std)
+    spread = -float(np.sum(np.log(each.relative_std[told]))) if np.any(told) else -math.inf
+    return int(np.sum(told)), each.log_det, spread
+
+
+def _information(
+    vehicle: Vehicle,
+    model: str,
+    sought: Sequence[Sought],
+    outputs: Sequence[str],
+    candidate: Candidate,
+    root: Floats,
+) -> Floats:
+    slope = np.full(len(candidate.times), candidate.road_slope_deg)
+    columns = {"left_voltage_v": candidate.voltage, "road_slope_deg": slope}
+    nothing = np.zeros(len(candidate.times))
+    data = Data(
+        candidate.name,
+        candidate.times,
+        rows_of(columns, len(candidate.times)),
+        dict.fromkeys(outputs, nothing),
+    )
+    problem = Problem(vehicle, model, sought, [data], outputs, angle_deg=candidate.angle_deg)
+    known = problem.priors()[1]
+    known[: len(sought)] = 0.0
+    sizes, slopes = problem.sizes, problem.derivative(problem.initial)
+    whole = statistics.information(slopes * sizes, root, known * sizes)
+    # What is left for what is sought where a counter's zero is estimated along.
+    own, rest = slice(len(sought)), slice(len(sought), None)
+    across = whole[own, rest]
+    left: Floats = whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T
+    return left
+
+
+def _ranked(candidate: Candidate, matrix: Floats) -> Ranked:
+    known = statistics.uncertainty(matrix)
+    std = np.sqrt(np.maximum(np.diag(known.covariance), 0.0))
+    lost = [*known.silent, *(k for group in known.apart for k in group)]
+    std[lost] = np.inf
+    sign, logarithm = np.linalg.slogdet(matrix)
+    log_det = float(logarithm) / math.log(10.0) if sign > 0 and not lost else -math.inf
+    return Ranked(candidate, log_det, std)

@@ -1,0 +1,373 @@
+"""From a problem to a result: search, say how sure it is, say what cannot be told."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify import statistics
+from liftgate_hil.identify.data import applied_voltage
+from liftgate_hil.identify.jitter import jitter_of
+from liftgate_hil.identify.pieces import in_pieces, is_far_off
+from liftgate_hil.identify.problem import ALL, Problem
+from liftgate_hil.identify.profile import profile
+from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
+from liftgate_hil.identify.result import Estimate, Experiment, Identification, Validation
+from liftgate_hil.identify.search import (
+    Found,
+    Report,
+    better,
+    errors_of,
+    log_likelihood_deviance,
+    loss_of,
+    past_kinks,
+    sampled_rows,
+    search,
+)
+from liftgate_hil.identify.statistics import Uncertainty
+from liftgate_hil.identify.trajectory import OUTPUTS
+from liftgate_plant.quantity import Quantity
+from liftgate_plant.vehicle import plant_of
+
+Floats = NDArray[np.float64]
+
+_SHARE = 0.5  # of its value: the largest standard deviation of an estimate that says something
+_SIGNED_SHARE = (
+    1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
+)
+_AT_BOUND = 1e-6  # of its size
+_FAR_PERCENT = 0.0  # fit of the initial vehicle below which short pieces come first
+_NEAR_PERCENT = 80.0  # fit that a good search reaches
+_NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
+_HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
+_NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
+_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
+_ROUGH_ROUNDS = 6
+_TRIES = 3  # of other delays
+_KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
+
+
+class NothingToTellError(ValueError):
+    """The data say nothing about anything that is sought."""
+
+
+def identify(
+    problem: Problem,
+    report: Report | None = None,
+    given_std: Floats | None = None,
+    profiles: Sequence[str] = (),
+) -> Identification:
+    """Estimate what is sought. `given_std`: of the outputs' noise, where it is not to be estimated.
+
+    Raises NothingToTellError.
+    """
+    began = time.perf_counter()
+    kept = _comparable(problem)
+    given_std = None if given_std is None else given_std[kept]
+    _check_excited(problem)
+    found = past_kinks(problem, _search(problem, report, given_std), report, given_std)
+    if problem.is_delay_sought:
+        found = _at_best_delay(problem, found, report, given_std)
+    _check_followed(problem, found.errors)
+    known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
+    estimates = _estimates(problem, found.point, covariance, known)
+    count = len(problem.sought)
+    parameters, states = estimates[:count], estimates[count:]
+    if not any(each.identifiable for each in parameters):
+        raise NothingToTellError("; ".join(f"{each.name}: {each.remark}" for each in parameters))
+    measured = problem.measured
+    samples = int(np.sum(np.isfinite(measured)))
+    figures = statistics.criteria(
+        found.history[-1],
+        log_likelihood_deviance(measured, found.errors, found.weighting),
+        samples,
+        sampled_rows(measured),
+        len(found.point),
+    )
+    names = [each.name for each in parameters]
+    groups = [[k for k in group if k < count] for group in known.apart]
+    return Identification(
+        model=problem.model,
+        vehicle="",
+        outputs=tuple(problem.outputs),
+        parameters=tuple(parameters),
+        initial_states=tuple(states),
+        covariance=covariance[:count, :count],
+        correlation=statistics.correlation_of(covariance[:count, :count]),
+        noise_variance=found.weighting.covariance,
+        loss=found.history[-1],
+        loss_initial=found.history[0],
+        fpe=figures.fpe,
+        aic=figures.aic,
+        aicc=figures.aicc,
+        bic=figures.bic,
+        condition_number=known.condition,
+        inseparable=tuple(statistics.named(groups, names)),
+        stop_reason=found.stop_reason,
+        iterations=len(found.history) - 1,
+        evaluations=problem.evaluations,
+        seconds=time.perf_counter() - began,
+        covariance_kind=_KINDS[is_robust] + _scatter(jitter),
+        input_jitter=jitter,
+        history=np.array(found.history),
+        experiments=tuple(experiments_of(problem, found.point, problem.initial)),
+        profiles=tuple(
+            profile(problem, found, names.index(name), estimates[names.index(name)], given_std)
+            for name in profiles
+        ),
+    )
+
+
+def _uncertainty(
+    problem: Problem, found: Found, given_std: Floats | None
+) -> tuple[Uncertainty, Floats, bool, float]:
+    """(what the information says, covariance of all unknowns, whether the robust one, scatter of the inputs'
+    stamps [s]).
+    """
+    _, inverse_std = problem.priors()
+    root = found.weighting.root
+    known = statistics.uncertainty(statistics.information(found.slopes, root, inverse_std))
+    covariance = known.covariance.copy()
+    there = np.isfinite(problem.measured)
+    white = all(
+        statistics.is_white(errors[own])
+        for errors, own in zip(found.errors.T, there.T, strict=True)
+    )
+    told = np.isfinite(np.diag(covariance))
+    own, slopes = np.ix_(told, told), found.slopes[:, :, told]
+    inverse = covariance[own]
+    if not white and np.any(told):
+        series = _score_series(problem, slopes, found.errors, root)
+        robust = statistics.robust_covariance(series, inverse, inverse_std[told])
+        covariance[own] = widened(inverse, robust)
+    rounding = statistics.rounding_information(problem.measured, slopes, root)
+    covariance[own] += inverse @ rounding @ inverse
+    jitter = 0.0
+    if np.any(told):
+        jitter, scores = jitter_of(problem, found, slopes, inverse_std[told], given_std)
+        covariance[own] += inverse @ scores @ inverse
+    return known, covariance, not white, jitter
+
+
+def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats) -> list[Floats]:
+    """The scores ψᵀ Λ⁻¹ ε over time (m, p), of each experiment."""
+    scores = np.einsum("noj,no->nj", slopes, errors @ root @ root.T)
+    edges = np.cumsum([len(data.times) for data in problem.data])[:-1]
+    parts = (np.split(each, edges) for each in (problem.measured, scores))
+    return [
+        statistics.score_series(data.times, measured, own)
+        for data, measured, own in zip(problem.data, *parts, strict=True)
+    ]
+
+
+def _scatter(jitter: float) -> str:
+    return f"; the inputs' stamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
+
+
+def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
+    """From the initial values; where these are far off or lead nowhere, from what short pieces of the data say."""
+    begin = problem.initial
+    errors = errors_of(problem.measured, problem.predicted(begin))
+    first: Found | None = None
+    if not is_far_off(problem, errors, _FAR_PERCENT):
+        first = search(problem, report, given_std)
+        if not is_far_off(problem, first.errors, _NEAR_PERCENT):
+            return first
+    pieces = in_pieces(problem)
+    if pieces is None:
+        return first or search(problem, report, given_std)
+    rough = search(pieces, report, given_std, rounds=_ROUGH_ROUNDS)
+    problem.evaluations += pieces.evaluations
+    count = len(problem.sought)
+    begin[:count] = rough.point[:count]
+    if problem.is_delay_sought:
+        begin[-1] = rough.point[-1]
+    second = search(problem, report, given_std, begin)
+    return second if first is None else better(problem, first, second)
+
+
+def _at_best_delay(
+    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
+) -> Found:
+    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
+    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
+    """
+    low, high = problem.bounds
+    for _ in range(_TRIES):
+        root, slopes = found.weighting.root, found.slopes[:, :, :-1]
+        _, inverse_std = problem.priors()
+        inverse = statistics.pseudo_inverse(statistics.information(slopes, root, inverse_std[:-1]))
+        best, begin = found.history[-1] * (1.0 - 1e-6), found.point
+        for delay in found.point[-1] + _DELAYS:
+            at = np.clip(np.append(found.point[:-1], delay), low, high)
+            errors = errors_of(problem.measured, problem.predicted(at))
+            score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
+            step = inverse @ score
+            loss = loss_of(problem.measured, errors - slopes @ step, given_std)
+            if loss < best:
+                best = loss
+                begin = np.clip(at + np.append(step, 0.0), low, high)
+        if begin is found.point:
+            break
+        other = better(problem, found, search(problem, report, given_std, begin))
+        if other is found:
+            break
+        found = other
+    return found
+
+
+def validate(problem: Problem) -> Validation:
+    """A model against measurements; estimated are only the input delay and what is not known of the beginnings."""
+    point, outputs = problem.initial, problem.outputs
+    if len(point) and problem.leave_out_few():
+        point = past_kinks(problem, search(problem)).point
+    problem.outputs = outputs
+    return Validation(problem.model, "", tuple(experiments_of(problem, point, None)))
+
+
+def widened(classic: Floats, robust: Floats) -> Floats:
+    """The robust covariance, with no standard deviation less than the classic one's."""
+    scale = np.sqrt(np.maximum(np.diag(classic) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    result: Floats = robust * np.outer(scale, scale)
+    return result
+
+
+def _comparable(problem: Problem) -> list[int]:
+    """The numbers of the outputs that have samples to compare; the others are left out."""
+    still = [
+        name
+        for name, column in zip(problem.outputs, problem.measured.T, strict=True)
+        if len(np.unique(column[np.isfinite(column)])) <= 1
+    ]
+    if len(still) == len(problem.outputs):
+        raise NothingToTellError(f"{', '.join(still)}: constant from beginning to end")
+    return problem.leave_out_few()
+
+
+def _check_followed(problem: Problem, errors: Floats) -> None:
+    """Raises NothingToTellError where the best simulation does not follow what was measured."""
+    fits = {}
+    for name, measured, own in zip(problem.outputs, problem.measured.T, errors.T, strict=True):
+        there = np.isfinite(measured)
+        fit = statistics.fit_percent(measured[there], (measured - own)[there])
+        if not math.isnan(fit):
+            fits[name] = (fit, statistics.is_white(own[there]))
+    off = [
+        f"{name} (fit {fit:.1f} %)"
+        for name, (fit, is_noise) in fits.items()
+        if fit < _NOWHERE_PERCENT
+        or (fit < _HARDLY_PERCENT and not is_noise)
+        or all(each < _NOTHING_PERCENT for each, _ in fits.values())
+    ]
+    if off:
+        raise NothingToTellError(
+            f"the simulation does not follow {', '.join(off)}; allowed: a vehicle, inputs and a beginning that "
+            "are those of the measurement, units that are those of the columns, and currents of the right sign"
+        )
+
+
+def _check_excited(problem: Problem) -> None:
+    measured = problem.measured
+    slopes = problem.derivative(problem.initial)[:, :, : len(problem.sought)]
+    slopes = np.where(np.isfinite(measured)[:, :, None], slopes, 0.0)
+    if not np.any(np.isfinite(slopes) & (slopes != 0.0)):
+        raise NothingToTellError(
+            "nothing that was measured depends on what is sought: the input excites nothing"
+        )
+
+
+def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:
+    """Measured and simulated outputs of each experiment, at a point of the search and at an earlier one."""
+    plant = plant_of(problem.vehicle_at(point))
+    experiments = []
+    for number, data in enumerate(problem.data):
+        states = problem.states(point, number)
+        earlier = None if before is None else problem.states(before, number)
+        voltage = applied_voltage(data, problem.vehicle.supply.voltage)
+        frame = Frame(data.times, voltage, phases_of(plant, data.times, voltage, states))
+        series = []
+        for name in problem.outputs:
+            measured = data.outputs.get(name)
+            if measured is None or not np.any(np.isfinite(measured)):
+                continue
+            column = OUTPUTS.index(name)
+            simulated = states[:, column]
+            was = None if earlier is None else earlier[:, column]
+            series.append(series_of(name, frame, measured, simulated, was))
+            speed = name.replace("position_rev", "speed_rps")
+            if speed != name and speed not in data.outputs:
+                series.append(speed_series(speed, frame, measured, simulated, was))
+        experiments.append(Experiment(data.name, data.times, voltage, tuple(series)))
+    return experiments
+
+
+def _estimates(
+    problem: Problem, point: Floats, covariance: Floats, known: Uncertainty
+) -> list[Estimate]:
+    low, high = problem.bounds
+    apart = {k for group in known.apart for k in group}
+    result = []
+    for k, value in enumerate(point):
+        std = math.sqrt(max(float(covariance[k, k]), 0.0))
+        if k < len(problem.sought):
+            sought = problem.sought[k]
+            name, quantity = sought.parameter.name, sought.parameter.quantity
+        else:
+            unknown = problem.unknowns[k - len(problem.sought)]
+            name = unknown.name
+            if unknown.experiment != ALL:
+                name = f"{problem.data[unknown.experiment].name}: {name}"
+            quantity = Quantity("", _unit_of(unknown.name), -math.inf, math.inf, "")
+        remark = ""
+        if k in known.silent:
+            remark = "has no effect on what was measured"
+        elif k in apart:
+            remark = "cannot be told apart from others"
+        elif min(value - low[k], high[k] - value) <= _AT_BOUND * problem.sizes[k]:
+            remark = (
+                f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
+            )
+        elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
+            times = std / max(abs(value), 1e-300)
+            remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
+        if k in known.silent or k in apart:
+            std = math.inf
+        result.append(
+            Estimate(
+                name=name,
+                symbol=quantity.symbol,
+                unit=quantity.unit,
+                value=float(value),
+                std=std,
+                initial=float(problem.initial[k]),
+                low=float(low[k]),
+                high=float(high[k]),
+                identifiable=not remark,
+                remark=remark,
+            )
+        )
+    return result
+
+
+def _unit_of(name: str) -> str:
+    if name.endswith(("_offset", "_position", "_ahead")):
+        return "rev"
+    units = {
+        "angle": "rad",
+        "rate": "rad/s",
+        "speed": "rev/s",
+        "input_delay": "s",
+        "warmth": "K",
+        "housing_warmth": "K",
+    }
+    return units.get(name, "")
+
+
+def _largest_std(value: float, quantity: Quantity) -> float:
+    """The largest standard deviation of an estimate that says something."""
+    signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
+    return max(_SHARE * abs(value), signed)

@@ -1,0 +1,114 @@
+"""Parameters by their names in the vehicle file: "motor.resistance" for both drives, "left.motor.resistance"
+for one, "gate.gravity_point[0]" for a point's x, "environment.road_slope_deg" with its unit. Values here are in
+the file's unit.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, get_type_hints
+
+from liftgate_plant.quantity import Quantity
+from liftgate_plant.vehicle import DriveTables, Vehicle
+
+SIDES = ("left", "right")
+_NAME = re.compile(r"(?:(left|right)\.)?(\w+)\.(\w+?)(?:\[([01])\])?")
+
+
+class Parameter(NamedTuple):
+    """Where a name leads to."""
+
+    name: str
+    sides: tuple[str, ...]  # drives that have it; empty: a table of the body
+    table: str
+    field: str
+    coordinate: int  # of a point; -1: a number
+    quantity: Quantity
+
+
+def find_parameter(vehicle: Vehicle, name: str) -> Parameter:
+    """The parameter of a name. Raises ValueError, which says what is allowed."""
+    match = _NAME.fullmatch(name)
+    known = {each.name: each for each in all_parameters(vehicle.drives)}
+    if match is None or name not in known:
+        field = name.rpartition(".")[2].partition("[")[0]
+        near = [key for key in known if field in key] or list(known)
+        raise ValueError(
+            f"no such parameter; allowed: {', '.join(near[:12])}{' …' * (len(near) > 12)}"
+        )
+    return known[name]
+
+
+@functools.cache
+def all_parameters(drives: int) -> tuple[Parameter, ...]:
+    """All parameters of a vehicle with so many drives."""
+    active = SIDES[:drives]
+    found: list[Parameter] = []
+    drive_tables: dict[str, Any] = get_type_hints(DriveTables)
+    for table, kind in drive_tables.items():
+        found += _fields(table, kind, active)
+    if drives > 1:
+        for side in active:
+            for table, kind in drive_tables.items():
+                found += [
+                    each._replace(name=f"{side}.{each.name}")
+                    for each in _fields(table, kind, (side,))
+                ]
+    for table, kind in get_type_hints(Vehicle).items():
+        if hasattr(kind, "_fields") and kind is not DriveTables:
+            found += _fields(table, kind, ())
+    return tuple(found)
+
+
+def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[Parameter]:
+    for field, hint in get_type_hints(kind, include_extras=True).items():
+        quantity: Quantity = hint.__metadata__[0]
+        key = f"{table}.{field}{quantity.suffix}"
+        if hint.__origin__ is float:
+            yield Parameter(key, sides, table, field, -1, quantity)
+        else:
+            for place in (0, 1):
+                yield Parameter(f"{key}[{place}]", sides, table, field, place, quantity)
+
+
+def value_of(vehicle: Vehicle, parameter: Parameter) -> float:
+    """Its value; of both drives the left one's."""
+    tables: Any = getattr(vehicle, parameter.sides[0]) if parameter.sides else vehicle
+    value = getattr(getattr(tables, parameter.table), parameter.field)
+    number = value if parameter.coordinate < 0 else value[parameter.coordinate]
+    return float(number) / parameter.quantity.scale
+
+
+def with_value(vehicle: Vehicle, parameter: Parameter, value: float) -> Vehicle:
+    """The vehicle with another value."""
+    number = value * parameter.quantity.scale
+
+    def changed(tables: Any) -> Any:
+        table = getattr(tables, parameter.table)
+        new: Any = number
+        if parameter.coordinate >= 0:
+            point = list(getattr(table, parameter.field))
+            point[parameter.coordinate] = number
+            new = tuple(point)
+        return tables._replace(**{parameter.table: table._replace(**{parameter.field: new})})
+
+    if not parameter.sides:
+        return changed(vehicle)  # type: ignore[no-any-return]
+    return vehicle._replace(**{side: changed(getattr(vehicle, side)) for side in parameter.sides})
+
+
+def with_values(
+    vehicle: Vehicle, parameters: Sequence[Parameter], values: Sequence[float]
+) -> Vehicle:
+    """The vehicle with several other values."""
+    for parameter, value in zip(parameters, values, strict=True):
+        vehicle = with_value(vehicle, parameter, value)
+    return vehicle
+
+
+def same_on_both_sides(vehicle: Vehicle, parameter: Parameter) -> bool:
+    """Whether all drives that it stands for have the same value now."""
+    values = {value_of(vehicle, parameter._replace(sides=(side,))) for side in parameter.sides}
+    return len(values) <= 1

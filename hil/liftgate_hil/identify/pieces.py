@@ -1,0 +1,145 @@
+"""A start for the search where the initial vehicle is far off: data cut into short pieces, each begun where the
+measurement says.
+
+An error in a parameter adds up along a simulation, so that the loss of a long one has many minima (a gate that
+does not get off the ground tells nothing of its travel). Over a short piece errors stay small, and the loss is
+nearly a parabola: multiple shooting with the states fixed (Bock 1983).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify import rigid
+from liftgate_hil.identify.data import Beginning, Data, is_closed, part_of
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.residuals import local_line
+from liftgate_hil.identify.statistics import fit_percent
+from liftgate_hil.identify.trajectory import REST
+from liftgate_plant import gate
+from liftgate_plant.dynamics import Plant
+from liftgate_plant.vehicle import plant_of
+
+Floats = NDArray[np.float64]
+
+_LENGTH = 0.25  # s of a piece, at least
+_SAMPLES = 20  # rows of a piece, at least
+
+
+def in_pieces(problem: Problem) -> Problem | None:
+    """The same problem with the data in pieces; None where neither position nor speed was measured."""
+    plant = plant_of(problem.vehicle)
+    pieces: list[Data] = []
+    beginnings: list[Beginning] = []
+    for number, data in enumerate(problem.data):
+        path = _path(problem, plant, number, data)
+        if path is None:
+            return None
+        zeros = {name: _zero(problem, number, name) for name in data.outputs if "position" in name}
+        for first, last in _edges(data):
+            angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
+            held = np.searchsorted(data.rows, data.times[first], side="right") - 1
+            if data.inputs[held, 10] == 0.0 and is_closed(math.degrees(angle)):
+                continue  # held by its latch, wherever the drives push
+            pieces.append(part_of(data, first, last, zeros))
+            left, right, speed = (float(column[first]) for column in path)
+            start = REST._replace(
+                balanced=1.0, speed=speed, left_position=left, right_ahead=right - left
+            )
+            beginnings.append(Beginning(start, ()))
+    if not pieces:
+        return None
+    return Problem(
+        problem.vehicle,
+        problem.model,
+        problem.sought,
+        pieces,
+        problem.outputs,
+        delay=problem.delay,
+        is_delay_sought=problem.is_delay_sought,
+        speed_window=problem.speed_window,
+        longest=problem.longest,
+        beginnings=beginnings,
+    )
+
+
+def _edges(data: Data) -> list[tuple[int, int]]:
+    """First and last row (exclusive) of each piece."""
+    edges, first = [], 0
+    while first < len(data.times) - 2:
+        last = int(np.searchsorted(data.times, data.times[first] + _LENGTH))
+        last = min(max(last, first + _SAMPLES), len(data.times))
+        edges.append((first, last))
+        first = last - 1
+    return edges
+
+
+def _zero(problem: Problem, number: int, name: str) -> float:
+    """What a position counter shows where the gate is closed, as far as the first samples tell."""
+    wanted = name.replace("_position_rev", "_offset")
+    for unknown in problem.beginnings[number].unknowns:
+        if unknown.name == wanted:
+            return unknown.value
+    return 0.0
+
+
+def _path(
+    problem: Problem, plant: Plant, number: int, data: Data
+) -> tuple[Floats, Floats, Floats] | None:
+    """Left and right position and speed (n,) each, smoothed, as the measurement has them."""
+    found = {}
+    for side in ("left", "right"):
+        position = data.outputs.get(f"{side}_position_rev")
+        if position is not None and np.sum(np.isfinite(position)) > 2:
+            there = np.isfinite(position)
+            zero = _zero(problem, number, f"{side}_position_rev")
+            found[side] = local_line(data.times[there], position[there] - zero, data.times)
+    if not found:
+        return _path_of_speed(problem, plant, number, data)
+    left = found.get("left", found.get("right"))
+    right = found.get("right", left)
+    assert left is not None
+    assert right is not None
+    return left[0], right[0], left[1]
+
+
+def _path_of_speed(
+    problem: Problem, plant: Plant, number: int, data: Data
+) -> tuple[Floats, Floats, Floats] | None:
+    for side in ("left", "right"):
+        speed = data.outputs.get(f"{side}_speed_rps")
+        if speed is not None and np.sum(np.isfinite(speed)) > 2:
+            there = np.isfinite(speed)
+            smooth, _ = local_line(data.times[there], speed[there], data.times)
+            start = problem.beginnings[number].start
+            begin = start.left_position
+            if start.balanced == 0.0:
+                begin = gate.extension(plant.link, start.angle) / plant.left.travel
+            way = np.cumsum(np.diff(data.times) * 0.5 * (smooth[1:] + smooth[:-1]))
+            position = begin + np.concatenate([[0.0], way])
+            return position, position, smooth
+    return None
+
+
+def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
+    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`: positions
+    and angle, speeds where there are none of these.
+    """
+    for kind in (("_position_rev", "_angle_deg"), ("_speed_rps",)):
+        columns = [k for k, name in enumerate(problem.outputs) if name.endswith(kind)]
+        fits = [_fit(problem.measured[:, k], errors[:, k]) for k in columns]
+        fits = [each for each in fits if not math.isnan(each)]
+        if fits:
+            return min(fits) < worst_percent
+    return False
+
+
+def _fit(measured: Floats, errors: Floats) -> float:
+    """NRMSE fit [%] of a column; NaN where it has no samples or never changes."""
+    there = np.isfinite(measured)
+    if not np.any(there):
+        return math.nan
+    return fit_percent(measured[there], measured[there] - errors[there])

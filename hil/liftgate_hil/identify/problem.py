@@ -1,0 +1,301 @@
+"""The prediction error as a function of what is sought: parameters first, then what begins each experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.data import (
+    Beginning,
+    Data,
+    Unknown,
+    beginning_of,
+    changes_of,
+    is_count,
+    without_end,
+)
+from liftgate_hil.identify.parameters import Parameter, with_values
+from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
+from liftgate_plant.dynamics import Load, Plant
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+Floats = NDArray[np.float64]
+
+_DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
+_IDEAL = Sensors()
+_DELAY = 0.1  # s, the longest that is looked for
+_FEW = 2  # samples that an output needs
+_END = 0.2  # of an experiment, at most, that is left out for want of its inputs
+ALL = -1  # experiment of an unknown that all share
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A parameter to estimate; values in the file's unit."""
+
+    parameter: Parameter
+    initial: float
+    low: float
+    high: float
+    prior: float = math.nan  # mean and std of what is known beforehand
+    prior_std: float = math.inf
+
+
+@dataclass
+class Problem:
+    """Measured data, a model, and what is sought. `outputs` are names of trajectory.OUTPUTS."""
+
+    vehicle: Vehicle
+    model: str
+    sought: Sequence[Sought]
+    data: Sequence[Data]
+    outputs: Sequence[str]
+    # At which all experiments, or each of them, begin at rest, where that is known.
+    angle_deg: float | Sequence[float | None] | None = None
+    delay: float = 0.0  # s from a change of the inputs' columns to its effect
+    is_delay_sought: bool = False
+    speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
+    longest: float = 1e-3  # s, of a step
+    evaluations: int = 0
+    beginnings: Sequence[Beginning] = ()  # default: as the data say
+    unknowns: list[Unknown] = field(init=False)
+    changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
+    measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
+    _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
+    _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
+
+    def __post_init__(self) -> None:
+        full = MODELS[self.model] == 0
+        ahead = _DELAY if self.is_delay_sought else max(-self.delay, 0.0)
+        if ahead > 0.0:
+            self.data = [
+                without_end(each, min(ahead, _END * float(np.ptp(each.times))))
+                for each in self.data
+            ]
+        self.changes = [changes_of(data) for data in self.data]
+        if not self.beginnings:
+            angles = self.angle_deg
+            if not isinstance(angles, Sequence):
+                angles = [angles] * len(self.data)
+            if len(angles) != len(self.data):
+                raise ValueError(
+                    f"{len(angles)} angles for {len(self.data)} experiments; allowed: one each"
+                )
+            self.beginnings = [
+                beginning_of(self.vehicle, data, number, angle, full)
+                for number, (data, angle) in enumerate(zip(self.data, angles, strict=True))
+            ]
+        self.unknowns = [each for begin in self.beginnings for each in begin.unknowns]
+        if self.is_delay_sought:
+            self.unknowns.append(Unknown(ALL, "input_delay", self.delay, low=-_DELAY, high=_DELAY))
+        self.measured = np.concatenate([self._columns(data) for data in self.data])
+        for column, name in enumerate(self.outputs):
+            if name.endswith("_position_rev"):
+                self._compare_edges(column)
+
+    def leave_out_few(self) -> list[int]:
+        """Leave out outputs with hardly a sample to compare: they say nothing of their noise. Gives the numbers of
+        those that stay.
+        """
+        counts = np.sum(np.isfinite(self.measured), axis=0)
+        kept = [column for column, count in enumerate(counts) if count >= _FEW]
+        self.outputs = [self.outputs[column] for column in kept]
+        self.measured = self.measured[:, kept]
+        self._counted = {
+            kept.index(column): earlier
+            for column, earlier in self._counted.items()
+            if column in kept
+        }
+        return kept
+
+    def _compare_edges(self, column: int) -> None:
+        """Where a position is a count, compare at its edges: between two samples that differ the position is, on
+        the mean, half-way between the counts, while a count that stays says little, and says it again and again.
+        """
+        quantum = 1.0 / self.vehicle.sensors.hall_counts
+        values = self.measured[:, column]
+        there = np.flatnonzero(np.isfinite(values))
+        if not len(there) or not is_count(values, quantum):
+            return
+        earlier = np.arange(len(values))
+        earlier[there[1:]] = there[:-1]
+        first = np.cumsum([0, *(len(data.times) for data in self.data)])[:-1]
+        number = np.searchsorted(first, np.arange(len(values)), side="right")
+        changed = (values != values[earlier]) & (number == number[earlier]) & np.isfinite(values)
+        self.measured[:, column] = np.where(changed, 0.5 * (values + values[earlier]), np.nan)
+        self._counted[column] = earlier
+
+    def _columns(self, data: Data) -> Floats:
+        nothing = np.full(len(data.times), np.nan)
+        return np.column_stack([data.outputs.get(name, nothing) for name in self.outputs])
+
+    @property
+    def initial(self) -> Floats:
+        """Where the search begins: parameters, then unknowns."""
+        return np.array([s.initial for s in self.sought] + [u.value for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest values."""
+        low = [s.low for s in self.sought] + [u.low for u in self.unknowns]
+        high = [s.high for s in self.sought] + [u.high for u in self.unknowns]
+        return np.array(low), np.array(high)
+
+    @property
+    def sizes(self) -> Floats:
+        """What counts as a change of the order of one."""
+        by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
+        own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
+        default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
+        default |= {"warmth": 10.0, "housing_warmth": 10.0}
+        return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
+
+    def priors(self) -> tuple[Floats, Floats]:
+        """(mean, 1/std) of what is known beforehand; 0 where nothing is."""
+        mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
+        std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
+        weight = 1.0 / np.array(std)
+        return np.where(weight > 0.0, np.array(mean), 0.0), weight
+
+    def vehicle_at(self, point: Floats) -> Vehicle:
+        """The vehicle with the parameters of a point of the search."""
+        names = [s.parameter for s in self.sought]
+        return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
+
+    def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
+        """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
+        for each experiment by how much each of its `changes` comes later than its stamp says.
+        """
+        vehicle = self.vehicle_at(point)
+        plant = plant_of(vehicle)
+        self.evaluations += 1
+        parts = []
+        for number in range(len(self.data)):
+            own = None if late is None else late[number]
+            rows = self._rows(vehicle, plant, point, number, own)
+            parts.append(self._samples(number, rows, self.outputs))
+        whole = np.concatenate(parts)
+        for column, earlier in self._counted.items():
+            whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
+        return whole
+
+    def states(self, point: Floats, number: int) -> Floats:
+        """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
+        vehicle = self.vehicle_at(point)
+        rows = self._rows(vehicle, plant_of(vehicle), point, number)
+        return self._samples(number, rows, OUTPUTS)
+
+    def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
+        """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
+        columns = [OUTPUTS.index(name) for name in names]
+        data = self.data[number]
+        if data.thinning is None:
+            return rows[:, columns]
+        shown = zip(names, columns, strict=True)
+        return np.column_stack([data.thinned(name, rows[:, column]) for name, column in shown])
+
+    def _rows(
+        self,
+        vehicle: Vehicle,
+        plant: Plant,
+        point: Floats,
+        number: int,
+        late: Floats | None = None,
+    ) -> Floats:
+        values = point[len(self.sought) :]
+        data, start = self.data[number], self.beginnings[number].start
+        aside = {"input_delay": self.delay}
+        for unknown, value in zip(self.unknowns, values, strict=True):
+            if unknown.experiment in (number, ALL):
+                if unknown.name not in Start._fields:
+                    aside[unknown.name] = float(value)
+                else:
+                    start = start._replace(**{unknown.name: float(value)})
+        base = load_of(vehicle)._replace(latch_released=1.0)
+        if start.balanced > 0.0:
+            in_pause = self.beginnings[number].in_pause
+            start = _with_currents(plant, data, base, start, in_pause)
+        delay = aside["input_delay"] + (np.zeros(1) if late is None else late)
+        times, inputs, kept = _delayed(data, self.changes[number], delay)
+        out = trajectory(
+            plant,
+            vehicle.sensors if data.through_sensors else _IDEAL,
+            base,
+            start,
+            MODELS[self.model],
+            times,
+            inputs,
+            self.longest,
+        )[kept]
+        if self.speed_window > 0.0:
+            for speed, position in ((2, 4), (3, 5)):
+                out[:, speed] = _mean_speed(
+                    data.rows, out[:, position], out[:, speed], self.speed_window
+                )
+        out[:, 4] += aside.get("left_offset", 0.0)
+        out[:, 5] += aside.get("right_offset", 0.0)
+        return out
+
+    def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
+        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound; over half the
+        `widths` (unknowns,) to either side where these are given.
+
+        A simulation costs microseconds a sample and is smooth to 1e-12, so differences are good to about 1e-8.
+        """
+        if widths is None:
+            widths = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        key = point.tobytes() + widths.tobytes()
+        if self._last_derivative[0] == key:
+            return self._last_derivative[1]
+        low, high = self.bounds
+        slopes = np.empty((*self.measured.shape, len(point)))
+        for k, width in enumerate(widths):
+            above, below = point.copy(), point.copy()
+            above[k] = min(point[k] + 0.5 * width, high[k])
+            below[k] = max(point[k] - 0.5 * width, low[k])
+            slopes[:, :, k] = (self.predicted(above) - self.predicted(below)) / (
+                above[k] - below[k]
+            )
+        self._last_derivative = (key, slopes)
+        return slopes
+
+
+def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
+    """A winding forgets its beginning in L/R: it begins with the current of its steady state. In a pause a voltage
+    begins with the data, and its current after it.
+    """
+    inputs = inputs_of(data.inputs[0], base)
+    currents = {}
+    for side in ("left", "right"):
+        drive, given = getattr(plant, side), getattr(inputs, side)
+        volts = given.voltage + given.duty * inputs.load.source_voltage
+        emf = drive.motor.speed_constant * start.speed
+        steady = ((0.0 if in_pause else volts) - emf) / drive.motor.resistance
+        currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady
+    return start._replace(**currents)
+
+
+def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
+    """Mean speed (n,) over the last `window` seconds, over what there is of them at the beginning."""
+    before = np.maximum(times - window, times[0])
+    span = times - before
+    way = position - np.interp(before, times, position)
+    return np.where(span > 0.0, way / np.where(span > 0.0, span, 1.0), speed)
+
+
+def _delayed(
+    data: Data, changes: NDArray[np.intp], delay: Floats
+) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
+    """(times, inputs, places of the rows) with every change of the inputs `delay` (m or 1,) seconds later."""
+    if not np.any(delay):
+        return data.rows, data.inputs, slice(None)
+    later = np.maximum.accumulate(data.rows[changes] + delay)
+    inside = (later > data.rows[0]) & (later < data.rows[-1])
+    times = np.union1d(data.rows, later[inside])
+    last = np.maximum(np.searchsorted(later, times, side="right") - 1, 0)
+    return times, data.inputs[changes[last]], np.searchsorted(times, data.rows)

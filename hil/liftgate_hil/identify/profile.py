@@ -1,0 +1,56 @@
+"""Profile likelihood: how much worse a model becomes when one parameter is held away from its estimate."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.result import Estimate, Profile
+from liftgate_hil.identify.search import Found, deviance, search
+
+Floats = NDArray[np.float64]
+
+
+def profile(
+    problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
+) -> Profile:
+    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each.
+    What is known beforehand counts as it does in the search.
+    """
+    best = deviance(problem, found)
+    std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
+    values, deviances = [estimate.value], [0.0]
+    for direction in (-1.0, 1.0):
+        point = found.point.copy()
+        for distance in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0):
+            value = estimate.value + direction * distance * std
+            if not estimate.low <= value <= estimate.high:
+                break
+            point = point.copy()
+            point[number] = value
+            there = search(problem, None, given_std, point, (number,))
+            point = there.point
+            values.append(value)
+            deviances.append(deviance(problem, there) - best)
+    order = np.argsort(values)
+    x, y = np.array(values)[order], np.array(deviances)[order]
+    return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))
+
+
+def _crossing(values: Floats, deviances: Floats, side: int) -> float:
+    """Where the deviance passes the 95 % quantile of χ²(1) on one side of its least; NaN: not within the range."""
+    limit = 3.841
+    middle = int(np.argmin(deviances))
+    rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)
+    for k in rows:
+        a, b = deviances[k], deviances[k + side]
+        if a <= limit < b:
+            # Deviances grow with the square of the distance: interpolate their roots.
+            share = (math.sqrt(limit) - math.sqrt(max(a, 0.0))) / (
+                math.sqrt(b) - math.sqrt(max(a, 0.0))
+            )
+            return float(values[k] + share * (values[k + side] - values[k]))
+    return math.nan

@@ -1,0 +1,153 @@
+"""What a model leaves unexplained of one output: size, by phase of the motion, and whether it is noise."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify import statistics
+from liftgate_hil.identify.result import Series
+from liftgate_plant import gate
+from liftgate_plant.dynamics import Plant
+
+Floats = NDArray[np.float64]
+
+PHASES = ("rest", "inrush", "travel", "play crossing", "end stop")
+_INRUSH = 0.15  # s after the voltage rose from nothing or changed its sign
+_SLOW = 2.0  # % of the largest speed: below, it rests
+_STOP_DEG = 1.0  # from an end of the travel
+_PLAY_REV = (
+    1.0  # revolutions of the motor on either side of a change of direction, at least the play
+)
+
+
+def phases_of(plant: Plant, times: Floats, voltage: Floats, states: Floats) -> NDArray[np.int64]:
+    """(n,) of PHASES: which one each row belongs to, by the simulated states (n, 7) of trajectory.OUTPUTS.
+
+    A row is in the first of: end stop, play crossing, inrush, rest, travel.
+    """
+    speed, position, angle = states[:, 2], states[:, 4], states[:, 6]
+    result = np.full(len(times), PHASES.index("travel"))
+    slow = np.abs(speed) < 0.01 * _SLOW * max(float(np.max(np.abs(speed))), 1e-9)
+    result[slow & (np.abs(voltage) < 0.1)] = PHASES.index("rest")
+    sign = np.sign(np.where(np.abs(voltage) < 0.1, 0.0, voltage))
+    began = np.flatnonzero((sign != 0.0) & (np.diff(sign, prepend=0.0) != 0.0))
+    for row in began:
+        result[(times >= times[row]) & (times < times[row] + _INRUSH)] = PHASES.index("inrush")
+    width = max(_PLAY_REV, 2.0 * plant.left.half_play / plant.left.travel)
+    direction = np.sign(np.where(slow, 0.0, speed))
+    moving = np.flatnonzero(direction != 0.0)
+    for before, after in itertools.pairwise(moving):
+        if direction[before] != direction[after]:
+            ahead = position[after:]
+            until = after + int(np.argmax(np.abs(ahead - position[after]) > width))
+            result[after : max(until, after + 1)] = PHASES.index("play crossing")
+    top = math.degrees(_open_angle(plant))
+    at_end = (angle > top - 0.1) | ((angle < _STOP_DEG) & (np.abs(voltage) > 0.1) & slow)
+    result[at_end] = PHASES.index("end stop")
+    return result
+
+
+def _open_angle(plant: Plant) -> float:
+    return gate.angle_of_extension(plant.link, plant.link.stroke)
+
+
+class Frame(NamedTuple):
+    """What all outputs of an experiment share: times (n,), motor voltage (n,), phases (n,)."""
+
+    times: Floats
+    voltage: Floats
+    phases: NDArray[np.int64]
+
+
+def series_of(
+    output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None
+) -> Series:
+    """One output, from columns with a row for each time; rows without a sample are left out."""
+    there = np.isfinite(measured)
+    y, model = measured[there], simulated[there]
+    errors = y - model
+    parts = {}
+    for number, name in enumerate(PHASES):
+        own = errors[frame.phases[there] == number]
+        if len(own):
+            parts[name] = (
+                float(np.sqrt(np.mean(own**2))),
+                float(np.max(np.abs(own))),
+                len(own),
+            )
+    earlier = before[there] if before is not None else np.zeros(0)
+    return Series(
+        output=output,
+        times=frame.times[there],
+        measured=y,
+        simulated=model,
+        before=earlier,
+        fit_percent=statistics.fit_percent(y, model),
+        fit_before=statistics.fit_percent(y, earlier) if before is not None else math.nan,
+        rms=float(np.sqrt(np.mean(errors**2))),
+        maximum=float(np.max(np.abs(errors))),
+        phases=parts,
+        autocorrelation=statistics.autocorrelation(errors),
+        crosscorrelation=statistics.crosscorrelation(errors, frame.voltage[there]),
+        band=statistics.BAND / math.sqrt(len(y)),
+        is_white=statistics.is_nothing(errors, y) or statistics.is_white(errors),
+    )
+
+
+def speed_series(
+    output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None
+) -> Series:
+    """The speed of a drive whose position alone was measured: slopes of the measured and of the simulated
+    position, taken alike.
+    """
+    there = np.isfinite(position)
+    times = frame.times[there]
+
+    def slope(values: Floats) -> Floats:
+        return local_slope(times, values[there])
+
+    return series_of(
+        output,
+        Frame(times, frame.voltage[there], frame.phases[there]),
+        slope(position),
+        slope(simulated),
+        None if before is None else slope(before),
+    )
+
+
+def local_slope(times: Floats, values: Floats) -> Floats:
+    """Slope (n,) of the straight line through all samples within 0.05 s, by least squares."""
+    return local_line(times, values, times)[1]
+
+
+def local_line(
+    times: Floats, values: Floats, at: Floats, half_width: float = 0.05
+) -> tuple[Floats, Floats]:
+    """Value and slope (n,) `at` times (n,) of the straight line through all samples within `half_width`
+    seconds, by least squares; where there are none the nearest sample, without a slope.
+    """
+    origin, level = np.mean(times), np.mean(values)
+    t, y = times - origin, values - level
+    first = np.searchsorted(times, at - half_width - 1e-9)
+    last = np.searchsorted(times, at + half_width + 1e-9)
+    empty = last <= first
+    nearest = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
+    first, last = np.where(empty, nearest, first), np.where(empty, nearest + 1, last)
+
+    def total(column: Floats) -> Floats:
+        sums = np.concatenate([[0.0], np.cumsum(column)])
+        result: Floats = sums[last] - sums[first]
+        return result
+
+    # About each window's own middle, so that little cancels.
+    count = (last - first).astype(np.float64)
+    middle, mean = total(t) / count, total(y) / count
+    spread = total(t * t) - count * middle * middle
+    along = total(t * y) - middle * total(y)
+    slope = np.where(count > 1.0, along / np.where(spread > 0.0, spread, np.inf), 0.0)
+    return level + mean + slope * (at - origin - middle), slope

@@ -1,0 +1,219 @@
+"""The thesis's grey-box models: gate and drives rigidly joined, one speed for all.
+
+    third order   L di_d/dt = u_d − R i_d − c2Φ n                                              (4.1)
+                  J_tot dn/dt = Σ_d (c1Φ i_d − τ_C sgn n)
+                                + κ (T(φ) − τ_h sgn n + J_L r' ω²/r_AP)/r_AP                   (4.2–4.12)
+                  dp/dt = n                                                                    (4.3)
+                  J_tot = Σ_d 2πJ_d + κρ J_L/r_AP²                                             (4.13)
+    second order  i_d = (u_d − c2Φ n)/R instead of (4.1)                                       (§4.6.3)
+
+with ρ = s_rev/r, κ = ρ/2π, ω = ρ n/r_AP, l_S(φ) = ρ p, and T(φ) the torque of springs, weight and surroundings.
+As in the thesis, seal, end stops, play and obstacles are left out: cut them out of the data.
+
+Departures: J_tot has one unit (plant-model: gate); the term in r' = dr_AP/dφ, which (4.7) drops, is kept;
+friction is set-valued and follows the direction, so that closing is described too; each drive has a current of
+its own.
+"""
+
+from __future__ import annotations
+
+import math
+
+from liftgate_plant import dynamics, electrics, friction, gate, thermal, transmission
+from liftgate_plant.compiler import compilable
+from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
+from liftgate_plant.electrics import NO_TRANSIENT, Electric
+from liftgate_plant.gate import Linkage
+from liftgate_plant.motor import Response, mean_current
+
+PASSES = 2  # fixed-point turns of the step's middle
+
+
+@compilable
+def bend(link: Linkage, angle: float) -> float:
+    """How the lever changes, r' = dr_AP/dφ [m/rad].
+
+    From l r = s r_0 sin(φ + θ) follows l r' + r² = s r_0 cos(φ + θ).
+    """
+    s, r = link.body_radius, link.gate_radius
+    arm = gate.lever(link, angle)
+    along = s * r * math.cos(angle + link.offset) - arm * arm
+    return along / gate.length(s, r, link.offset, angle)
+
+
+@compilable
+def angle_at(link: Linkage, extended: float) -> float:
+    """φ [rad] at an extension; beyond what the linkage can reach the nearest it can."""
+    s, r = link.body_radius, link.gate_radius
+    total = max(link.closed_length + extended, 0.0)
+    cosine = (s * s + r * r - total * total) / (2.0 * s * r)
+    return math.acos(min(max(cosine, -1.0), 1.0)) - link.offset
+
+
+@compilable
+def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electric, Electric]:
+    """Both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed all along."""
+    source = plant.source_resistance
+    left, right = plant.left, plant.right
+    r_l = left.motor.resistance * thermal.resistance_factor(
+        left.thermal, state.left.winding_temperature
+    )
+    r_r = right.motor.resistance * thermal.resistance_factor(
+        right.thermal, state.right.winding_temperature
+    )
+    f_l = thermal.flux_factor(left.thermal, state.left.housing_temperature)
+    f_r = thermal.flux_factor(right.thermal, state.right.housing_temperature)
+    # A coasting or absent motor has no current.
+    on_l = left.active * (1.0 - inputs.left.coast)
+    on_r = right.active * (1.0 - inputs.right.coast)
+    d_l, d_r = on_l * inputs.left.duty, on_r * inputs.right.duty
+    a, b, d = r_l + source * d_l * d_l, source * d_l * d_r, r_r + source * d_r * d_r
+    scale = 1.0 / (a * d - b * b)
+    u_l = on_l * (inputs.left.voltage + d_l * inputs.load.source_voltage)
+    u_r = on_r * (inputs.right.voltage + d_r * inputs.load.source_voltage)
+    e_l = on_l * left.motor.speed_constant * f_l
+    e_r = on_r * right.motor.speed_constant * f_r
+    now_l, now_r = scale * (d * u_l - b * u_r), scale * (a * u_r - b * u_l)
+    own_l, other_l = -scale * d * e_l, scale * b * e_r
+    own_r, other_r = -scale * a * e_r, scale * b * e_l
+    half_l = 0.5 * (own_l + other_l) * state.left.speed
+    half_r = 0.5 * (own_r + other_r) * state.left.speed
+    return (
+        Electric(
+            Response(now_l + half_l, 0.5 * own_l, 0.5 * other_l, now_l, own_l, other_l),
+            NO_TRANSIENT,
+            r_l,
+            left.motor.torque_constant * f_l,
+        ),
+        Electric(
+            Response(now_r + half_r, 0.5 * own_r, 0.5 * other_r, now_r, own_r, other_r),
+            NO_TRANSIENT,
+            r_r,
+            right.motor.torque_constant * f_r,
+        ),
+    )
+
+
+@compilable
+def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: float) -> float:
+    """Dry friction [N m] of all drives and the hinge on the one shaft."""
+    limit = abs(plant.left.torque_per_force / lever) * plant.hinge.coulomb
+    for drive in (plant.left, plant.right):
+        if drive.active > 0.0:
+            cold = transmission.temperature_factor(
+                drive.friction_temperature, load.ambient_temperature
+            )
+            limit += cold * friction.level(drive.friction, speed)
+            limit += drive.load_friction * drive.torque_per_force * abs(force)
+    return limit
+
+
+@compilable
+def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: int) -> State:
+    """The state `step` seconds later by the model of that order, 3 or 2; the inputs hold during the step."""
+    load, link = inputs.load, plant.link
+    if order == 2:
+        electric_l, electric_r = static_electrics(plant, state, inputs)
+    else:
+        electric_l, electric_r = electrics.electrics_of(plant, state, inputs, step)
+    left, right = plant.left, plant.right
+    kappa, rho = left.torque_per_force, left.travel
+    drives = left.active + right.active
+    old = state.left.speed
+    gate_inertia = dynamics.total_inertia(plant, load)
+    response_l, response_r = electric_l.response, electric_r.response
+    drive_current = electric_l.torque_constant * response_l.mean
+    drive_slope = electric_l.torque_constant * (response_l.mean_own + response_l.mean_other)
+    own_inertia = 2.0 * math.pi * left.inertia
+    viscous = left.friction.viscous
+    if right.active > 0.0:
+        drive_current += electric_r.torque_constant * response_r.mean
+        drive_slope += electric_r.torque_constant * (response_r.mean_own + response_r.mean_other)
+        own_inertia += 2.0 * math.pi * right.inertia
+        viscous += right.friction.viscous
+    viscous *= transmission.temperature_factor(left.friction_temperature, load.ambient_temperature)
+
+    new = old
+    for _ in range(PASSES):
+        middle = state.left.position + 0.125 * step * (3.0 * old + new)
+        angle = angle_at(link, rho * middle)
+        arm = gate.lever(link, angle)
+        rate = rho * 0.5 * (old + new) / arm
+        torque = dynamics.smooth_torque(plant, load, angle)
+        swing = gate_inertia * bend(link, angle) * rate * rate / arm
+        inertia = (own_inertia + kappa * rho * gate_inertia / (arm * arm)) / step
+        constant = drive_current + kappa * (torque + swing) / arm
+        constant += (inertia - 0.5 * viscous) * old
+        limit = shaft_limit(plant, load, torque / (arm * drives), 0.5 * (old + new), arm)
+        own = inertia + 0.5 * viscous - drive_slope
+        if old != 0.0 and old * new <= 0.0:
+            momentum = constant - (own - inertia) * new
+            if friction.turns(limit, inertia * old, momentum):
+                constant -= friction.turning_bias(limit, inertia * old, momentum)
+                limit = 0.0
+        new = friction.soft_threshold(constant, limit) / own
+
+    way = 0.5 * step * (old + new)
+    if way != 0.0:
+        way += step * electric_l.transient.drift
+    position = state.left.position + way
+    return State(
+        next_motor(left, state.left, electric_l, inputs.left.coast, new, position, load, step),
+        next_motor(right, state.right, electric_r, inputs.right.coast, new, position, load, step),
+        state.gate_angle,  # follows from the position: `follow`
+        state.gate_rate,
+        0.0,
+    )
+
+
+@compilable
+def next_motor(
+    drive: Drive,
+    state: DriveState,
+    electric: Electric,
+    coast: float,
+    speed: float,
+    position: float,
+    load: Load,
+    step: float,
+) -> DriveState:
+    """One motor's state at the end of the step, at the common speed and position."""
+    if drive.active == 0.0:
+        return DriveState(
+            0.0, speed, position, state.winding_temperature, state.housing_temperature
+        )
+    mean = mean_current(electric.response, speed, speed)
+    winding, housing = thermal.warm(
+        drive.thermal,
+        state.winding_temperature,
+        state.housing_temperature,
+        load.ambient_temperature,
+        electric.resistance * mean * mean,
+        step,
+    )
+    return DriveState(
+        electrics.final_current(electric, state, coast, speed, speed),
+        speed,
+        position,
+        winding,
+        housing,
+    )
+
+
+@compilable
+def rigid_start(state: State) -> State:
+    """The same state of a gate that moves with its drives: the left one's speed and position hold for all."""
+    left, right = state.left, state.right
+    return State(
+        left,
+        DriveState(
+            right.current,
+            left.speed,
+            left.position,
+            right.winding_temperature,
+            right.housing_temperature,
+        ),
+        state.gate_angle,
+        state.gate_rate,
+        state.latched,
+    )

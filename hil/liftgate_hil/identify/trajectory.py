@@ -1,0 +1,215 @@
+"""Measured inputs through a model: the states at the sample times, by the full plant or by a rigid model.
+
+Between two samples the inputs hold; the interval is cut into equal steps no longer than asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify import rigid
+from liftgate_plant import dynamics, gate, integrate
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compilable, compiled
+from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State
+from liftgate_plant.sensors import Sensors
+
+Floats = NDArray[np.float64]
+
+MODELS = {"full": 0, "third-order": 3, "second-order": 2}
+
+# Columns of the inputs; NaN: as the vehicle has it, 0 V, not coasting, latch released.
+INPUTS = (
+    "left_voltage_v",
+    "right_voltage_v",
+    "left_duty",
+    "right_duty",
+    "left_coast",
+    "right_coast",
+    "supply_voltage_v",
+    "road_slope_deg",
+    "hand_force_n",
+    "ambient_temperature_degc",
+    "latch_released",
+)
+# Columns of the outputs.
+OUTPUTS = (
+    "left_current_a",
+    "right_current_a",
+    "left_speed_rps",
+    "right_speed_rps",
+    "left_position_rev",
+    "right_position_rev",
+    "gate_angle_deg",
+)
+
+
+_CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
+
+
+class Start(NamedTuple):
+    """How a trajectory begins."""
+
+    balanced: float  # 1.0: the gate is where its drives have it; 0.0: cold and at rest, drives amid their play
+    latched: float
+    left_current: float
+    right_current: float
+    speed: float  # rev/s, of both drives
+    # From here on for a gate that is where its drives have it, but for the angle.
+    left_position: float  # rev
+    right_ahead: float  # rev, of the left drive
+    angle: float  # rad; the gate's, or what it is beyond the balance of forces
+    rate: float  # rad/s, beyond that of the drives
+    warmth: float = 0.0  # K, of the windings above the surroundings
+    housing_warmth: float = 0.0  # K, of the housings
+
+
+REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@compilable
+def value_or(value: float, default: float) -> float:
+    """The value, or the default where it is NaN."""
+    return default if np.isnan(value) else float(value)
+
+
+@compilable
+def inputs_of(row: Floats, base: Load) -> Inputs:
+    """A row of INPUTS; what it leaves open is the vehicle's."""
+    return Inputs(
+        DriveInput(value_or(row[2], 0.0), value_or(row[0], 0.0), value_or(row[4], 0.0)),
+        DriveInput(value_or(row[3], 0.0), value_or(row[1], 0.0), value_or(row[5], 0.0)),
+        Load(
+            value_or(row[6], base.source_voltage),
+            base.road_slope if np.isnan(row[7]) else math.radians(row[7]),
+            value_or(row[9], base.ambient_temperature),
+            base.wind_pressure,
+            base.snow_mass,
+            value_or(row[8], base.hand_force),
+            base.measured_torque,
+            value_or(row[10], 1.0),
+            base.obstacle,
+        ),
+    )
+
+
+@compilable
+def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
+    """A gate that goes along with its drives."""
+    winding, housing = ambient + start.warmth, ambient + start.housing_warmth
+    left, right = start.left_position, start.left_position + start.right_ahead
+    return State(
+        DriveState(start.left_current, start.speed, left, winding, housing),
+        DriveState(start.right_current, start.speed, right, winding, housing),
+        angle,
+        rate,
+        start.latched,
+    )
+
+
+@compilable
+def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
+    """Torque [N m] on a gate that goes along with its drives, at an angle: falls as the angle grows."""
+    rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
+    state = moving_state(start, angle, rate, load.ambient_temperature)
+    share = start.speed / (abs(start.speed) + _CREEP)
+    return dynamics.gate_torque(plant, state, load) - plant.hinge.coulomb * share
+
+
+@compilable
+def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
+    """The angle [rad] at which the gate follows its drives without being accelerated."""
+    middle = rigid.angle_at(plant.link, plant.left.travel * start.left_position)
+    low, high = middle - 0.1, middle + 0.1
+    for _ in range(50):
+        half = 0.5 * (low + high)
+        if unbalanced(plant, load, start, half) > 0.0:
+            low = half
+        else:
+            high = half
+    return 0.5 * (low + high)
+
+
+@compilable
+def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
+    """The state in which a trajectory begins."""
+    ambient = plant.environment.ambient_temperature
+    if start.balanced == 0.0:
+        state = dynamics.initial_state(plant, start.angle, start.latched)
+        return rigid.rigid_start(state) if model else state
+    if model:
+        return rigid.rigid_start(moving_state(start, 0.0, 0.0, ambient))
+    if start.latched > 0.0:
+        return moving_state(start, 0.0, 0.0, ambient)
+    angle = balanced_angle(plant, load, start) + start.angle
+    rate = plant.left.travel * start.speed / gate.lever(plant.link, angle) + start.rate
+    return moving_state(start, angle, rate, ambient)
+
+
+@compilable
+def run(
+    plant: Plant,
+    sensors: Sensors,
+    base: Load,
+    start: Start,
+    model: int,
+    times: Floats,
+    rows: Floats,
+    longest: float,
+    out: Floats,
+) -> None:
+    """Fill `out` (n, 7) with OUTPUTS at `times`; the currents as a sensor of that filter, gain and offset shows
+    them. Gives no tuple back: numba crashes where an interrupt comes while it makes one for Python.
+    """
+    degrees = 180.0 / math.pi
+    state = state_at(plant, inputs_of(rows[0], base).load, start, model)
+    left, right = state.left.current, state.right.current
+    last = len(times) - 1
+    for k in range(last + 1):
+        out[k, 0] = sensors.current_gain * left + sensors.current_offset
+        out[k, 1] = sensors.current_gain * right + sensors.current_offset
+        out[k, 2] = state.left.speed
+        out[k, 3] = state.right.speed
+        out[k, 4] = state.left.position
+        out[k, 5] = state.right.position
+        angle = state.gate_angle
+        if model != 0:
+            angle = rigid.angle_at(plant.link, plant.left.travel * state.left.position)
+        out[k, 6] = (angle + sensors.angle_offset) * degrees
+        if k == last:
+            break
+        interval = times[k + 1] - times[k]
+        count = max(1, math.ceil(interval / longest - 1e-6))
+        step = interval / count
+        follow = 1.0
+        if sensors.current_filter > 0.0:
+            follow = 1.0 - math.exp(-step / sensors.current_filter)
+        inputs = inputs_of(rows[k], base)
+        for _ in range(count):
+            if model == 0:
+                state = integrate.step(plant, state, inputs, step)
+            else:
+                state = rigid.step_rigid(plant, state, inputs, step, model)
+            left += (state.left.current - left) * follow
+            right += (state.right.current - right) * follow
+
+
+def trajectory(
+    plant: Plant,
+    sensors: Sensors,
+    base: Load,
+    start: Start,
+    model: int,
+    times: Floats,
+    rows: Floats,
+    longest: float,
+) -> Floats:
+    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 11), steps of at most `longest` seconds."""
+    out = np.empty((len(times), len(OUTPUTS)))
+    start = Start(*(float(value) for value in start))  # machine code tells 0 from 0.0
+    compiled(run)(plant, sensors, base, start, model, times, rows, longest, out)
+    return out

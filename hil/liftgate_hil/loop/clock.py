@@ -1,0 +1,72 @@
+"""When the next tick is, and how many steps it makes: three clocks behind one small interface.
+
+realtime: absolute deadlines. A tick that comes too late skips whole periods: they are counted, and the plant
+makes their steps at once, so that model time equals wall time.
+free: as fast as it goes. Lockstep is not here: there the bus is the clock (`run.run_lockstep`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import OverrunError
+from liftgate_hil.loop.histogram import BINS, note
+
+
+class Clock(Protocol):
+    """Tells the loop when to tick."""
+
+    lateness: NDArray[np.int64]  # histogram
+
+    def wait(self, tick: int) -> int:
+        """Wait until the plant may make step number `tick`; return how many steps are due."""
+
+
+class FreeClock:
+    """No waiting."""
+
+    def __init__(self) -> None:
+        self.lateness = np.zeros(BINS, dtype=np.int64)
+
+    def wait(self, tick: int) -> int:
+        """One step at a time."""
+        return 1
+
+
+class RealtimeClock:
+    """Step number k is due at start + (k + 1) · period. Raises OverrunError past `limit_ns`."""
+
+    def __init__(
+        self,
+        period_ns: int,
+        limit_ns: int,
+        now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.lateness = np.zeros(BINS, dtype=np.int64)
+        self._period_ns = period_ns
+        self._limit_ns = limit_ns
+        self._now = now
+        self._sleep = sleep
+        self._start_ns: int | None = None
+
+    def wait(self, tick: int) -> int:
+        """Sleep to the deadline; one step, and one more for each whole period that was missed."""
+        if self._start_ns is None:
+            self._start_ns = self._now() - tick * self._period_ns
+        deadline = self._start_ns + (tick + 1) * self._period_ns
+        while (left := deadline - self._now()) > 0:
+            self._sleep(left * 1e-9)
+        late = -left
+        note(self.lateness, late)
+        if late > self._limit_ns:
+            raise OverrunError(
+                f"the loop is {late / 1e6:.1f} ms behind, more than --overrun-limit "
+                f"({self._limit_ns / 1e6:.0f} ms); allowed: a lower --rate, a faster machine"
+            )
+        return 1 + late // self._period_ns

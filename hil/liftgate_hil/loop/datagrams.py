@@ -1,0 +1,207 @@
+"""Frames through a socket, for code that holds no interpreter lock.
+
+Every wire is a datagram socket that carries the kernel's `struct can_frame` (16 bytes) and `struct canfd_frame`
+(72 bytes, linux/can.h): a raw CAN socket, or one end of a socket pair whose other end a pump thread serves. Many
+frames cost one system call (recvmmsg, sendmmsg). The message headers lie ready in arrays: all addresses are
+written once.
+
+Only for 64-bit little-endian Linux; `POSSIBLE` says whether this is one.
+"""
+
+from __future__ import annotations
+
+import errno
+import sys
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import FD, Frames
+from liftgate_plant.compiler import System, compilable, last_error
+
+POSSIBLE = sys.platform == "linux" and sys.maxsize > 2**32 and sys.byteorder == "little"
+
+BATCH = 64  # frames a system call
+CAPACITY = 1024  # frames a tick; more wait in the kernel for the next one
+CLASSIC, LONG = 16, 72  # bytes of the two structs
+_ROW = LONG + 8  # and our own pump's time stamp
+_CONTROL = 64  # bytes of ancillary data: a time stamp and a drop counter
+
+_DONTWAIT = 0x40  # MSG_DONTWAIT
+_SOL_SOCKET, SO_RXQ_OVFL, SO_TIMESTAMPNS = 1, 40, 35
+_FDF = 0x04  # CANFD_FDF
+_AGAIN, _FULL, _INTERRUPTED = errno.EAGAIN, errno.ENOBUFS, errno.EINTR
+
+_recvmmsg = System("recvmmsg", "i", "iliil")
+_sendmmsg = System("sendmmsg", "i", "ilii")
+
+
+class Buffers(NamedTuple):
+    """Headers and room for a batch, one way. A header is 64 bytes (struct mmsghdr)."""
+
+    headers: NDArray[
+        np.int64
+    ]  # (n, 8): name, name length, iovec, its length, control, its length, flags, length
+    vectors: NDArray[np.int64]  # (n, 2): address, bytes
+    rows: NDArray[np.uint8]  # (n, 80) frames
+    control: NDArray[np.int64]  # (n, 8) ancillary data
+
+
+class Reading(NamedTuple):
+    """What a read gave besides its frames."""
+
+    count: int  # type: ignore[assignment]  # shadows tuple.count
+    error: int  # errno of a failure, 0: none
+    dropped: (
+        int  # the kernel's count of frames it dropped since the socket was opened; -1: not told
+    )
+
+
+class Writing(NamedTuple):
+    """What became of the frames."""
+
+    sent: int
+    full: int  # not sent: the wire's queue was full
+    failed: int  # not sent for another reason
+    error: int  # errno of the last failure, 0: none
+
+
+def make_buffers() -> Buffers:
+    """Headers that point at their own rows."""
+    buffers = Buffers(
+        np.zeros((BATCH, 8), dtype=np.int64),
+        np.zeros((BATCH, 2), dtype=np.int64),
+        np.zeros((BATCH, _ROW), dtype=np.uint8),
+        np.zeros((BATCH, _CONTROL // 8), dtype=np.int64),
+    )
+    for i in range(BATCH):
+        buffers.vectors[i] = (buffers.rows[i].ctypes.data, _ROW)
+        buffers.headers[i, 2] = buffers.vectors[i].ctypes.data
+        buffers.headers[i, 3] = 1
+        buffers.headers[i, 4] = buffers.control[i].ctypes.data
+        buffers.headers[i, 5] = _CONTROL
+    return buffers
+
+
+@compilable
+def read_frames(
+    descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]
+) -> Reading:
+    """Read what is there, at most as many datagrams as `frames` has room for; never waits.
+
+    What is no frame is passed over, but counts: a socket whose other end has gone gives empty datagrams for ever.
+    `stamps` gets each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative number, a pump's
+    (CLOCK_MONOTONIC) as a positive one, 0 where there is none.
+    """
+    count, error, dropped = 0, 0, -1
+    left = len(frames.identifiers)
+    while left > 0:
+        wanted = min(BATCH, left)
+        got = _recvmmsg(descriptor, buffers.headers.ctypes.data, wanted, _DONTWAIT, 0)
+        if got <= 0:
+            if got < 0:
+                error = last_error()
+            break
+        for i in range(got):
+            size = buffers.headers[i, 7] & 0xFFFFFFFF
+            if size >= CLASSIC:
+                _unpack(buffers, i, size, frames, count)
+                stamps[count], dropped = _ancillary(buffers, i, size, dropped)
+                count += 1
+            buffers.headers[i, 5] = _CONTROL  # the kernel wrote there how much it used
+        left -= got
+        if got < wanted:
+            break
+    if error in (_AGAIN, _INTERRUPTED):
+        error = 0
+    return Reading(count, error, dropped)
+
+
+@compilable
+def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> None:
+    """A struct can_frame or canfd_frame as a row of frames."""
+    raw = buffers.rows[i]
+    low = int(np.int64(raw[0])) | int(np.int64(raw[1])) << 8
+    high = int(np.int64(raw[2])) | int(np.int64(raw[3])) << 8
+    identifier = low | high << 16
+    length = min(int(np.int64(raw[4])), 8 if size == CLASSIC else 64)
+    if size != CLASSIC and (size == LONG or int(np.int64(raw[5])) & _FDF):
+        identifier |= FD
+    frames.identifiers[row] = identifier
+    frames.lengths[row] = length
+    for k in range(length):
+        frames.data[row, k] = raw[8 + k]
+
+
+@compilable
+def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, int]:
+    """(time stamp, drop counter) that came with a frame."""
+    stamp = 0
+    if size == _ROW:  # our own pump's
+        for k in range(8):
+            stamp |= int(np.int64(buffers.rows[i, LONG + k])) << (8 * k)
+        return stamp, dropped
+    words = buffers.control[i]
+    end = buffers.headers[i, 5] // 8
+    at = 0
+    while at + 2 < end:
+        kind = words[at + 1] >> 32
+        if words[at + 1] & 0xFFFFFFFF == _SOL_SOCKET:
+            if kind == SO_TIMESTAMPNS:
+                stamp = -(words[at + 2] * 1_000_000_000 + words[at + 3])
+            elif kind == SO_RXQ_OVFL:
+                dropped = words[at + 2] & 0xFFFFFFFF
+        at += max(2, (words[at] + 7) // 8)
+    return stamp, dropped
+
+
+@compilable
+def write_frames(descriptor: int, buffers: Buffers, frames: Frames) -> Writing:
+    """Write all; what the wire does not take at once is not sent (the next cycle's frame is newer)."""
+    sent, full, failed, error = 0, 0, 0, 0
+    first = 0
+    while first < frames.count:
+        batch = min(BATCH, frames.count - first)
+        for i in range(batch):
+            _pack(buffers, i, frames, first + i)
+        done = 0
+        while done < batch:
+            header = buffers.headers.ctypes.data + 64 * done
+            got = _sendmmsg(descriptor, header, batch - done, _DONTWAIT)
+            if got > 0:
+                sent += got
+                done += got
+                continue
+            reason = last_error()
+            if reason == _INTERRUPTED:
+                continue
+            error = reason
+            if error in (_FULL, _AGAIN):
+                full += 1
+            else:
+                failed += 1
+            done += 1
+        first += batch
+    return Writing(sent, full, failed, error)
+
+
+@compilable
+def _pack(buffers: Buffers, i: int, frames: Frames, row: int) -> None:
+    """A row of frames as a struct can_frame or canfd_frame."""
+    raw = buffers.rows[i]
+    identifier = int(frames.identifiers[row])
+    length = int(frames.lengths[row])
+    is_fd = identifier & FD != 0
+    for k in range(4):
+        raw[k] = (identifier >> (8 * k)) & 0xFF
+    raw[4] = length
+    raw[5] = _FDF if is_fd else 0
+    raw[6] = 0
+    raw[7] = 0
+    for k in range(length):
+        raw[8 + k] = frames.data[row, k]
+    for k in range(length, 64 if is_fd else 8):
+        raw[8 + k] = 0
+    buffers.vectors[i, 1] = LONG if is_fd else CLASSIC
+    buffers.headers[i, 5] = 0

@@ -1,0 +1,68 @@
+"""How times are distributed: a bin for each ns up to 64, then 64 bins per octave, so that a bin is at most 1/64
+of its value wide.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_plant.compiler import compilable
+
+_FINE = 64
+_OCTAVES = 36  # up to 73 minutes
+BINS = _FINE * _OCTAVES
+
+
+@compilable
+def bin_of(nanoseconds: int) -> int:
+    """The bin of a duration; what is negative counts as none."""
+    value = max(int(nanoseconds), 0)
+    octave = 0
+    while value >= 2 * _FINE:
+        value >>= 1
+        octave += 1
+    return min(octave * _FINE + value, BINS - 1)
+
+
+@compilable
+def note(histogram: NDArray[np.int64], nanoseconds: int) -> None:
+    """Count one duration."""
+    histogram[bin_of(nanoseconds)] += 1
+
+
+def upper_end(index: int) -> float:
+    """The largest duration [ns] of a bin."""
+    octave = max(index // _FINE - 1, 0)
+    return float(((index - octave * _FINE + 1) << octave) - 1)
+
+
+class Distribution(NamedTuple):
+    """What a histogram says, in µs; NaN where it is empty."""
+
+    count: int  # type: ignore[assignment]  # shadows tuple.count
+    p50_us: float
+    p99_us: float
+    p999_us: float
+    max_us: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, where NaN is null."""
+        return {key: None if math.isnan(value) else value for key, value in self._asdict().items()}
+
+
+NOTHING = Distribution(0, math.nan, math.nan, math.nan, math.nan)
+
+
+def distribution(histogram: NDArray[np.int64]) -> Distribution:
+    """Quantiles (to a bin's width, 1.6 %) and maximum."""
+    total = np.cumsum(histogram)
+    count = int(total[-1])
+    if count == 0:
+        return NOTHING
+    rows = [int(np.searchsorted(total, share * count)) for share in (0.5, 0.99, 0.999, 1.0)]
+    p50, p99, p999, top = (upper_end(row) * 1e-3 for row in rows)
+    return Distribution(count, p50, p99, p999, top)

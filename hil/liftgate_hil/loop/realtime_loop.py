@@ -1,0 +1,305 @@
+"""The hard loop: waits, receives, ticks, sends, without the interpreter lock from the first tick to the last.
+
+It owns a thread of its own; what is outside steers it and reads it through `Shared` alone. The tick is the same
+one that every other loop calls.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, FD, Frames, bits_of, empty_frames
+from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.histogram import note
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared
+from liftgate_hil.loop.tick import Bench, LoopState, tick
+from liftgate_hil.snapshot import Snapshot
+from liftgate_plant.compiler import System, borrowed, compilable
+
+ENDED, OVERRUN, DIVERGED = 0, 1, 2
+
+_MONOTONIC, _REALTIME = 1, 0  # clocks
+_ABSOLUTE = 1  # TIMER_ABSTIME
+_BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
+
+_clock_gettime = System("clock_gettime", "i", "il")
+_clock_nanosleep = System("clock_nanosleep", "i", "iill")
+
+
+class Course(NamedTuple):
+    """What a run is to do."""
+
+    descriptor: int  # of the wire
+    ticks: int  # to do in all
+    limit_ns: int  # lateness at which it gives up
+    command: int  # identifier of the drive command
+    feedback: NDArray[np.int64]  # identifiers of the messages that show what a command did
+
+
+class Room(NamedTuple):
+    """Memory that the loop works in."""
+
+    reading: Buffers
+    writing: Buffers
+    identifiers: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    data: NDArray[np.uint8]
+    stamps: NDArray[np.int64]  # arrival of each frame
+    drained: NDArray[np.int64]  # (1,) when all that had come was last read
+    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped
+    clock: NDArray[np.int64]  # (2,) struct timespec
+
+
+def make_room() -> Room:
+    """Room for the frames of a tick."""
+    frames = empty_frames(CAPACITY)
+    return Room(
+        make_buffers(),
+        make_buffers(),
+        frames.identifiers,
+        frames.lengths,
+        frames.data,
+        np.zeros(CAPACITY, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(2, dtype=np.int64),
+    )
+
+
+@compilable
+def clock_ns(clock: int, room: Room) -> int:
+    """A clock of the kernel."""
+    _clock_gettime(clock, room.clock.ctypes.data)
+    return int(room.clock[0] * 1_000_000_000 + room.clock[1])
+
+
+@compilable
+def wait_until(deadline_ns: int, room: Room) -> int:
+    """Sleep to a time on the monotonic clock; returns the time it is then."""
+    now = clock_ns(_MONOTONIC, room)
+    while now < deadline_ns:
+        room.clock[0] = deadline_ns // 1_000_000_000
+        room.clock[1] = deadline_ns % 1_000_000_000
+        _clock_nanosleep(_MONOTONIC, _ABSOLUTE, room.clock.ctypes.data, 0)
+        now = clock_ns(_MONOTONIC, room)
+    return now
+
+
+@compilable
+def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
+    """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives. A step of the wall
+    clock between the frame's arrival and now makes it wrong; but it came after all was last read.
+    """
+    if stamp == 0:
+        return now_ns
+    age = now_ns - stamp if stamp > 0 else real_ns + stamp
+    return now_ns - min(max(age, 0), now_ns - drained_ns)
+
+
+@compilable
+def note_frames(
+    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
+) -> None:
+    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
+    control = shared.control[0]
+    ring = shared.frames
+    at = control.frames
+    bits = 0
+    for i in range(frames.count):
+        row = ring[at % len(ring)]
+        length = int(frames.lengths[i])
+        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
+        row.identifier = frames.identifiers[i]
+        row.length = length
+        for k in range(length):
+            row.payload[k] = frames.data[i, k]
+        bits += bits_of(frames.identifiers[i], length)
+        at += 1
+    control.bits += bits
+    control.frames = at
+
+
+@compilable
+def note_snapshot(shared: Shared, snapshot: Snapshot) -> None:
+    """Put a row into the ring."""
+    control = shared.control[0]
+    row = shared.snapshots[control.snapshots % len(shared.snapshots)]
+    for i in range(len(row)):
+        row[i] = snapshot[i]
+    control.snapshots += 1
+
+
+@compilable
+def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
+    """Whether a frame with one of these identifiers is there."""
+    for i in range(frames.count):
+        identifier = frames.identifiers[i] & ~FD
+        for wanted in identifiers:
+            if identifier == wanted:
+                return True
+    return False
+
+
+@compilable
+def is_sound(snapshot: Snapshot) -> bool:
+    """Whether the plant still gives numbers."""
+    total = 0.0
+    for value in snapshot:
+        total += value
+    return math.isfinite(total)
+
+
+@compilable
+def send(shared: Shared, course: Course, room: Room, replies: Frames) -> int:
+    """Send, count and log; how many the wire did not take."""
+    written = write_frames(course.descriptor, room.writing, replies)
+    control = shared.control[0]
+    control.sent += written.sent
+    missed = written.full + written.failed
+    if missed > 0:
+        control.unsent += missed
+        control.unsent_full += written.full
+        control.last_error = written.error
+    return missed
+
+
+@compilable
+def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> int:
+    """The same for the last frames: what a full queue does not take is tried again for 100 ms."""
+    end = clock_ns(_MONOTONIC, room) + 100_000_000
+    one = Frames(1, room.identifiers, room.lengths, room.data)
+    missed, full = 0, 0
+    for i in range(replies.count):
+        one.identifiers[0] = replies.identifiers[i]
+        one.lengths[0] = replies.lengths[i]
+        for k in range(replies.lengths[i]):
+            one.data[0, k] = replies.data[i, k]
+        while True:
+            written = write_frames(course.descriptor, room.writing, one)
+            now = clock_ns(_MONOTONIC, room)
+            if written.full == 0 or now >= end:
+                break
+            wait_until(now + 1_000_000, room)
+        missed += 1 - written.sent
+        full += written.full
+        if written.error != 0:
+            shared.control[0].last_error = written.error
+    shared.control[0].sent += replies.count - missed
+    shared.control[0].unsent += missed
+    shared.control[0].unsent_full += full
+    return missed
+
+
+@compilable
+def note_errors(shared: Shared, frames: Frames) -> None:
+    """Whether the controller is off the bus: it says so, and is on it again when it restarts or hears others."""
+    control = shared.control[0]
+    for i in range(frames.count):
+        identifier = frames.identifiers[i]
+        if identifier & ERROR == 0 or identifier & _RESTARTED != 0:
+            control.bus_off = 0
+        elif identifier & _BUS_OFF != 0:
+            control.bus_offs += 1 - control.bus_off
+            control.bus_off = 1
+
+
+@compilable
+def receive(shared: Shared, course: Course, room: Room) -> Frames:
+    """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
+    frames = Frames(0, room.identifiers, room.lengths, room.data)
+    reading = read_frames(course.descriptor, room.reading, frames, room.stamps)
+    now_ns = clock_ns(_MONOTONIC, room)
+    control = shared.control[0]
+    if reading.error != 0:
+        control.receive_errors += 1
+        control.last_error = reading.error
+        control.bus_off = 0  # an interface that was down starts its controller afresh
+    if reading.dropped >= 0:
+        # A new socket under the descriptor counts from zero.
+        before = room.drops[0] if reading.dropped >= room.drops[0] else 0
+        control.dropped += reading.dropped - before
+        room.drops[0] = reading.dropped
+    frames = Frames(reading.count, room.identifiers, room.lengths, room.data)
+    if reading.count > 0:
+        real_ns = clock_ns(_REALTIME, room)
+        drained_ns = int(room.drained[0])
+        for i in range(reading.count):
+            room.stamps[i] = arrival_of(room.stamps[i], now_ns, real_ns, drained_ns)
+        note_errors(shared, frames)
+    if reading.count < CAPACITY:
+        room.drained[0] = now_ns
+    return frames
+
+
+@compilable
+def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) -> int:
+    """When the first frame with an identifier came."""
+    for i in range(frames.count):
+        if frames.identifiers[i] & ~FD == identifier:
+            return int(stamps[i])
+    return 0
+
+
+@compilable
+def run_hard(
+    bench: Bench, start: LoopState, course: Course, shared: Shared, room: Room
+) -> tuple[LoopState, int]:
+    """Tick until told to stop or done, and once more with the motors off, when every message is sent.
+
+    The state, and ENDED, OVERRUN or DIVERGED.
+    """
+    bench, course, shared, room = borrowed((bench, course, shared, room))
+    state = start
+    control = shared.control[0]
+    outcome = ENDED
+    waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
+    now_stamps = np.zeros(len(bench.outputs.messages), dtype=np.int64)
+    none = Frames(0, room.identifiers, room.lengths, room.data)
+    # Model time 0 is now: taken here, where no interpreter lock can hold up what follows.
+    start_ns = clock_ns(_MONOTONIC, room) - start.tick * bench.step_ns
+    control.epoch_ns = clock_ns(_REALTIME, room) - start.tick * bench.step_ns
+    room.drained[0] = start_ns
+    stopping = False
+    while not stopping:
+        stopping = control.stop != 0 or state.tick >= course.ticks or outcome != ENDED
+        frames, steps = none, 1
+        woken = clock_ns(_MONOTONIC, room)
+        if not stopping:
+            deadline = start_ns + (state.tick + 1) * bench.step_ns
+            woken = wait_until(deadline, room)
+            late = woken - deadline
+            note(shared.histograms[LATENESS], late)
+            if late > course.limit_ns:
+                outcome = OVERRUN
+                continue
+            steps = min(1 + late // bench.step_ns, course.ticks - state.tick)
+            frames = receive(shared, course, room)
+
+        accepted = state.counts.accepted
+        state, replies, snapshot = tick(bench, state, frames, steps, stopping)
+        if state.counts.accepted > accepted and waiting_since == 0:
+            waiting_since = first_arrival(frames, room.stamps, course.command)
+        note_frames(shared, frames, room.stamps, start_ns, woken)
+        missed = 0
+        if stopping:
+            missed = send_surely(shared, course, room, replies)
+        elif replies.count > 0:
+            missed = send(shared, course, room, replies)
+        done = clock_ns(_MONOTONIC, room)
+        if waiting_since != 0 and missed == 0 and is_among(replies, course.feedback):
+            note(shared.histograms[DELAY], done - waiting_since)
+            waiting_since = 0
+
+        note_frames(shared, replies, now_stamps, start_ns, done)
+        note_snapshot(shared, snapshot)
+        control.tick = state.tick
+        control.overruns = state.overruns
+        if not stopping:
+            note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
+        if not is_sound(snapshot):
+            outcome = DIVERGED
+    return state, outcome

@@ -1,0 +1,198 @@
+"""A real-time run: the hard loop in a thread of its own, and what looks after it in this one.
+
+This thread watches the wire, tells what happened, keeps the figures that go onto the bus, and gives the peers of
+an in-process bus their turns. None of it can hold up a tick.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import OverrunError, PlantDivergedError
+from liftgate_hil.loop import realtime_loop
+from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.priority import Realtime, sharp_timers
+from liftgate_hil.loop.python_loop import Peer
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
+from liftgate_hil.loop.statistics import Summary, Timing
+from liftgate_hil.loop.tick import Bench, LoopState
+from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.transport.base import Line
+from liftgate_plant.compiler import compiled
+
+_WATCH = 0.02  # s between two looks at the wire
+_PEERS = 0.001  # s between two turns of a peer
+_FIGURES = 0.05  # s between two looks at the histograms
+_FOREVER = 2**62
+_HISTORY = 4.0  # s that the rings hold
+_FULL_BUS = 12_000  # frames/s, more than 1 Mbit/s carries of 8 bytes
+
+
+def memory_for(rate: float) -> Memory:
+    """Rings that hold a few seconds."""
+    return Memory(int(_HISTORY * rate) + 64, int(_HISTORY * _FULL_BUS))
+
+
+def feedback_identifiers(rig: Rig) -> list[int]:
+    """The messages that show what a command did: those with a motor current, else all."""
+    shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
+    names = shown or {wire.message for wire in rig.outputs}
+    messages = [rig.messages[name] for name in names]
+    return [each.frame_id | (EXTENDED if each.is_extended_frame else 0) for each in messages]
+
+
+@dataclass
+class RealtimeRun:
+    """A run about to begin; `begin`, then `run`."""
+
+    bench: Bench
+    state: LoopState
+    line: Line
+    memory: Memory
+    rig: Rig
+    bitrate: float  # bit/s; NaN: the load is not known
+    limit_ns: int
+    say: Callable[[str], None]
+    peers: Sequence[Peer] = ()
+    watch: Callable[[Snapshot], None] | None = None
+    realtime: Realtime | None = None
+    outcome: int = realtime_loop.ENDED
+    _failure: BaseException | None = None
+    _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
+    _entered: threading.Event = field(default_factory=threading.Event)
+
+    def begin(self) -> None:
+        """Compile, or read the cache, before time counts."""
+        self.state = self.state._replace(timing=self.memory.shared.timing)
+        self.state.timing[:] = np.nan
+        self._run = compiled(realtime_loop.run_hard)
+        nowhere = self._course(0)._replace(descriptor=-1)
+        scratch = Memory(1, 1)  # the recorder already looks at the real one
+        self._run(self.bench, self.state, nowhere, scratch.shared, self._room)
+        scratch.close()
+        if self.realtime is not None:
+            self.realtime.prepare()
+        for peer in self.peers:
+            peer.poll(0)
+
+    def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
+        """Run to the end. Raises OverrunError, PlantDivergedError."""
+        thread = threading.Thread(
+            target=self._in_thread, args=(_FOREVER if ticks is None else ticks,), name="hard loop"
+        )
+        control = self.memory.shared.control[0]
+        thread.start()
+        try:
+            if self.realtime is not None:
+                self._entered.wait()
+                for refused in self.realtime.refused:
+                    self.say(f"not given: {refused}")
+            self._look_after(thread, stopped)
+        finally:
+            control.stop = 1
+            thread.join()
+            if self.realtime is not None:
+                self.realtime.release()
+        if self._failure is not None:
+            raise self._failure
+        if self.outcome == realtime_loop.OVERRUN:
+            raise OverrunError(
+                f"the loop fell more than --overrun-limit ({self.limit_ns / 1e6:.0f} ms) behind; "
+                "allowed: a lower --rate, a faster machine"
+            )
+        if self.outcome == realtime_loop.DIVERGED:
+            raise PlantDivergedError(
+                f"the plant diverged at {self.state.tick * self.bench.step:.3f} s; allowed: a higher "
+                "--rate, a saner vehicle"
+            )
+
+    def timing(self) -> Timing:
+        """How well it kept time so far."""
+        rows = self.memory.shared.histograms
+        return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
+
+    def summary(self, lost_rows: int = 0) -> Summary:
+        """The figures so far."""
+        control = self.memory.shared.control[0]
+        seconds = self.state.tick * self.bench.step
+        mine = self.line.counts()
+        link = mine._replace(
+            send_failures=int(control.unsent) + mine.send_failures,
+            send_queue_full=int(control.unsent_full) + mine.send_queue_full,
+            receive_failures=int(control.receive_errors) + mine.receive_failures,
+            dropped=int(control.dropped) + mine.dropped,
+        )
+        load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0
+        return Summary(
+            clock="realtime",
+            ticks=self.state.tick,
+            model_time_s=seconds,
+            overruns=self.state.overruns,
+            timing=self.timing(),
+            bus_load_percent=load,
+            frames_sent=int(control.sent),
+            command_timeouts=self.state.timeouts,
+            received=self.state.counts,
+            link=link,
+            link_error=os.strerror(int(control.last_error)) if control.last_error else "",
+            recording_lost_rows=lost_rows,
+        )
+
+    def _course(self, ticks: int) -> realtime_loop.Course:
+        return realtime_loop.Course(
+            self.line.descriptor,
+            ticks,
+            self.limit_ns,
+            self.rig.command_identifier(),
+            np.array(feedback_identifiers(self.rig), dtype=np.int64),
+        )
+
+    def _in_thread(self, ticks: int) -> None:
+        try:
+            sharp_timers()
+            if self.realtime is not None:
+                self.realtime.enter()
+            self._entered.set()
+            course, shared = self._course(ticks), self.memory.shared
+            self.state, self.outcome = self._run(self.bench, self.state, course, shared, self._room)
+        except BaseException as error:  # told by the thread that can tell
+            self._failure = error
+        finally:
+            self._entered.set()
+
+    def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
+        shared = self.memory.shared
+        control = shared.control[0]
+        reader = RingReader(shared.snapshots, shared.control, "snapshots")
+        pause = _PEERS if self.peers else _WATCH
+        next_look = next_figures = 0.0
+        while thread.is_alive():
+            if stopped():
+                control.stop = 1
+            now = time.monotonic()
+            if now >= next_look:
+                next_look = now + _WATCH
+                news = self.line.watch(control)
+                if news:
+                    seconds = int(control.tick) * self.bench.step
+                    self.say(f"{seconds:.3f} s: {self.line.name} {news}")
+            if now >= next_figures:
+                next_figures = now + _FIGURES
+                shared.timing[:] = self.timing().on_bus()
+            if self.watch is not None:
+                for row in reader.take():
+                    self.watch(Snapshot(*row.tolist()))
+            for peer in self.peers:
+                peer.poll(int(control.tick) * self.bench.step_ns)
+            thread.join(pause)
+        if self.watch is not None:
+            for row in reader.take():
+                self.watch(Snapshot(*row.tolist()))

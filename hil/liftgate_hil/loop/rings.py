@@ -1,0 +1,111 @@
+"""Memory that the hard loop, the rest of this process and other processes see at once.
+
+The loop writes and never waits: rings hold the last few seconds, and a reader that is too slow finds out that it
+lost rows. Nothing here is locked; each word has one writer.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import LOGGED
+from liftgate_hil.codec.quantities import TIMING
+from liftgate_hil.loop.histogram import BINS
+from liftgate_hil.snapshot import Snapshot
+
+CONTROL = np.dtype(
+    [
+        ("stop", "i8"),  # written by the outside: 1 ends the run
+        ("epoch_ns", "i8"),  # CLOCK_REALTIME at model time 0, written before the first tick
+        ("snapshots", "i8"),  # rows written so far
+        ("frames", "i8"),
+        ("tick", "i8"),  # plant steps done
+        ("overruns", "i8"),  # periods skipped
+        ("sent", "i8"),  # frames
+        ("bits", "i8"),  # on the wire, either way
+        ("unsent", "i8"),  # frames that the wire did not take
+        ("unsent_full", "i8"),  # of these, because its queue was full
+        ("receive_errors", "i8"),
+        ("dropped", "i8"),  # frames that the kernel dropped before they were read
+        ("last_error", "i8"),  # errno of the wire's last error
+        ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
+        ("bus_offs", "i8"),  # times it went off
+    ]
+)
+
+LATENESS, EXECUTION, DELAY = 0, 1, 2  # rows of the histograms
+
+
+class Shared(NamedTuple):
+    """The loop's side of it, all arrays."""
+
+    control: Any  # (1,) CONTROL
+    snapshots: NDArray[np.float64]  # (rows, columns of Snapshot)
+    frames: Any  # (rows,) LOGGED
+    histograms: NDArray[np.int64]  # (3, BINS): LATENESS, EXECUTION, DELAY
+    timing: NDArray[np.float64]  # quantiles of these for the bus, in the order of quantities.TIMING
+
+
+class Memory:
+    """The memory behind a `Shared`, as an anonymous file that can be handed to a child process."""
+
+    def __init__(self, rows: int, frames: int, descriptor: int | None = None) -> None:
+        self.sizes = (rows, frames)
+        parts: list[tuple[Any, tuple[int, ...]]] = [
+            (CONTROL, (1,)),
+            (np.dtype("f8"), (rows, len(Snapshot._fields))),
+            (LOGGED, (frames,)),
+            (np.dtype("i8"), (3, BINS)),
+            (np.dtype("f8"), (len(TIMING),)),
+        ]
+        sizes = [-(-kind.itemsize * int(np.prod(shape)) // 64) * 64 for kind, shape in parts]
+        if descriptor is None:
+            descriptor = os.memfd_create("liftgate-hil")
+            os.ftruncate(descriptor, sum(sizes))
+        self.descriptor = descriptor
+        self._map = mmap.mmap(descriptor, sum(sizes))
+        arrays = []
+        offset = 0
+        for (kind, shape), size in zip(parts, sizes, strict=True):
+            count = int(np.prod(shape))
+            array = np.frombuffer(self._map, kind, count, offset).reshape(shape)
+            arrays.append(array.view(np.recarray) if kind.fields else array)
+            offset += size
+        self.shared = Shared(*arrays)
+
+    def close(self) -> None:
+        """Give the descriptor back; the memory goes with the arrays that show it."""
+        os.close(self.descriptor)
+
+
+class RingReader:
+    """Reads a ring's rows in order, each once; counts those that were overwritten before.
+
+    `batch` is how many rows at most the writer writes before its count says so.
+    """
+
+    def __init__(self, rows: Any, control: Any, head: str, batch: int = 1) -> None:
+        self._rows = rows
+        self._control = control
+        self._head = head
+        self._batch = batch
+        self._next = 0
+        self.lost = 0
+
+    def take(self) -> Any:
+        """Copies of the rows that have come since the last call."""
+        capacity = len(self._rows)
+        head = int(self._control[self._head][0])
+        start = max(self._next, head - capacity)
+        rows = self._rows[np.arange(start, head) % capacity]
+        # What the writer has reached meanwhile may be half overwritten; the batch it is at, too.
+        reached = int(self._control[self._head][0]) + self._batch
+        safe = max(start, min(reached - capacity, head))
+        self.lost += safe - self._next
+        self._next = head
+        return rows[safe - start :]

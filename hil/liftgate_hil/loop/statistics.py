@@ -1,0 +1,155 @@
+"""What a run says at its end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any, NamedTuple
+
+from liftgate_hil.codec.frames import Frames, bits_of
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
+from liftgate_hil.loop.histogram import NOTHING, Distribution
+from liftgate_hil.transport.base import LinkCounts
+
+
+class BusLoad:
+    """Bits on the wire."""
+
+    def __init__(self) -> None:
+        self.bits = 0
+
+    def add(self, frames: Frames) -> None:
+        """Count frames, either way."""
+        for row in range(frames.count):
+            self.bits += bits_of(int(frames.identifiers[row]), int(frames.lengths[row]))
+
+    def percent(self, bitrate: float, seconds: float) -> float:
+        """Share of the bus's time, in %."""
+        return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
+
+
+EDGE_SPEED = 0.29  # m/s, of the gate's edge while closing (the reference vehicle)
+ROD_RATE = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
+
+
+def force_of(delay_us: float) -> float:
+    """The pinch force [N] on the rod that grows in a delay [µs]."""
+    return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
+
+
+class Timing(NamedTuple):
+    """How well a real-time loop kept time."""
+
+    lateness: Distribution = NOTHING  # of ticks
+    execution: Distribution = NOTHING  # of one tick
+    delay: Distribution = NOTHING  # from a command on the bus to the first feedback that shows it
+
+    def on_bus(self) -> list[float]:
+        """In the order of quantities.TIMING; NaN where there is no figure."""
+        late, took, delay = self
+        return [
+            late.p50_us, late.p99_us, late.p999_us, late.max_us,
+            took.p50_us, took.max_us,
+            delay.p50_us, delay.max_us, force_of(delay.max_us),
+        ]  # fmt: skip
+
+
+NO_TIMING = Timing()
+
+
+@dataclass
+class Summary:
+    """The figures of a run."""
+
+    clock: str = "realtime"
+    ticks: int = 0
+    model_time_s: float = 0.0
+    overruns: int = 0
+    timing: Timing = NO_TIMING
+    bus_load_percent: float = 0.0
+    frames_sent: int = 0
+    command_timeouts: int = 0
+    received: Counts = NO_COUNTS
+    link: LinkCounts = field(default_factory=LinkCounts)
+    link_error: str = ""  # the system's words for the last one
+    recording_lost_rows: int = 0  # that the recorder was too slow for
+
+    def as_dict(self) -> dict[str, Any]:
+        """For --json."""
+        figures = asdict(self)
+        del figures["timing"]
+        if math.isnan(self.bus_load_percent):
+            figures["bus_load_percent"] = None
+        for name, each in self.timing._asdict().items():
+            prefix = "command_delay" if name == "delay" else name
+            for key, value in each._asdict().items():
+                figures[f"{prefix}_{key}"] = None if math.isnan(value) else value
+        delay = self.timing.delay.max_us
+        figures["command_delay_force_n"] = None if math.isnan(delay) else force_of(delay)
+        return {
+            **figures,
+            "received": self.received._asdict(),
+            "rejected_frames": rejected(self.received),
+            "link": self.link._asdict(),
+        }
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        received = self.received
+        causes = {
+            "wrong length": received.wrong_length,
+            "out of range": received.out_of_range,
+            "checksum": received.checksum,
+            "counter": received.counter,
+            "remote": received.remote,
+        }
+        why = ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
+        percent = self.bus_load_percent
+        load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
+        lines = [
+            f"ticks {self.ticks}, model time {self.model_time_s:.3f} s, clock {self.clock}",
+            f"frames sent {self.frames_sent}, commands accepted {received.accepted}, rejected "
+            f"{rejected(received)}{f' ({why})' if why else ''}, lost {received.lost}, foreign "
+            f"{received.foreign}, error frames {received.error}",
+            f"command time-outs {self.command_timeouts}{load}",
+        ]
+        if self.clock == "realtime":
+            lines[1:1] = [
+                f"overruns {self.overruns}, lateness {told(self.timing.lateness)}",
+                f"tick {told(self.timing.execution)}",
+            ]
+        if received.unqualified:
+            lines.append(f"sound, but the E2E state not valid: {received.unqualified} frames")
+        delay = self.timing.delay
+        if delay.count:
+            lines.append(
+                f"command to feedback {told(delay)}: {force_of(delay.p50_us):.1f} N, at most "
+                f"{force_of(delay.max_us):.1f} N on the 10 N/mm rod"
+            )
+        if any(self.link):
+            link = self.link
+            rarer = [
+                f", {count} {name.replace('_', ' ')}"
+                for name, count in list(link._asdict().items())[5:]
+                if count
+            ]
+            lines.append(
+                f"link: lost {link.losses} times, {link.send_failures} frames not sent "
+                f"({link.send_queue_full} because the queue was full), {link.receive_failures} "
+                f"receive errors, {link.dropped} received frames dropped"
+                + "".join(rarer)
+                + (f", last: {self.link_error}" if self.link_error else "")
+            )
+        if self.recording_lost_rows:
+            lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
+        return lines
+
+
+def told(times: Distribution) -> str:
+    """A distribution in words."""
+    if not times.count:
+        return "not known"
+    return (
+        f"p50 {times.p50_us:.1f} µs, p99 {times.p99_us:.1f} µs, p99.9 {times.p999_us:.1f} µs, "
+        f"max {times.max_us:.1f} µs"
+    )

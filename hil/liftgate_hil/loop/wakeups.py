@@ -1,0 +1,91 @@
+"""How late this machine wakes the hard loop: its own way to wait, without the work in between."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.loop.histogram import BINS, Distribution, distribution, note
+from liftgate_hil.loop.priority import Realtime, sharp_timers
+from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
+from liftgate_plant.compiler import compilable, compiled
+
+_MONOTONIC = 1  # clock
+_HEAD_START = 1_000_000  # ns until the first period begins, for the thread to settle
+
+Result = TypeVar("Result")
+
+
+@compilable
+def note_wakeups(
+    period_ns: int, count: int, histogram: NDArray[np.int64], stop: NDArray[np.int64], room: Room
+) -> int:
+    """Wake up for `count` periods on absolute deadlines, as the hard loop does; returns those skipped."""
+    start = clock_ns(_MONOTONIC, room) + _HEAD_START
+    done, missed = 0, 0
+    while done < count and stop[0] == 0:
+        deadline = start + (done + 1) * period_ns
+        late = wait_until(deadline, room) - deadline
+        note(histogram, late)
+        steps = min(1 + late // period_ns, count - done)
+        missed += steps - 1
+        done += steps
+    return missed
+
+
+def measure_wakeups(
+    period_ns: int, count: int, realtime: Realtime | None = None
+) -> tuple[Distribution, int]:
+    """How late a thread of its own wakes up, and how many of `count` periods [ns] it skipped.
+
+    What `realtime` was refused is told in it.
+    """
+    histogram = np.zeros(BINS, dtype=np.int64)
+    stop = np.zeros(1, dtype=np.int64)
+    room = make_room()
+    machine_code = compiled(note_wakeups)
+    machine_code(period_ns, 0, histogram, stop, room)  # compiles before time counts
+
+    def end() -> None:
+        stop[0] = 1
+
+    missed = in_own_thread(
+        lambda: machine_code(period_ns, count, histogram, stop, room), end, realtime
+    )
+    return distribution(histogram), int(missed)
+
+
+def in_own_thread(
+    action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None
+) -> Result:
+    """What `action` gives, in a thread such as the hard loop's; `end` makes it return early, for Ctrl-C."""
+    results: list[Result] = []
+    failures: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            sharp_timers()
+            if realtime is not None:
+                realtime.enter()
+            results.append(action())
+        except BaseException as error:  # told by the thread that can tell
+            failures.append(error)
+
+    if realtime is not None:
+        realtime.prepare()
+    thread = threading.Thread(target=run, name="wake-ups")
+    try:
+        thread.start()
+        thread.join()
+    finally:
+        end()
+        thread.join()
+        if realtime is not None:
+            realtime.release()
+    if failures:
+        raise failures[0]
+    return results[0]

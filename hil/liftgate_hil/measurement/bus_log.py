@@ -1,0 +1,247 @@
+"""Bus logs: the ECU's command frames are the inputs, the sensors' frames the outputs.
+
+The emulator's own codec judges each frame (length, checksum, counter, ranges), so that what it would refuse on
+the bus is refused here, too. Before the first command, and once one is stale, the motors coast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec import quantities
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.codec.layout import Wire
+from liftgate_hil.codec.receive import Counts, rejected
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.tick import bridge_command
+from liftgate_hil.measurement.log_frames import read_frames
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
+from liftgate_hil.measurement.walk import events_in
+
+# Our column of a quantity that is one by itself.
+_PANEL = {
+    "supply_voltage": "supply_voltage_v",
+    "road_slope": "road_slope_deg",
+    "hand_force": "hand_force_n",
+}
+_SENSED = {
+    "left_current": "left_current_a",
+    "right_current": "right_current_a",
+    "left_hall_count": "left_hall_count",
+    "right_hall_count": "right_hall_count",
+    "gate_angle": "gate_angle_deg",
+}
+_COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
+_SIDES = ("left", "right")
+_OUT_OF_TURN_NS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Track:
+    """What the frames say of one quantity: times [ns] and values, NaN where it went stale."""
+
+    times: NDArray[np.int64]
+    values: Floats
+
+    def held(self, at: NDArray[np.int64], before: float) -> Floats:
+        """The last value at each of these times."""
+        index = np.searchsorted(self.times, at, side="right") - 1
+        return np.where(index >= 0, self.values[np.maximum(index, 0)], before)
+
+    def without_stale(self) -> Track:
+        """The samples alone."""
+        there = np.isfinite(self.values)
+        return Track(self.times[there], self.values[there])
+
+
+def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measurement:
+    """The measurement in a bus log. Raises ConfigError."""
+    rig = replace(
+        rig,
+        inputs=tuple(wire for wire in rig.inputs if wire.quantity in (*_COMMANDS, *_PANEL)),
+        outputs=tuple(wire for wire in rig.outputs if wire.quantity in _SENSED),
+    )
+    messages = list(dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs)))
+    seconds, frames = read_frames(path, messages, rig)
+    if frames.count == 0:
+        raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
+    # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
+    times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
+    times = _in_order(path, times)
+    given, counts = _tracks(rig.input_layout(), quantities.INPUTS, frames, times)
+    sensed, sensor_counts = _tracks(
+        rig.output_layout(sending=False), quantities.OUTPUTS, frames, times
+    )
+    sensed = {name: track.without_stale() for name, track in sensed.items()}
+    _check_content(path, rig, given, sensed, _add(counts, sensor_counts))
+    marks = np.unique(np.concatenate([t.times for t in (*given.values(), *sensed.values())]))
+    columns = _inputs({wire.quantity for wire in rig.inputs}, given, marks, before)
+    for wire in rig.outputs:
+        if wire.quantity not in sensed:
+            continue
+        track, column = sensed[wire.quantity], _SENSED[wire.quantity]
+        values = track.values
+        if column.endswith("hall_count"):
+            values = unwrapped(values, _wrap(rig, wire))
+        columns[column] = np.full(len(marks), np.nan)
+        columns[column][np.searchsorted(marks, track.times)] = values
+    _check_ranges(path, columns)
+    ordered = {name: columns[name] for name in (*INPUTS, *OUTPUTS) if name in columns}
+    notes = [*_refusals(_add(counts, sensor_counts)), *_late_panel(given, before)]
+    return Measurement(str(path), (marks - marks[0]) / 1e9, ordered, True, tuple(notes))
+
+
+def unwrapped(values: Floats, span: float) -> Floats:
+    """A counter that starts again after `span`, without its jumps; 0: it never does."""
+    if span <= 0.0 or len(values) == 0:
+        return values
+    steps = np.diff(values)
+    steps -= span * np.round(steps / span)
+    result: Floats = values[0] + np.concatenate([np.zeros(1), np.cumsum(steps)])
+    return result
+
+
+def _wrap(rig: Rig, wire: Wire) -> float:
+    """What a counter's bits hold, in our unit."""
+    signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
+    if signal.is_float or signal.length > 48:
+        return 0.0
+    return abs(wire.scale * float(signal.scale)) * 2.0**signal.length
+
+
+def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Times that do not fall: what was sent and what was received may be stamped a little out of turn."""
+    rising = np.maximum.accumulate(times)
+    late = np.flatnonzero(rising - times > _OUT_OF_TURN_NS)
+    if len(late):
+        at = int(late[0])
+        raise ConfigError(
+            f"{path}: time {times[at] / 1e9:.6f} s of frame {at + 1} of ours comes after "
+            f"{rising[at] / 1e9:.6f} s; allowed: rising"
+        )
+    return rising
+
+
+def _called(rig: Rig, messages: Sequence[str]) -> str:
+    return ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in messages)
+
+
+def _tracks(
+    layout: Layout,
+    names: Mapping[str, quantities.BusQuantity],
+    frames: Frames,
+    times: NDArray[np.int64],
+) -> tuple[dict[str, Track], Counts]:
+    """What the frames say of each quantity, and what became of the frames."""
+    at, which, values, counts = events_in(layout, frames, times, len(names))
+    tracks = {}
+    for index, name in enumerate(names):
+        mine = np.flatnonzero(which == index)
+        if len(mine):
+            # Of several in one microsecond the last one counts.
+            last = np.append(np.diff(at[mine]) > 0, True)
+            tracks[name] = Track(at[mine][last], values[mine][last])
+    return tracks, counts
+
+
+def _add(one: Counts, other: Counts) -> Counts:
+    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
+
+
+def _refusals(counts: Counts) -> list[str]:
+    """What is worth knowing of frames that were not taken."""
+    causes = ("remote", "wrong_length", "out_of_range", "checksum", "counter", "unqualified")
+    told = [
+        f"{getattr(counts, cause)} {cause.replace('_', ' ')}"
+        for cause in causes
+        if getattr(counts, cause)
+    ]
+    notes = []
+    if told:
+        refused = rejected(counts) + counts.unqualified
+        notes.append(f"{refused} frames of ours refused: {', '.join(told)}")
+    if counts.lost:
+        notes.append(f"{counts.lost} frames missing between two alive counters")
+    return notes
+
+
+def _late_panel(given: Mapping[str, Track], before: Mapping[str, float]) -> list[str]:
+    return [
+        f"{column}: its first value is taken for the time before it, too"
+        for name, column in _PANEL.items()
+        if name in given and column not in before and given[name].times[0] > 0
+    ]
+
+
+def _check_content(
+    path: Path,
+    rig: Rig,
+    given: Mapping[str, Track],
+    sensed: Mapping[str, Track],
+    counts: Counts,
+) -> None:
+    """There must be commands, and something sensed."""
+    faults = []
+    why = "; ".join(_refusals(counts))
+    why = f" ({why})" if why else ""
+    for what, found, wires in (
+        ("command", any(name in given for name in ("left_duty", "right_duty")), rig.inputs),
+        ("sensor", any(len(track.times) for track in sensed.values()), rig.outputs),
+    ):
+        if not found:
+            names = list(
+                dict.fromkeys(wire.message for wire in wires if wire.quantity not in _PANEL)
+            )
+            faults.append(f"{path}: no sound {what} frame{why}; allowed: {_called(rig, names)}")
+    if faults:
+        raise ConfigError(faults)
+
+
+def _check_ranges(path: Path, columns: Mapping[str, Floats]) -> None:
+    faults = []
+    for name, values in columns.items():
+        low, high = {**INPUTS, **OUTPUTS}[name]
+        bad = np.flatnonzero((values < low) | (values > high))
+        if len(bad):
+            faults.append(
+                f"{path}: {name}: {values[bad[0]]:.9g} in the frame of row {bad[0] + 1}; "
+                f"allowed: {low:g} to {high:g}"
+            )
+    if faults:
+        raise ConfigError(faults)
+
+
+def _inputs(
+    wired: set[str],
+    given: Mapping[str, Track],
+    marks: NDArray[np.int64],
+    before: Mapping[str, float],
+) -> dict[str, Floats]:
+    """The input columns at these times [ns]."""
+    columns = {}
+
+    def held(name: str) -> Floats:
+        return given[name].held(marks, np.nan) if name in given else np.full(len(marks), np.nan)
+
+    for side in _SIDES:
+        if f"{side}_duty" not in wired:
+            continue
+        signed = f"{side}_direction" not in wired
+        pairs = zip(held(f"{side}_duty"), held(f"{side}_direction"), strict=True)
+        drives = [bridge_command(float(duty), float(to), int(signed)) for duty, to in pairs]
+        columns[f"{side}_duty"] = np.array([drive.duty for drive in drives])
+        columns[f"{side}_coast"] = np.array([drive.coast for drive in drives])
+    if "latch_release" in wired:
+        columns["latch_released"] = np.nan_to_num(held("latch_release"), nan=0.0)
+    for name, column in _PANEL.items():
+        if name in given:
+            first = before.get(column, float(given[name].values[0]))
+            columns[column] = given[name].held(marks, first)
+    return columns

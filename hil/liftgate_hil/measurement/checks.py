@@ -1,0 +1,222 @@
+"""What a measurement must hold to be of use, and what looks like a mistake in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
+
+MIN_ROWS = 20
+_MAX_CURRENT = 1000.0  # A
+_LEAST_CURRENT = (
+    100.0  # A: what may well be amperes, however large the resistance that a search begins with
+)
+_SLOWEST = 0.5  # s between rows
+_TOLD_DEG = 5.0  # a way of the gate that tells something
+# The ratio of a speed to the slope of its position, and the unit that it betrays.
+_SPEED_UNITS: Sequence[tuple[float, str]] = (
+    (60.0, "1/min"),
+    (2.0 * math.pi, "rad/s"),
+    (360.0, "deg/s"),
+    (120.0 * math.pi, "rad/min"),
+)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is known of the vehicle; None: nothing."""
+
+    supply_voltage: float | None = None  # V
+    stall_current: float | None = None  # A, supply voltage by winding resistance
+    hall_counts: float | None = None  # 1/rev
+    angle_of_position: Callable[[float], float] | None = None  # deg of rev
+
+
+def check(measurement: Measurement, expected: Expected | None = None) -> list[str]:
+    """All faults, a line each."""
+    known = expected or Expected()
+    faults = _soundness(measurement)
+    if not faults:
+        faults += _raster(measurement)
+    if not faults:
+        for side in ("left", "right"):
+            faults += _position_and_speed(measurement, side, known)
+            faults += _count_and_position(measurement, side, known)
+            faults += _angle_and_position(measurement, side, known)
+            faults += _current(measurement, side, known)
+            faults += _voltage(measurement, side, known)
+    return [f"{measurement.source}: {fault}" for fault in faults]
+
+
+def _soundness(measurement: Measurement) -> list[str]:
+    """What the reader should have seen to; conditioning may leave less."""
+    faults = []
+    rows = len(measurement.times)
+    if rows < MIN_ROWS:
+        faults.append(f"{rows} rows; allowed: {MIN_ROWS} or more")
+    if not np.all(np.isfinite(measurement.times)) or np.any(np.diff(measurement.times) <= 0.0):
+        row = int(np.argmin(np.append(np.diff(measurement.times) > 0.0, False))) + 2
+        faults.append(f"time_s: row {row}; allowed: finite and rising")
+    for name, values in measurement.columns.items():
+        low, high = {**INPUTS, **OUTPUTS}[name]
+        bad = ~np.isfinite(values) if name in INPUTS else np.isinf(values)
+        if np.any(bad):
+            row = int(np.argmax(bad))
+            faults.append(f"{name}: {values[row]} in row {row + 1}; allowed: {low:g} to {high:g}")
+        samples = int(np.sum(np.isfinite(values)))
+        if name in OUTPUTS and samples < MIN_ROWS <= rows:
+            faults.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
+    return faults
+
+
+def _raster(measurement: Measurement) -> list[str]:
+    usual = float(np.median(np.diff(measurement.times)))
+    if usual <= _SLOWEST:
+        return []
+    return [f"time_s: {usual:.4g} s between rows: is it ms? allowed: up to {_SLOWEST:g} s"]
+
+
+def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
+    """The speed column by the slope of the position column; NaN where they move too little, or not alike, to
+    tell. Compared over about fifty stretches, so that noise and a coarse position weigh little.
+    """
+    at = np.flatnonzero(np.isfinite(position))
+    moving = np.flatnonzero(np.isfinite(speed))
+    if len(at) < MIN_ROWS or len(moving) < MIN_ROWS:
+        return math.nan
+    marks = at[np.unique(np.linspace(0, len(at) - 1, min(50, len(at))).astype(int))]
+    clock, rate = times[moving], speed[moving]
+    pieces = np.diff(clock) * (rate[1:] + rate[:-1]) / 2.0
+    travelled = np.concatenate([np.zeros(1), np.cumsum(pieces)])
+    by_speed = np.diff(np.interp(times[marks], clock, travelled))
+    by_position = np.diff(position[marks])
+    inside = (times[marks][:-1] >= clock[0]) & (times[marks][1:] <= clock[-1])
+    a, b = by_speed[inside], by_position[inside]
+    size = math.sqrt(float(a @ a) * float(b @ b))
+    if size == 0.0 or abs(float(a @ b)) < 0.9 * size or np.sum(np.abs(b)) < 1.0:
+        return math.nan
+    return float(a @ a) / float(a @ b)
+
+
+def _position_and_speed(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    columns = measurement.columns
+    speed = columns.get(f"{side}_speed_rps")
+    position, name = columns.get(f"{side}_position_rev"), f"{side}_position_rev"
+    if position is None and known.hall_counts and f"{side}_hall_count" in columns:
+        position = columns[f"{side}_hall_count"] / known.hall_counts
+        name = f"{side}_hall_count / {known.hall_counts:g}"
+    if speed is None or position is None:
+        return []
+    ratio = slope_ratio(measurement.times, position, speed)
+    if math.isnan(ratio) or 0.8 <= ratio <= 1.25:
+        return []
+    for factor, unit in _SPEED_UNITS:
+        said = f"{side}_speed_rps is {{:.3g}} x the slope of {name}"
+        if abs(ratio / factor - 1.0) < 0.1:
+            return [f"{said.format(factor)}: is it {unit}?"]
+        if abs(ratio * factor - 1.0) < 0.1:
+            return [f"{said.format(1.0 / factor)}: is the position in 1/{factor:.4g} rev?"]
+    said = f"{side}_speed_rps is {ratio:.3g} x the slope of {name}"
+    if -1.25 <= ratio <= -0.8:
+        return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
+    for factor, unit in ((1e3, "ms"), (1e6, "us")):
+        if 0.8 <= ratio / factor <= 1.25:
+            return [f"{said}: is time_s in {unit}?"]
+    return [f"{said}; allowed: 0.8 to 1.25"]
+
+
+def _count_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    count = measurement.columns.get(f"{side}_hall_count")
+    position = measurement.columns.get(f"{side}_position_rev")
+    if count is None or position is None or known.hall_counts is None:
+        return []
+    both = np.isfinite(count) & np.isfinite(position)
+    if np.sum(both) < MIN_ROWS or np.ptp(position[both]) < 5.0:
+        return []
+    ratio = float(np.polyfit(position[both], count[both], 1)[0])
+    if abs(ratio / known.hall_counts - 1.0) < 0.05:
+        return []
+    return [
+        f"{side}_hall_count is {ratio:.3g} x {side}_position_rev; allowed: "
+        f"{known.hall_counts:g}, the vehicle's sensors.hall_counts"
+    ]
+
+
+def _angle_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    """An angle that goes another way than the position's by far is in another unit, or turns the other way."""
+    angle = measurement.columns.get("gate_angle_deg")
+    position = _position(measurement, side, known)
+    if angle is None or position is None or known.angle_of_position is None:
+        return []
+    both = np.flatnonzero(np.isfinite(angle) & np.isfinite(position))
+    if len(both) < MIN_ROWS:
+        return []
+    first, last = both[np.argmin(position[both])], both[np.argmax(position[both])]
+    # The counter may have a zero of its own: as far from closed, the angle changes about as much.
+    by_position = known.angle_of_position(float(position[last] - position[first]))
+    by_angle = float(np.median(_near(angle, last)) - np.median(_near(angle, first)))
+    if math.isnan(by_position) or by_position < _TOLD_DEG:
+        return []
+    said = f"gate_angle_deg changes by {by_angle:.3g} where {side}_position_rev says {by_position:.3g} deg"
+    ratio = by_angle / by_position
+    if 0.3 <= ratio <= 3.0:
+        return []
+    if 0.3 <= math.degrees(ratio) <= 3.0:
+        return [f"{said}: is it rad?"]
+    if -3.0 <= ratio <= -0.3:
+        return [f"{said}: has one of them the wrong sign? allowed: both grow while opening"]
+    return [f"{said}; allowed: 0.3 to 3 times that"]
+
+
+def _position(measurement: Measurement, side: str, known: Expected) -> Floats | None:
+    count = measurement.columns.get(f"{side}_hall_count")
+    if (
+        count is not None
+        and known.hall_counts
+        and f"{side}_position_rev" not in measurement.columns
+    ):
+        return count / known.hall_counts
+    return measurement.columns.get(f"{side}_position_rev")
+
+
+def _near(values: Floats, row: np.intp) -> Floats:
+    window = values[max(0, row - 5) : row + 6]
+    return window[np.isfinite(window)]
+
+
+def _current(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    values = measurement.columns.get(f"{side}_current_a")
+    if values is None:
+        return []
+    limit = _MAX_CURRENT
+    if known.stall_current is not None:
+        limit = min(limit, max(10.0 * known.stall_current, _LEAST_CURRENT))
+    return _too_large(f"{side}_current_a", values, limit, "A", "mA")
+
+
+def _voltage(measurement: Measurement, side: str, known: Expected) -> list[str]:
+    if known.supply_voltage is None:
+        return []
+    faults = []
+    names = [f"{side}_voltage_v"] + (["supply_voltage_v"] if side == "left" else [])
+    for name in names:
+        values = measurement.columns.get(name)
+        if values is not None:
+            limit = 5.0 * max(known.supply_voltage, 1.0)
+            faults += _too_large(name, values, limit, "V", "mV")
+    return faults
+
+
+def _too_large(name: str, values: Floats, limit: float, unit: str, rather: str) -> list[str]:
+    size = np.where(np.isfinite(values), np.abs(values), 0.0)
+    row = int(np.argmax(size))
+    if size[row] <= limit:
+        return []
+    return [
+        f"{name}: {values[row]:.6g} in row {row + 1}: is it {rather}? "
+        f"allowed: up to {limit:.4g} {unit} with this vehicle"
+    ]

@@ -1,0 +1,126 @@
+"""Input files of `simulate`: columns over time, a sample holding until the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.read import open_columns
+from liftgate_hil.measurement.table import time_fault
+
+Floats = NDArray[np.float64]
+
+# Column of an input file, the rows of the step's inputs that it fills, and its allowed range.
+_COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
+    "voltage_v": (("left_voltage", "right_voltage"), -1000.0, 1000.0),
+    "left_voltage_v": (("left_voltage",), -1000.0, 1000.0),
+    "right_voltage_v": (("right_voltage",), -1000.0, 1000.0),
+    "left_duty": (("left_duty",), -1.0, 1.0),
+    "right_duty": (("right_duty",), -1.0, 1.0),
+    "left_coast": (("left_coast",), 0.0, 1.0),
+    "right_coast": (("right_coast",), 0.0, 1.0),
+    "supply_voltage_v": (("supply_voltage",), 0.0, 1000.0),
+    "road_slope_deg": (("road_slope",), -45.0, 45.0),
+    "hand_force_n": (("hand_force",), -1e5, 1e5),
+}
+ROWS = (
+    "left_voltage",
+    "right_voltage",
+    "left_duty",
+    "right_duty",
+    "supply_voltage",
+    "road_slope",
+    "hand_force",
+    "left_coast",
+    "right_coast",
+)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Times (n,) and, per row of ROWS that the file has, values (n,); SI."""
+
+    times: Floats
+    values: dict[str, Floats]
+
+    def at(self, times: Floats, row: str) -> Floats:
+        """The row at these times, each sample held until the next; NaN before the first."""
+        if row not in self.values:
+            return np.full(len(times), np.nan)
+        index = np.searchsorted(self.times, times, side="right") - 1
+        return np.where(index >= 0, self.values[row][np.maximum(index, 0)], np.nan)
+
+
+def constant_voltage(volts: float) -> Samples:
+    """A step of the motor voltage at time 0, on both drives."""
+    value = np.array([volts])
+    return Samples(np.zeros(1), {"left_voltage": value, "right_voltage": value})
+
+
+def read_samples(path: Path) -> Samples:
+    """The samples of a CSV or MF4 file. Raises ConfigError with all faults."""
+    file = open_columns(path)
+    faults: list[str] = []
+    # A recording of ours is an input too; its output columns are not for us.
+    used = [name for name in file.names if name in _COLUMNS]
+    by_rows = file.sample == "row"
+    if by_rows and "time_s" not in file.names:
+        faults.append(f"{path}: time_s: missing; allowed: a column of seconds")
+    if not used:
+        faults.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_COLUMNS])}")
+    faults += _clashes(path, used)
+    wanted = [
+        name for name in ("time_s", *used) if name in file.names and (by_rows or name in used)
+    ]
+    series = file.read(wanted, faults)
+    for name in used:
+        if name in series:
+            faults += _range_faults(path, name, series[name].values, file.sample)
+    if by_rows and "time_s" in series:
+        fault = time_fault(series["time_s"].values, "row")
+        faults += [f"{path}: time_s: {fault}"] if fault else []
+    if not faults and not all(len(each.values) for each in series.values()):
+        faults.append(f"{path}: no rows")
+    if faults:
+        raise ConfigError(faults)
+    own = [each.times for each in series.values() if each.times is not None]
+    times = series["time_s"].values if by_rows else np.unique(np.concatenate(own))
+    values: dict[str, Floats] = {}
+    for name in used:
+        held = series[name].values
+        at = series[name].times
+        if at is not None:
+            held = held[np.maximum(np.searchsorted(at, times, side="right") - 1, 0)]
+        factor = np.pi / 180.0 if name.endswith("_deg") else 1.0
+        for row_name in _COLUMNS[name][0]:
+            values[row_name] = held * factor
+    return Samples(times, values)
+
+
+def _clashes(path: Path, used: Sequence[str]) -> list[str]:
+    """Drives that are told two things at once."""
+    faults = []
+    for side in ("left", "right"):
+        own, duty = f"{side}_voltage_v", f"{side}_duty"
+        for pair in (("voltage_v", own), ("voltage_v", duty), (own, duty)):
+            if pair[0] in used and pair[1] in used:
+                faults.append(f"{path}: {pair[0]} and {pair[1]}: allowed: one or the other")
+    return faults
+
+
+def _range_faults(path: Path, name: str, values: Floats, word: str) -> list[str]:
+    _, low, high = _COLUMNS[name]
+    bad = np.flatnonzero(~((values >= low) & (values <= high)))
+    if len(bad) == 0:
+        return []
+    first = int(bad[0])
+    shown = "empty cell" if np.isnan(values[first]) else repr(float(values[first]))
+    return [
+        f"{path}: {name}: {shown} in {word} {first + 1} ({len(bad)} such {word}s); "
+        f"allowed: {low:g} to {high:g}"
+    ]

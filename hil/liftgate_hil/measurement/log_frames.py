@@ -1,0 +1,59 @@
+"""The frames of a bus log that are ours, by python-can's readers, or from an MF4 file with bus logging."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.measurement import Floats
+
+
+def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats, Frames]:
+    """Times [s] and frames of these messages of the rig. Raises ConfigError where the log cannot be read."""
+    wanted = {
+        rig.messages[name].frame_id | (EXTENDED if rig.messages[name].is_extended_frame else 0)
+        for name in messages
+    }
+    if path.suffix.lower() != ".mf4":
+        return _by_python_can(path, wanted)
+    from liftgate_hil.measurement.mf4_file import read_mf4_frames
+
+    times, frames = read_mf4_frames(path)
+    ours = np.flatnonzero(np.isin(frames.identifiers & ~FD, list(wanted)))
+    return times[ours], Frames(
+        len(ours), frames.identifiers[ours], frames.lengths[ours], frames.data[ours]
+    )
+
+
+def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]:
+    from liftgate_hil.python_can import can
+
+    times: list[float] = []
+    rows: list[tuple[int, bytes]] = []
+    try:
+        with can.LogReader(path) as reader:
+            for message in reader:
+                identifier = message.arbitration_id
+                identifier |= EXTENDED if message.is_extended_id else 0
+                if message.is_error_frame or identifier not in wanted:
+                    continue
+                identifier |= REMOTE if message.is_remote_frame else 0
+                identifier |= FD if message.is_fd else 0
+                times.append(message.timestamp)
+                rows.append((identifier, bytes(message.data)))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # python-can's readers raise what their parsers raise
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigError(f"{path}: cannot be read: {said}") from error
+    frames = empty_frames(len(rows))
+    for row, (identifier, payload) in enumerate(rows):
+        frames.identifiers[row] = identifier
+        frames.lengths[row] = len(payload)
+        frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
+    return np.array(times, dtype=np.float64), frames._replace(count=len(rows))

@@ -1,0 +1,107 @@
+"""`--map`: which column of a foreign file is which of ours, in what unit."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from liftgate_hil.config.toml import Faults, known_keys, number, read_toml, show, table, text
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
+from liftgate_hil.measurement.units import allowed_units, conversion
+
+# What a file may hold; `voltage_v` is the voltage of both drives.
+KNOWN = ("time_s", "voltage_v", *INPUTS, *OUTPUTS)
+
+_FORM = "OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml"
+_WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
+
+
+@dataclass(frozen=True)
+class Theirs:
+    """A column of theirs: scale · value + offset is in `unit` (None: the file's own, else ours)."""
+
+    name: str
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+    def found_in(self, names: Collection[str]) -> str | None:
+        """The file's name of it: with the unit in brackets, too, as many write their headers."""
+        choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
+        return next((choice for choice in choices if choice in names), None)
+
+
+ColumnMap = dict[str, Theirs]
+
+
+def parse_maps(given: Sequence[str]) -> ColumnMap:
+    """The map that all `--map` values make. Raises ConfigError with all faults."""
+    result: ColumnMap = {}
+    lines: list[str] = []
+    for value in given:
+        is_file = value.endswith(".toml") and (Path(value).is_file() or "=" not in value)
+        faults = Faults(value if is_file else f"--map {value}")
+        try:
+            found = _from_file(Path(value), faults) if is_file else _from_text(value, faults)
+        except ConfigError as error:
+            lines += error.faults
+            continue
+        for ours in found:
+            if ours in result:
+                faults.add(ours, "mapped twice; allowed: once")
+        result |= found
+        lines += faults.lines
+    if lines:
+        raise ConfigError(lines)
+    return result
+
+
+def _from_text(value: str, faults: Faults) -> ColumnMap:
+    ours, equals, theirs = (part.strip() for part in value.partition("="))
+    if not equals or not ours or not theirs:
+        raise ConfigError(f"{faults.source}: allowed: {_FORM}")
+    parts = _WITH_UNIT.fullmatch(theirs)
+    scale = 1.0
+    if parts and parts["scale"]:
+        try:
+            scale = float(parts["scale"])
+        except ValueError:
+            scale = math.nan
+        if not math.isfinite(scale) or scale == 0.0:
+            faults.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
+    column = Theirs(parts["name"], parts["unit"], scale) if parts else Theirs(theirs)
+    return _checked(ours, column, faults)
+
+
+def _from_file(path: Path, faults: Faults) -> ColumnMap:
+    raw = read_toml(path)
+    known_keys(faults, "", raw, ("columns",))
+    result: ColumnMap = {}
+    for ours, value in table(faults, "columns", raw.get("columns", {})).items():
+        key = f"columns.{ours}"
+        given = {"name": value} if isinstance(value, str) else table(faults, key, value)
+        known_keys(faults, key, given, ("name", "unit", "scale", "offset"))
+        name = text(faults, f"{key}.name", given.get("name"))
+        unit = given.get("unit")
+        if unit is not None and not isinstance(unit, str):
+            faults.add(f"{key}.unit", f"{show(unit)}; allowed: a text")
+            unit = None
+        scale = number(faults, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
+        if scale == 0.0:
+            faults.add(f"{key}.scale", "0; allowed: anything else")
+        offset = number(faults, f"{key}.offset", given.get("offset", 0.0), -1e12, 1e12)
+        result |= _checked(ours, Theirs(name, unit, scale, offset), faults)
+    return result
+
+
+def _checked(ours: str, theirs: Theirs, faults: Faults) -> ColumnMap:
+    if ours not in KNOWN:
+        faults.add(ours, f"no such column of ours; allowed: {', '.join(KNOWN)}")
+        return {}
+    if theirs.unit is not None and conversion(ours, theirs.unit) is None:
+        faults.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours)}")
+    return {ours: theirs}

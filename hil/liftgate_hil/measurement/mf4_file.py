@@ -1,0 +1,131 @@
+"""MF4 files by asammdf: channels, each with times and a unit of its own, or the frames of a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.measurement import Floats
+from liftgate_hil.measurement.series import Series
+
+FRAME = "CAN_DataFrame"  # ASAM MDF bus logging
+
+
+@dataclass(frozen=True)
+class Mf4File:
+    """See Columns."""
+
+    path: Path
+    names: Sequence[str]
+    sample: str = "sample"
+
+    def read(self, wanted: Sequence[str], faults: list[str]) -> dict[str, Series]:
+        """See Columns."""
+        result = {}
+        with _opened(self.path) as measurement:
+            for name in wanted:
+                where = measurement.channels_db[name]
+                if len(where) > 1:
+                    faults.append(f"{self.path}: {name}: in {len(where)} groups; allowed: in one")
+                    continue
+                signal = measurement.get(name).validate()
+                if np.asarray(signal.samples).dtype.kind not in "fiub":  # a conversion to text
+                    signal = measurement.get(name, raw=True).validate()
+                samples = np.asarray(signal.samples)
+                if samples.dtype.kind not in "fiub" or samples.ndim != 1:
+                    faults.append(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+                    continue
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+                values = samples.astype(np.float64)
+                if _is_sound(self.path, name, times, values, faults):
+                    result[name] = Series(values, times, signal.unit or None)
+        return result
+
+
+def open_mf4(path: Path) -> Mf4File:
+    """The file's channels. Raises ConfigError where it cannot be read."""
+    with _opened(path) as measurement:
+        return Mf4File(path, list(measurement.channels_db))
+
+
+def read_mf4_frames(path: Path) -> tuple[Floats, Frames]:
+    """Times [s] and frames of a bus log, in the order of time."""
+    parts: list[tuple[Floats, Frames]] = []
+    with _opened(path) as measurement:
+        for group, index in measurement.channels_db.get(FRAME, ()):
+            signal = measurement.get(group=group, index=index, raw=True)
+            if len(signal.samples):
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+                parts.append((times, _frames(signal.samples)))
+    if not parts:
+        return np.zeros(0), empty_frames(0)
+    times = np.concatenate([part for part, _ in parts])
+    order = np.argsort(times, kind="stable")
+    return times[order], Frames(
+        len(times),
+        np.concatenate([frames.identifiers for _, frames in parts])[order],
+        np.concatenate([frames.lengths for _, frames in parts])[order],
+        np.concatenate([frames.data for _, frames in parts])[order],
+    )
+
+
+def _frames(samples: Any) -> Frames:
+    fields = samples.dtype.names
+
+    def field(name: str) -> Any:
+        return samples[f"{FRAME}.{name}"] if f"{FRAME}.{name}" in fields else 0
+
+    frames = empty_frames(len(samples))
+    identifiers = field("ID").astype(np.int64)
+    extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
+    frames.identifiers[:] = (identifiers & 0x1FFFFFFF) + extended * EXTENDED
+    frames.identifiers[:] += (np.asarray(field("EDL")) != 0) * FD
+    frames.lengths[:] = field("DataLength")
+    content = field("DataBytes")
+    frames.data[:, : content.shape[1]] = content
+    beyond = np.arange(frames.data.shape[1]) >= frames.lengths[:, None]
+    frames.data[beyond] = 0
+    return frames._replace(count=len(samples))
+
+
+def _is_sound(path: Path, name: str, times: Floats, values: Floats, faults: list[str]) -> bool:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        more = f" ({len(bad)} such samples)" if len(bad) > 1 else ""
+        said = f"{values[bad[0]]} in sample {bad[0] + 1}{more}"
+        faults.append(f"{path}: {name}: {said}; allowed: a finite number")
+        return False
+    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(late):
+        faults.append(
+            f"{path}: {name}: its time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} does not "
+            "come after the one before; allowed: finite and rising"
+        )
+        return False
+    return True
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        from asammdf import MDF
+    except ImportError as error:
+        raise ConfigError(
+            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+        ) from error
+    if not path.is_file():
+        raise ConfigError(f"{path}: cannot be read: No such file or directory")
+    try:
+        with MDF(path) as measurement:
+            yield measurement
+    except ConfigError:
+        raise
+    except Exception as error:  # asammdf raises what its parsers raise
+        raise ConfigError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error

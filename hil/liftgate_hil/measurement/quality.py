@@ -1,0 +1,145 @@
+"""What a measurement looks like at close sight: gaps, jitter, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from liftgate_hil.measurement.checks import Expected
+from liftgate_hil.measurement.condition import noted
+from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
+from liftgate_hil.measurement.raster import GAP, usual_spacing
+
+HALF_WINDOW = 5  # samples
+_SIGMA = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """How evenly a column was sampled."""
+
+    spacing: float  # s, usual
+    count: int  # distances of more than GAP x the usual one
+    missing: int  # samples that would have been in them
+    longest: float  # s
+    longest_at: float  # s, where it begins
+    jitter: float  # standard deviation of the other distances by the usual one
+
+
+def gaps_in(times: Floats) -> Gaps:
+    """Gaps and jitter of samples at these times [s]."""
+    if len(times) < 3:
+        return Gaps(usual_spacing(times), 0, 0, 0.0, 0.0, 0.0)
+    spacing = np.diff(times)
+    usual = usual_spacing(times)
+    wide = spacing > GAP * usual
+    missing = int(np.sum(np.round(spacing[wide] / usual) - 1.0))
+    at = int(np.argmax(spacing))
+    even = spacing[~wide]
+    jitter = float(np.sqrt(np.mean((even / usual - 1.0) ** 2)))
+    if not np.any(wide):
+        return Gaps(usual, 0, 0, 0.0, 0.0, jitter)
+    return Gaps(usual, int(np.sum(wide)), missing, float(spacing[at]), float(times[at]), jitter)
+
+
+def report_gaps(measurement: Measurement) -> Measurement:
+    """Notes on columns with gaps, or with more than 5 % of jitter."""
+    told: dict[str, list[str]] = {}
+    for name, values in measurement.columns.items():
+        if name not in OUTPUTS:
+            continue
+        gaps = gaps_in(measurement.times[np.isfinite(values)])
+        if gaps.count:
+            said = (
+                f"{gaps.count} gaps, {gaps.missing} samples missing, the longest gap "
+                f"{gaps.longest:.4g} s at {gaps.longest_at:.6g} s"
+            )
+            told.setdefault(said, []).append(name)
+        if gaps.jitter > 0.05:
+            said = f"raster {gaps.spacing:.4g} s with {100.0 * gaps.jitter:.0f} % jitter"
+            told.setdefault(said, []).append(name)
+    for said, names in told.items():
+        measurement = noted(measurement, f"{', '.join(names)}: {said}")
+    return measurement
+
+
+def outliers(
+    values: Floats,
+    allowance: Floats | None = None,
+    half_window: int = HALF_WINDOW,
+    limit: float = 6.0,
+) -> NDArray[np.int64]:
+    """Rows of samples that lie off the median of their 2 · half_window + 1 neighbours by more than `limit`
+    standard deviations (Hampel's filter, by the median absolute deviation), by more than the column's usual
+    changes, so that a quantised or resting signal has none, and by more than `allowance` has in their row.
+    """
+    at = np.flatnonzero(np.isfinite(values))
+    width = 2 * half_window + 1
+    if len(at) < width:
+        return np.zeros(0, dtype=np.int64)
+    samples = values[at]
+    windows = sliding_window_view(samples, width)
+    median = np.median(windows, axis=1)
+    deviation = np.median(np.abs(windows - median[:, None]), axis=1)
+    changes = np.abs(np.diff(samples))
+    usual = float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0
+    inner = slice(half_window, len(samples) - half_window)
+    least = np.maximum(limit * _SIGMA * deviation, 10.0 * usual)
+    if allowance is not None:
+        least = np.maximum(least, allowance[at][inner])
+    off = np.abs(samples[inner] - median) > least
+    return at[half_window + np.flatnonzero(off)]
+
+
+def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
+    """By how much a motor current may jump in each row, as the motor's voltage does nearby; without it every
+    change of the duty would look like an outlier.
+    """
+    result = np.zeros(len(values))
+    at = np.flatnonzero(np.isfinite(values))
+    if known.stall_current is None or not known.supply_voltage or len(at) == 0:
+        return result
+    volts = {"voltage_v": 1.0 / known.supply_voltage, "duty": 1.0, "coast": 1.0}
+    for name, share in volts.items():
+        column = measurement.columns.get(f"{side}_{name}")
+        if column is not None:
+            near = sliding_window_view(np.pad(column[at], HALF_WINDOW, "edge"), 2 * HALF_WINDOW + 1)
+            result[at] += 1.5 * known.stall_current * share * np.ptp(near, axis=1)
+    return result
+
+
+def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDArray[np.int64]]:
+    """Rows, per output column that has any."""
+    found = {}
+    for name, values in measurement.columns.items():
+        if name in OUTPUTS and not name.endswith("hall_count"):
+            side = name.partition("_")[0]
+            jumps = explained(measurement, side, values, known) if "current" in name else None
+            found[name] = outliers(values, jumps)
+    return {name: rows for name, rows in found.items() if len(rows)}
+
+
+def report_outliers(
+    measurement: Measurement, drop: bool, known: Expected | None = None
+) -> Measurement:
+    """A note for each column with outliers; with `drop` they are no samples (NaN) from here on."""
+    found = find_outliers(measurement, known or Expected())
+    columns = dict(measurement.columns)
+    result = measurement
+    for name, rows in found.items():
+        values = columns[name]
+        first = int(rows[0])
+        said = "dropped" if drop else "kept, --drop-outliers would drop them"
+        result = noted(
+            result,
+            f"{name}: {len(rows)} outliers, the first {values[first]:.6g} at "
+            f"{measurement.times[first]:.6g} s; {said}",
+        )
+        if drop:
+            columns[name] = values.copy()
+            columns[name][rows] = np.nan
+    return replace(result, columns=columns)

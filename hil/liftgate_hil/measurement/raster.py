@@ -1,0 +1,123 @@
+"""Outputs onto an even raster, and a coarser one. The inputs stay as they are."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.identify.data import Data, is_count
+from liftgate_hil.identify.thinning import Thinning
+from liftgate_hil.measurement.checks import check
+from liftgate_hil.measurement.measurement import Floats, Measurement
+
+# A distance of samples above this times the usual one is a gap.
+GAP = 1.5
+_EVEN = 1e-3  # of a period, by which a row of an even raster may be off
+_MOST = 50_000_000  # rows of a raster
+_MOSTLY = 0.25  # of the samples within a kept one's distance: above, these are a gap
+
+
+def is_even(times: Floats) -> bool:
+    """Whether the rows are equally far apart."""
+    if len(times) < 3:
+        return True
+    period = (times[-1] - times[0]) / (len(times) - 1)
+    off = times - (times[0] + period * np.arange(len(times)))
+    return bool(np.max(np.abs(off)) <= _EVEN * period + 1e-9)
+
+
+def usual_spacing(times: Floats) -> float:
+    """The median distance of samples [s]."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else math.inf
+
+
+def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
+    """Where a column has no sample near enough to say anything: inside a gap, before the first, after the last."""
+    own = times[np.isfinite(values)]
+    if len(own) == 0:
+        return np.ones(len(at), dtype=bool)
+    usual = usual_spacing(own)
+    slack = 1e-6 * usual if math.isfinite(usual) else 1e-9
+    after = np.clip(np.searchsorted(own, at - slack, side="left"), 1, max(len(own) - 1, 1))
+    outside: NDArray[np.bool_] = (at < own[0] - slack) | (at > own[-1] + slack)
+    if len(own) == 1:
+        return outside
+    left, right = own[after - 1], own[after]
+    strictly_inside = (at > left + slack) & (at < right - slack)
+    result: NDArray[np.bool_] = outside | (strictly_inside & (right - left > GAP * usual))
+    return result
+
+
+def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data:
+    """The same experiment with outputs 1/rate [s] apart, on straight lines between their samples and never across
+    a gap, and of these every `factor`-th, after a low-pass with zero phase. Positions that are whole multiples of
+    `quantum` [rev] stay so. Raises ConfigError where rows are not evenly spaced, or too few.
+    """
+    if rate is None and factor == 1:
+        return data
+    rows = data.times
+    raster = None if rate is None else _raster(data, rate)
+    if not is_even(rows if raster is None else raster):
+        raise ConfigError(
+            f"{data.name}: --decimate {factor}: the rows are not evenly spaced; "
+            "allowed: with --resample HZ"
+        )
+    there = {name: np.isfinite(values) for name, values in data.outputs.items()}
+    thinning = Thinning(
+        rows,
+        raster,
+        factor,
+        {name: own for name, own in there.items() if np.any(own) and not np.all(own)},
+        frozenset(
+            name
+            for name, values in data.outputs.items()
+            if name.endswith("_position_rev") and is_count(values, quantum)
+        ),
+    )
+    outputs = {}
+    for name, values in data.outputs.items():
+        kept = thinning.of(name, values)
+        if name in thinning.counts:
+            kept = np.rint(kept / quantum) * quantum
+        outputs[name] = np.where(_unknown(name, values, thinning), np.nan, kept)
+    few = Measurement(data.name, thinning.times, outputs, data.through_sensors)
+    faults = check(few)
+    if faults:
+        raise ConfigError(faults)
+    return dataclasses.replace(
+        data, times=few.times, outputs=outputs, thinning=thinning, whole=data
+    )
+
+
+def _raster(data: Data, rate: float) -> Floats:
+    first, last = data.times[0], data.times[-1]
+    count = math.floor((last - first) * rate * (1.0 + 1e-12) + 1e-6) + 1
+    if count > _MOST:
+        raise ConfigError(
+            f"{data.name}: --resample {rate:g}: {count} rows; allowed: up to {_MOST:g}"
+        )
+    # The last one may be later by rounding.
+    raster: Floats = np.minimum(first + np.arange(count, dtype=np.float64) / rate, last)
+    return raster
+
+
+def _unknown(name: str, values: Floats, thinning: Thinning) -> NDArray[np.bool_]:
+    """Which samples there are not: in a gap, or so near to one that the filter would rather show the line across
+    it.
+    """
+    rows = thinning.rows
+    gap = in_gap(rows, values, rows if thinning.raster is None else thinning.raster)
+    if thinning.factor == 1 or name in thinning.counts:
+        return gap[:: thinning.factor]
+    before = np.concatenate([np.zeros(1), np.cumsum(gap)])
+    at = np.arange(0, len(gap), thinning.factor)
+    low = np.maximum(at - thinning.factor, 0)
+    high = np.minimum(at + thinning.factor + 1, len(gap))
+    result: NDArray[np.bool_] = (before[high] - before[low]) / (high - low) > _MOSTLY
+    # At its ends a filter that goes on point-mirrored shows the first and last value with all their noise.
+    result[[0, -1]] = True
+    return result

@@ -1,0 +1,58 @@
+"""A file to a measurement: its suffix, and for MF4 its content, says which reader."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.csv_file import open_csv
+from liftgate_hil.measurement.mapping import KNOWN, ColumnMap
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.measurement.series import Columns
+from liftgate_hil.measurement.table import read_table
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+
+BUS_LOGS = (".log", ".asc", ".blf", ".trc")
+SUFFIXES = (".csv", ".mf4", *BUS_LOGS)
+
+
+def read_measurement(
+    path: Path,
+    mapping: ColumnMap,
+    rig: Rig | Callable[[], Rig],
+    before: Mapping[str, float] | None = None,
+) -> Measurement:
+    """The measurement in a file. `rig`, or what loads it, is asked for a bus log only; so is `before`, the inputs
+    until a test bench's panel first says something of them. Raises ConfigError with all faults.
+    """
+    kind = path.suffix.lower()
+    if kind in BUS_LOGS or (kind == ".mf4" and is_bus_log(path, mapping)):
+        from liftgate_hil.measurement.bus_log import read_bus_log
+
+        return read_bus_log(path, rig() if callable(rig) else rig, before or {})
+    return read_table(path, open_columns(path), mapping)
+
+
+def open_columns(path: Path) -> Columns:
+    """The file of columns. Raises ConfigError where it cannot be read."""
+    kind = path.suffix.lower()
+    if kind == ".mf4":
+        from liftgate_hil.measurement.mf4_file import open_mf4
+
+        return open_mf4(path)
+    if kind in (".csv", ".tsv", ".txt"):
+        return open_csv(path)
+    raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(SUFFIXES)}")
+
+
+def is_bus_log(path: Path, mapping: ColumnMap) -> bool:
+    """Whether an MF4 file holds frames, and no channel that is ours."""
+    from liftgate_hil.measurement.mf4_file import FRAME, open_mf4
+
+    names = open_mf4(path).names
+    ours = {*KNOWN, *(theirs.name for theirs in mapping.values())}
+    return FRAME in names and not ours.intersection(names)

@@ -1,0 +1,281 @@
+"""Columns of a file to a measurement: whose they are, in what unit, and from when to when an input holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.mapping import KNOWN, ColumnMap
+from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
+from liftgate_hil.measurement.series import Columns, Series
+from liftgate_hil.measurement.units import allowed_units, conversion, near_miss
+
+SIDES = ("left", "right")
+RANGES = {**INPUTS, **OUTPUTS, "voltage_v": INPUTS["left_voltage_v"]}
+_KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
+# What only a recording of the emulator has; there the voltages come from duty and supply.
+RECORDED = ("left_coast", "latched")
+_VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
+# One of them says what drives the motors.
+DRIVES = (
+    *_VOLTAGES,
+    *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")),
+)
+# The unit that a column out of its range probably has, by the column's ending.
+_RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
+
+
+@dataclass
+class _Reading:
+    """One file on its way to a measurement."""
+
+    path: Path
+    file: Columns
+    names: dict[str, str]  # ours: theirs
+    recorded: bool
+    faults: list[str]
+
+
+def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
+    """The measurement in a file of columns. Raises ConfigError with all faults."""
+    reading = _resolve(path, file, mapping)
+    faults = reading.faults
+    wanted = list(dict.fromkeys(reading.names.values()))
+    raw = file.read(wanted, faults)
+    series = {
+        ours: _converted(reading, ours, raw[theirs], mapping)
+        for ours, theirs in reading.names.items()
+        if theirs in raw
+    }
+    for ours, each in series.items():
+        _check_range(reading, ours, each)
+    shared = _shared_times(reading, series)
+    if faults:
+        raise ConfigError(faults)
+    series.pop("time_s", None)
+    own = {name: _own_samples(each, shared) for name, each in series.items()}
+    own = {name: each for name, each in own.items() if len(each[0])}
+    times = shared
+    if times is None:  # to the nanosecond: channels of one raster differ by rounding
+        times = np.unique(
+            np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())])
+        )
+    return _measurement(reading, times, own, shared is not None)
+
+
+def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
+    """Which column is which."""
+    faults: list[str] = []
+    names: dict[str, str] = {}
+    for ours, theirs in mapping.items():
+        found = theirs.found_in(file.names)
+        if found is None:
+            known = ", ".join([name for name in file.names if name][:20])
+            faults.append(f"{path}: {ours}: no column {theirs.name!r}; allowed: {known}")
+        else:
+            names[ours] = found
+    for name in KNOWN:
+        if name in file.names and name not in mapping:
+            names[name] = name
+    recorded = all(name in file.names for name in RECORDED)
+    if recorded:
+        names = {ours: theirs for ours, theirs in names.items() if ours not in _VOLTAGES}
+        names.setdefault("latch_released", "latched")
+    faults += _other_units(file, names, path)
+    by_rows = file.sample == "row"
+    if not by_rows:
+        names.pop("time_s", "")
+    if "time_s" in mapping and not by_rows:
+        faults.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
+    if "time_s" not in (*names, *mapping) and by_rows:
+        faults.append(f"{path}: time_s: missing; allowed: a column of seconds, or --map time_s=...")
+    for what, columns in _KINDS:
+        if not any(column in (*names, *mapping) for column in columns):
+            faults.append(
+                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by --map"
+            )
+    told = {*names, *mapping}
+    if told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
+        faults.append(
+            f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
+            "others by --map"
+        )
+    faults += _clashes(path, names)
+    return _Reading(path, file, names, recorded, faults)
+
+
+def _other_units(file: Columns, names: dict[str, str], path: Path) -> list[str]:
+    """Headers like left_current_ma; each counts as its column, so that it is told once only."""
+    faults = []
+    for name in file.names:
+        meant = near_miss(name, KNOWN)
+        if meant is None or meant[0] in names or name in names.values():
+            continue
+        ours, unit = meant
+        if ours != "time_s" or file.sample == "row":
+            faults.append(f"{path}: {name}: not our unit; allowed: --map '{ours}={name}[{unit}]'")
+            names[ours] = name
+    return faults
+
+
+def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
+    """Drives that are said to get two things at once."""
+    faults = []
+    for side in SIDES:
+        given = [
+            name for name in ("voltage_v", f"{side}_voltage_v", f"{side}_duty") if name in names
+        ]
+        if len(given) > 1:
+            faults.append(f"{path}: {' and '.join(given)}: allowed: one of them")
+    return faults
+
+
+def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
+    """In our unit."""
+    theirs = mapping.get(ours)
+    scale, offset, unit = 1.0, 0.0, series.unit
+    if theirs is not None:
+        scale, offset = theirs.scale, theirs.offset
+        unit = theirs.unit if theirs.unit is not None else unit
+    factors = conversion(ours, unit or "")
+    if factors is None:
+        name = reading.names[ours]
+        called = ours if name == ours else f"{ours} ({name})"
+        hint = f"; or --map '{ours}={name}[unit]'" if theirs is None else ""
+        reading.faults.append(
+            f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}"
+        )
+        factors = (1.0, 0.0)
+    if (scale, offset, *factors) == (1.0, 0.0, 1.0, 0.0):
+        return series
+    return replace(series, values=factors[0] * (scale * series.values + offset) + factors[1])
+
+
+def _check_range(reading: _Reading, ours: str, series: Series) -> None:
+    if ours == "time_s":
+        return
+    low, high = RANGES[ours]
+    values = series.values
+    bad = np.flatnonzero((values < low) | (values > high))
+    if len(bad):
+        theirs = reading.names[ours]
+        called = ours if theirs == ours else f"{ours} ({theirs})"
+        word = reading.file.sample
+        more = f" ({len(bad)} such {word}s)" if len(bad) > 1 else ""
+        hint = ""
+        rather = next((unit for ending, unit in _RATHER.items() if ours.endswith(ending)), None)
+        factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
+        if rather and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
+            hint = f"; is it {rather}? --map '{ours}={theirs}[{rather}]'"
+        reading.faults.append(
+            f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "
+            f"allowed: {low:g} to {high:g}{hint}"
+        )
+
+
+def _shared_times(reading: _Reading, series: Mapping[str, Series]) -> Floats | None:
+    """The file's rows' times; None where each column has its own."""
+    if reading.file.sample != "row":
+        return None
+    if "time_s" not in series:
+        return np.zeros(0)
+    times = series["time_s"].values
+    fault = time_fault(times, "row")
+    if fault:
+        reading.faults.append(f"{reading.path}: time_s: {fault}")
+    return times
+
+
+def time_fault(times: Floats, word: str) -> str:
+    """What is wrong with times, if anything."""
+    empty = np.flatnonzero(np.isnan(times))
+    if len(empty):
+        return f"empty cell in {word} {empty[0] + 1}; allowed: finite and rising"
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(late):
+        at = int(late[0]) + 1
+        return (
+            f"{word} {at + 1}; allowed: finite and rising "
+            f"({times[at]:.9g} s after {times[at - 1]:.9g} s)"
+        )
+    return ""
+
+
+def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]:
+    """Times and values where there is a sample."""
+    times = series.times if series.times is not None else shared
+    if times is None:
+        return np.zeros(0), np.zeros(0)
+    there = np.isfinite(series.values)
+    return times[there], series.values[there]
+
+
+def _measurement(
+    reading: _Reading,
+    times: Floats,
+    own: Mapping[str, tuple[Floats, Floats]],
+    by_rows: bool,
+) -> Measurement:
+    """All columns over one time base."""
+    columns: dict[str, Floats] = {}
+    notes: list[str] = []
+    start = times[0] if len(times) else 0.0
+    for name, (at, values) in own.items():
+        if name in OUTPUTS:
+            columns[name] = np.full(len(times), np.nan)
+            columns[name][np.searchsorted(times, np.round(at, 9) if not by_rows else at)] = values
+            continue
+        if by_rows and not _is_slower_raster(times, at):
+            row = int(np.argmin(np.isin(times, at))) + 1
+            reading.faults.append(
+                f"{reading.path}: {name}: empty cell in row {row}; allowed: an input has a value in "
+                "every row, or in evenly spaced ones"
+            )
+            continue
+        index = np.searchsorted(at if by_rows else np.round(at, 9), times, side="right") - 1
+        columns[name] = np.where(index >= 0, values[np.maximum(index, 0)], np.nan)
+        if name == "latch_released" and reading.names[name] == "latched":
+            columns[name] = 1.0 - columns[name]
+        if np.isnan(columns[name][0]):
+            start = max(start, float(at[0]))
+    told = bool(reading.faults)
+    for what, names in _KINDS:
+        if not told and not any(name in columns for name in names):
+            reading.faults.append(f"{reading.path}: no sample of any {what} column")
+    if reading.faults:
+        raise ConfigError(reading.faults)
+    if reading.recorded:
+        _shift_inputs(columns)
+        notes.append("a recording of the emulator: each input taken from the row after")
+    if "voltage_v" in columns:
+        both = columns.pop("voltage_v")
+        columns |= {f"{side}_voltage_v": both.copy() for side in SIDES}
+    kept = np.searchsorted(times, start - 1e-9)
+    if kept:
+        notes.append(f"begins at {times[kept]:.6g} s, the first sample of all inputs")
+        times, columns = times[kept:], {name: each[kept:] for name, each in columns.items()}
+    ordered = {name: columns[name] for name in (*INPUTS, *OUTPUTS) if name in columns}
+    return Measurement(str(reading.path), times, ordered, False, tuple(notes))
+
+
+def _is_slower_raster(times: Floats, at: Floats) -> bool:
+    """Whether the samples `at` leave out rows evenly, so that each may hold until the next."""
+    if len(at) == len(times):
+        return True
+    if len(at) < 2:
+        return False
+    spacing = np.diff(at)
+    longest = 1.5 * float(np.median(spacing))
+    ends = max(at[0] - times[0], times[-1] - at[-1])
+    return bool(max(float(spacing.max()), ends) <= longest)
+
+
+def _shift_inputs(columns: dict[str, Floats]) -> None:
+    """From "led to its row" to "holds from its row"; after the last row nothing is known, or needed."""
+    for name, values in columns.items():
+        if name in INPUTS:
+            columns[name] = np.append(values[1:], values[-1:])

@@ -1,0 +1,106 @@
+"""A whole log through the codec: what each sound frame says of each quantity, and when a message goes stale."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.e2e import check_state
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.receive import (
+    ACCEPTED,
+    NO_COUNTS,
+    Counts,
+    Reception,
+    counted,
+    judge,
+    nothing_received,
+    take,
+)
+from liftgate_hil.codec.tables import Layout
+from liftgate_hil.measurement.measurement import Floats
+from liftgate_plant.compiler import compilable, compiled
+
+Integers = NDArray[np.int64]
+
+
+def events_in(
+    layout: Layout, frames: Frames, times: Integers, quantities: int
+) -> tuple[Integers, Integers, Floats, Counts]:
+    """(time [ns], quantity, value) of each event, in the order of time, and what became of the frames.
+
+    `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities.
+    """
+    identifiers = frames.identifiers & ~(FD | REMOTE | ERROR)
+    room = 0
+    for message in layout.messages:
+        room += 2 * int(message["count"]) * int(np.sum(identifiers == message["identifier"]))
+    at, which = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
+    values = np.zeros(room)
+    reception = nothing_received(layout, quantities)
+    used, counts = compiled(walk)(layout, reception, frames, times, at, which, values)
+    order = np.argsort(at[:used], kind="stable")
+    return at[:used][order], which[:used][order], values[:used][order], counts
+
+
+@compilable
+def walk(
+    layout: Layout,
+    current: Reception,
+    frames: Frames,
+    times: Integers,
+    at: Integers,
+    which: Integers,
+    values: Floats,
+) -> tuple[int, Counts]:
+    """Fill the events; how many there are, and the counts. `current` is changed."""
+    read = np.empty(len(layout.signals))
+    counts = NO_COUNTS
+    used = 0
+    for frame in range(frames.count):
+        now = times[frame]
+        used = note_stale(layout, current, now, at, which, values, used)
+        cause, message, lost = judge(layout, current, frames, frame, now, read)
+        counts = counted(counts, cause, lost)
+        if cause == ACCEPTED:
+            take(layout, current, message, read)
+            current.seen_ns[message] = now
+            table = layout.messages[message]
+            for row in range(table.first, table.first + table.count):
+                if not np.isnan(read[row]):
+                    at[used], which[used], values[used] = (
+                        now,
+                        layout.signals[row].quantity,
+                        read[row],
+                    )
+                    used += 1
+    if frames.count > 0:
+        last = times[frames.count - 1]
+        used = note_stale(layout, current, last, at, which, values, used)
+    return used, counts
+
+
+@compilable
+def note_stale(
+    layout: Layout,
+    current: Reception,
+    now: int,
+    at: Integers,
+    which: Integers,
+    values: Floats,
+    used: int,
+) -> int:
+    """Messages that have timed out by now are forgotten, as `receive.forget_stale` does; events so far."""
+    for message in range(len(layout.messages)):
+        table = layout.messages[message]
+        seen = current.seen_ns[message]
+        if table.timeout_ns > 0 and 0 <= seen <= now - table.timeout_ns:
+            current.seen_ns[message] = -1
+            current.counter[message] = -1
+            check_state.forget(current.memory[message])
+            for row in range(table.first, table.first + table.count):
+                at[used] = seen + table.timeout_ns
+                which[used] = layout.signals[row].quantity
+                values[used] = np.nan
+                used += 1
+    return used

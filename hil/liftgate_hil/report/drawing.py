@@ -1,0 +1,173 @@
+"""The hand all figures are drawn with: colours, labels, thinning, SVG for a page.
+
+The SVG carries its colours as CSS variables, so that the page decides on light or dark.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from html import escape
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.report.numbers import clean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+# Okabe and Ito's colours, told apart by the colour-blind; the keys are the page's CSS variables.
+INK, GRID, MEASURED, FINAL, INITIAL, MARK = (
+    "#1c2126", "#d9dde2", "#8c939c", "#0072b2", "#d55e00", "#009e73",
+)  # fmt: skip
+VARIABLES = {
+    INK: "ink",
+    GRID: "grid",
+    MEASURED: "measured",
+    FINAL: "final",
+    INITIAL: "initial",
+    MARK: "mark",
+}
+WIDTH = 7.6  # inch, of the page's text
+LIMIT = 1500  # points of a drawn line: two for each pixel of its width
+
+_SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "liftgate-hil",
+    "text.parse_math": False,
+    "axes.unicode_minus": True,
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.titlesize": 9.0,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8.0,
+    "xtick.minor.pad": 5.0,
+    "ytick.labelsize": 8.0,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MEASURED,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in here."""
+    import matplotlib
+
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        matplotlib.rcParams.update(_SETTINGS)
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # the browser has it
+        warnings.filterwarnings("ignore", message=".*layout not applied")
+        yield
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure; call it, and draw, inside `style`."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def thin(times: Floats, values: Floats, limit: int = LIMIT) -> tuple[Floats, Floats]:
+    """At most so many points that still show every peak: lowest and highest of each stretch."""
+    if len(values) <= limit:
+        return times, values
+    edges = np.linspace(0, len(values), limit // 2 + 1).astype(np.intp)
+    kept = []
+    for start, stop in pairwise(edges.tolist()):
+        part = values[start:stop]
+        known = np.isfinite(part)
+        if known.any():
+            kept += [
+                start + int(np.argmin(np.where(known, part, np.inf))),
+                start + int(np.argmax(np.where(known, part, -np.inf))),
+            ]
+        else:
+            kept.append(start)
+    index = np.unique(kept)
+    return times[index], values[index]
+
+
+def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object) -> None:
+    """A thinned-out line; numbers too large to draw leave a gap."""
+    shown = np.where(np.abs(values) < 1e30, values, np.nan)
+    axis.plot(*thin(times, shown), color=colour, **looks)  # type: ignore[arg-type]
+
+
+def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
+    """Range of an axis: all of `main`, and of `aside` as long as it doesn't crush the other."""
+    known = main[np.abs(main) < 1e30]
+    if not len(known):
+        return None
+    low, high = float(known.min()), float(known.max())
+    span = (high - low) or abs(high) or 1.0
+    other = aside[np.abs(aside) < 1e30]
+    if len(other):
+        low = min(low, max(float(other.min()), low - span))
+        high = max(high, min(float(other.max()), high + span))
+    margin = 0.06 * ((high - low) or span)
+    return low - margin, high + margin
+
+
+def log_axis(axis: Axes, side: str) -> None:
+    """Make the x or y axis logarithmic, its ticks written out: mathematical text is off, names may hold a $."""
+    from matplotlib.ticker import NullFormatter
+
+    (axis.set_xscale if side == "x" else axis.set_yscale)("log")
+    scale = axis.xaxis if side == "x" else axis.yaxis
+    scale.set_major_formatter(lambda value, _: f"{value:g}")
+    scale.set_minor_formatter(NullFormatter())
+
+
+def svg(figure: Figure, name: str, title: str) -> str:
+    """A figure to be put into a page; `name` keeps its identifiers apart from other figures'."""
+    stream = io.StringIO()
+    with style():
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(stream, format="svg", metadata=nothing)
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    box = re.search(r'viewBox="[^"]*"', text)
+    head = (
+        f'<svg class="plot" role="img" aria-label="{escape(clean(title))}" {box[0] if box else ""}>'
+    )
+    text = head + text[text.index(">") + 1 :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'href="#', f'href="#{name}-', text)
+    text = text.replace("url(#", f"url(#{name}-")
+    text = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
+    for colour, variable in VARIABLES.items():
+        text = text.replace(colour, f"var(--{variable}, {colour})")
+    return text
+
+
+def png(figure: Figure, dpi: int = 130) -> bytes:
+    """A figure on white, for a file."""
+    stream = io.BytesIO()
+    with style():
+        figure.savefig(stream, format="png", dpi=dpi, facecolor="white")
+    return stream.getvalue()

@@ -1,0 +1,60 @@
+"""Where reports go: looked at before the long computation, written after it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from liftgate_hil.errors import ConfigError
+
+
+def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> None:
+    """Raise ConfigError with all faults of the files that flags name, where they are given: none could be written
+    twice, none is one that is read (`sources`).
+    """
+    faults: list[str] = []
+    taken = {_place(each): "it is read" for each in sources}
+    for flag, path in targets.items():
+        if path is None:
+            continue
+        try:
+            check_target(path, flag)
+        except ConfigError as error:
+            faults += error.faults
+            continue
+        if _place(path) in taken:
+            faults.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a file of its own")
+        taken.setdefault(_place(path), f"{flag} writes it")
+    if faults:
+        raise ConfigError(faults)
+
+
+def _place(path: str) -> str:
+    return os.path.realpath(path)
+
+
+def check_target(path: str, flag: str) -> None:
+    """Raise ConfigError where `flag` names a file that could not be written."""
+    target = Path(path)
+    if "\0" in path:
+        raise ConfigError(f"{flag} {path!r}: allowed: a name without a NUL")
+    try:
+        if not path or target.is_dir():
+            raise ConfigError(f"{flag} {path}: is a folder; allowed: the name of a file")
+        if not target.parent.is_dir():
+            raise ConfigError(f"{flag} {path}: no folder {target.parent}; allowed: one that exists")
+        exists = target.exists()
+    except OSError as error:  # a name too long
+        raise ConfigError(f"{flag} {path}: {error.strerror}") from error
+    if not os.access(target if exists else target.parent, os.W_OK):
+        what = "it" if exists else f"folder {target.parent}"
+        raise ConfigError(f"{flag} {path}: no permission to write {what}")
+
+
+def write_report(path: str, flag: str, text: str) -> None:
+    """Write a text file; raise ConfigError where that fails."""
+    try:
+        Path(path).write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise ConfigError(f"{flag} {path}: cannot be written: {error.strerror}") from error

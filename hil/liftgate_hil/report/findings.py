@@ -1,0 +1,120 @@
+"""What a reader must know before believing the numbers, and figures over all experiments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
+from liftgate_hil.report.numbers import clean
+
+_STRONG = 0.9  # correlation of two parameters that is worth a line
+
+
+class Whiteness(NamedTuple):
+    """Lags of a residual outside its band; 1 in 100 is by chance."""
+
+    own: int  # of the autocorrelation, lag 0 left out
+    own_lags: int
+    largest: float  # of the autocorrelation, with its sign
+    largest_lag: int
+    input: int  # of the correlation with the input
+    input_lags: int
+
+
+def whiteness(series: Series) -> Whiteness:
+    """Count them."""
+    own, across = series.autocorrelation[1:], series.crosscorrelation
+    sizes = np.nan_to_num(np.abs(own))
+    lag = int(np.argmax(sizes)) if len(sizes) else 0
+    return Whiteness(
+        own=int(np.sum(sizes > series.band)),
+        own_lags=len(own),
+        largest=float(own[lag]) if len(own) else math.nan,
+        largest_lag=lag + 1,
+        input=int(np.sum(np.abs(across) > series.band)),
+        input_lags=len(across),
+    )
+
+
+def warnings_of(result: Identification) -> list[str]:
+    """The worst first: what cannot be told, what stands at a bound, what a residual betrays."""
+    untold = [
+        f"{clean(each.name)} cannot be told{_because(each.remark)}"
+        for each in result.parameters
+        if not each.identifiable
+    ]
+    remarks = [
+        f"{clean(each.name)}: {clean(each.remark)}"
+        for each in result.parameters
+        if each.identifiable and each.remark
+    ]
+    states = [
+        f"initial state {clean(each.name)} cannot be told{_because(each.remark)}"
+        for each in result.initial_states
+        if not each.identifiable
+    ]
+    apart = [clean(each) for each in result.inseparable]
+    return [*untold, *apart, *remarks, *states, *experiment_warnings(result)]
+
+
+def _because(remark: str) -> str:
+    return f": {clean(remark)}" if remark else ""
+
+
+def experiment_warnings(result: Identification | Validation) -> list[str]:
+    """Outputs that a constant would tell better, and residuals that are not white."""
+    found: list[str] = []
+    for experiment in result.experiments:
+        worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
+        coloured = [each.output for each in experiment.series if not each.is_white]
+        name = clean(experiment.name, 60)
+        if worse:
+            found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
+        if coloured:
+            found.append(
+                f"{name}: residuals are not white, the model leaves something unexplained: "
+                f"{_listed(coloured)}"
+            )
+    return found
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(clean(each, 60) for each in names)
+
+
+def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that the data hardly tell apart, the strongest first."""
+    names = [each.name for each in result.parameters]
+    pairs = [
+        (names[i], names[k], float(result.correlation[i, k]))
+        for i in range(len(names))
+        for k in range(i + 1, len(names))
+        if abs(result.correlation[i, k]) >= _STRONG
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def columns_of(experiments: Sequence[Experiment]) -> list[str]:
+    """Outputs of any experiment, in order of appearance."""
+    return list(dict.fromkeys(each.output for one in experiments for each in one.series))
+
+
+def series_of(experiments: Sequence[Experiment], column: str) -> list[Series]:
+    """One output of all experiments that have it."""
+    return [each for one in experiments for each in one.series if each.output == column]
+
+
+def mean_over(
+    experiments: Sequence[Experiment], figure: Callable[[Series], float]
+) -> dict[str, float]:
+    """A figure of each output, its mean over experiments; one that is not defined (NaN) doesn't count."""
+    means = {}
+    for column in columns_of(experiments):
+        values = [figure(each) for each in series_of(experiments, column)]
+        known = [value for value in values if not math.isnan(value)]
+        means[column] = sum(known) / len(known) if known else math.nan
+    return means

@@ -1,0 +1,107 @@
+"""The page around a report: one file, nothing fetched, light and dark, for screen and paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from liftgate_hil.report.numbers import clean
+
+_CSS = """
+:root { color-scheme: light dark; --paper: #ffffff; --ink: #1c2126; --soft: #5a636e; --grid: #d9dde2;
+  --measured: #8c939c; --final: #0072b2; --initial: #d55e00; --mark: #009e73; --alert: #fff3e6; --bar: #d55e00; }
+@media (prefers-color-scheme: dark) { :root { --paper: #14181d; --ink: #e6e9ed; --soft: #a3acb7;
+  --grid: #333a43; --measured: #7f8893; --final: #56b4e9; --initial: #f0923b; --mark: #2fc79c;
+  --alert: #33261a; } }
+body { background: var(--paper); color: var(--ink); font: 15px/1.5 system-ui, sans-serif;
+  max-width: 58rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.6rem; margin: 0 0 .2rem; } h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; overflow-wrap: anywhere; }
+p.soft, figcaption, td.soft { color: var(--soft); } figcaption, p.soft { font-size: .88rem; }
+.alert { background: var(--alert); border-left: 4px solid var(--bar); padding: .5rem 1rem; }
+.alert ul { margin: .2rem 0; padding-left: 1.1rem; } li { overflow-wrap: anywhere; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .7rem .25rem 0; text-align: left; vertical-align: top; }
+th { font-weight: 600; border-bottom: 1px solid var(--measured); }
+td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
+td.name { overflow-wrap: anywhere; min-width: 9rem; }
+td.n { white-space: nowrap; } td.soft:last-child { min-width: 14rem; }
+figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
+svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
+svg.plot text { font-family: system-ui, sans-serif !important; }
+@page { margin: 15mm; }
+@media print { :root { color-scheme: light; --paper: #ffffff; --ink: #1c2126; --soft: #5a636e;
+  --grid: #d9dde2; --measured: #8c939c; --final: #0072b2; --initial: #d55e00; --mark: #009e73; --alert: #ffffff; }
+  html { font-size: 11px; } body { margin: 0; max-width: none; font-size: 11px; padding: 0; }
+  figure, tr, .alert { break-inside: avoid; } h2, h3 { break-after: avoid; } .wide { overflow: visible; } }
+"""
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def page(title: str, subtitle: str, sections: Iterable[str]) -> str:
+    """The whole file; title and subtitle as text, sections as HTML."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{text(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        f'<h1>{text(title)}</h1>\n<p class="soft">{text(subtitle)}</p>\n'
+        + "\n".join(each for each in sections if each)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def text(content: str) -> str:
+    """Text from anywhere, harmless in elements and in quoted attributes."""
+    return escape(clean(content))
+
+
+def section(title: str, *parts: str) -> str:
+    """A heading with what belongs to it; nothing where there is nothing."""
+    kept = [part for part in parts if part]
+    return "\n".join([f"<h2>{text(title)}</h2>", *kept]) if kept else ""
+
+
+def subheading(title: str) -> str:
+    """A smaller heading."""
+    return f"<h3>{text(title)}</h3>"
+
+
+def bullets(texts: Sequence[str]) -> str:
+    """A list."""
+    if not texts:
+        return ""
+    return "<ul>\n" + "\n".join(f"<li>{text(each)}</li>" for each in texts) + "\n</ul>"
+
+
+def alert(texts: Sequence[str]) -> str:
+    """What must not be overlooked."""
+    return f'<div class="alert" role="note">\n{bullets(texts)}\n</div>' if texts else ""
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[str]) -> str:
+    """A table of texts; `classes` has the CSS class of each column."""
+    if not rows:
+        return ""
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        inside = "".join(
+            f'<{tag} class="{name}">{text(cell)}</{tag}>'
+            if name
+            else f"<{tag}>{text(cell)}</{tag}>"
+            for cell, name in zip(cells, classes, strict=True)
+        )
+        return f"<tr>{inside}</tr>"
+
+    body = "\n".join(row(each, "td") for each in rows)
+    return (
+        f'<div class="wide"><table>\n<thead>{row(heads, "th")}</thead>\n'
+        f"<tbody>\n{body}\n</tbody>\n</table></div>"
+    )
+
+
+def figure(drawing: str, caption: str, *, small: bool = False) -> str:
+    """A drawing, as SVG, with its caption."""
+    kind = ' class="small"' if small else ""
+    return f"<figure{kind}>\n{drawing}<figcaption>{text(caption)}</figcaption>\n</figure>"

@@ -1,0 +1,52 @@
+"""A plan of experiments, for people and for programs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from liftgate_hil.identify.design import Plan, Ranked
+from liftgate_hil.report.numbers import percent, significant
+from liftgate_hil.report.text import table
+
+
+def plan_text(plan: Plan) -> str:
+    """Candidates, the best first, and which to add up."""
+    heads = ["experiment", "log10 det", *(f"{name} ±" for name in plan.names)]
+    align = "l" + "r" * (len(heads) - 1)
+    lines = ["Experiments, the one that tells most first (expected standard deviations)", ""]
+    lines += table(heads, [_row(each) for each in plan.ranked], align)
+    lines += ["", "One after the other, each with all before it", ""]
+    lines += table(heads, [_row(each) for each in plan.order], align)
+    return "\n".join(lines)
+
+
+def _row(each: Ranked) -> list[str]:
+    told = significant(each.log_det) if math.isfinite(each.log_det) else "not all told"
+    stds = [
+        "not told" if math.isinf(std) else f"{percent(100.0 * float(std))} %"
+        for std in each.relative_std
+    ]
+    return [each.candidate.name, told, *stds]
+
+
+def plan_json(plan: Plan) -> dict[str, Any]:
+    """The same; a number that is not finite is null."""
+
+    def row(each: Ranked) -> dict[str, Any]:
+        return {
+            "experiment": each.candidate.name,
+            "initial_angle_deg": each.candidate.angle_deg,
+            "road_slope_deg": each.candidate.road_slope_deg,
+            "log10_det": each.log_det if math.isfinite(each.log_det) else None,
+            "relative_std": {
+                name: float(std) if math.isfinite(std) else None
+                for name, std in zip(plan.names, each.relative_std, strict=True)
+            },
+        }
+
+    return {
+        "parameters": list(plan.names),
+        "ranked": [row(each) for each in plan.ranked],
+        "order": [row(each) for each in plan.order],
+    }

@@ -1,0 +1,1 @@
+"""What acts on the gate from outside, and what the driver asks of the ECU."""

@@ -1,0 +1,98 @@
+"""Any transport as a line for the hard loop: two threads carry its frames to and from a pair of sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.transport.base import LinkCounts, Transport
+
+# struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
+_ROW = struct.Struct("<IBBBB64sq")
+_HEAD = struct.Struct("<IBB")
+_FDF = 0x04  # CANFD_FDF
+_BUFFER = 1 << 20  # bytes; some thousand frames
+_LEAVE_S = 3.0  # that closing waits for a driver
+
+
+class Pump:
+    """See Line."""
+
+    def __init__(self, transport: Transport) -> None:
+        self.name = transport.name
+        self._transport = transport
+        self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        for end in (self._ours, theirs):
+            with contextlib.suppress(OSError):  # as much as the kernel allows
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+        self._theirs = theirs
+        self.descriptor = theirs.fileno()
+        self._stopping = False
+        self._was_up = True
+        self._threads = [
+            threading.Thread(target=target, name=f"{self.name} {way}", daemon=True)
+            for way, target in (("in", self._inwards), ("out", self._outwards))
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def watch(self, control: Any) -> str | None:
+        """See Line."""
+        is_up = self._transport.is_up
+        if is_up == self._was_up:
+            return None
+        self._was_up = is_up
+        return "is back" if is_up else "is lost"
+
+    def counts(self) -> LinkCounts:
+        """See Line."""
+        return self._transport.counts()
+
+    def close(self) -> None:
+        """See Line."""
+        self._theirs.shutdown(socket.SHUT_WR)  # what is still in it is read before the end is seen
+        self._threads[1].join(_LEAVE_S)
+        self._stopping = True
+        self._theirs.shutdown(socket.SHUT_RD)  # nobody reads any more: writing must not wait
+        self._threads[0].join(_LEAVE_S)
+        self._theirs.close()
+        self._ours.close()
+        self._transport.close()
+
+    def _next(self) -> bytes:
+        """What the loop sends next; nothing at the end."""
+        try:
+            return self._ours.recv(_ROW.size)
+        except OSError:  # closed while the driver held this thread up
+            return b""
+
+    def _inwards(self) -> None:
+        while not self._stopping:
+            frames = self._transport.receive(timeout=0.05)
+            now = time.monotonic_ns()
+            for row in range(frames.count):
+                identifier = int(frames.identifiers[row])
+                flags = _FDF if identifier & FD else 0
+                data = frames.data[row].tobytes()
+                length = int(frames.lengths[row])
+                datagram = _ROW.pack(identifier & ~FD, length, flags, 0, 0, data, now)
+                try:
+                    self._ours.send(datagram)
+                except OSError:  # the loop has ended
+                    return
+
+    def _outwards(self) -> None:
+        while datagram := self._next():
+            identifier, length, flags = _HEAD.unpack_from(datagram)
+            frames: Frames = empty_frames(1)
+            frames.identifiers[0] = identifier | (FD if flags & _FDF else 0)
+            frames.lengths[0] = length
+            frames.data[0, :length] = np.frombuffer(datagram, np.uint8, length, 8)
+            self._transport.send(frames._replace(count=1))

@@ -1,0 +1,149 @@
+"""Opening serial ports: which one a flag means, and getting one back that was lost.
+
+Knows pyserial's ports well enough to open any of them so that nothing later waits for the other end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import select
+import socket
+import stat
+import threading
+from typing import Any
+from urllib.parse import urlsplit
+
+from liftgate_hil.errors import ConfigError
+
+BAUDRATE = 921_600
+_MAX_BAUDRATE = 20_000_000
+_REOPEN_S = 0.1
+_LEAVE_S = 1.0  # to wait for the thread when closing
+ALLOWED = (
+    "allowed: a device or URL of pyserial and, after an @, its rate in baud, e.g. /dev/ttyUSB0@921600, "
+    "socket://192.168.0.7:7000, rfc2217://192.168.0.7:2217@115200"
+)
+
+
+def parse_serial(text: str) -> tuple[str, int]:
+    """Port or URL and baud rate of PORT[@BAUD]; an @ that no number follows belongs to the port's name.
+
+    Raises ConfigError.
+    """
+    port, rate = text, str(BAUDRATE)
+    found = re.fullmatch(r"(.*)@([0-9]+)", text, re.DOTALL)
+    if found:
+        port, rate = found.groups()
+    if not port:
+        raise ConfigError(f"--serial {text}: no port; {ALLOWED}")
+    if len(rate) > 10 or not 0 < int(rate) <= _MAX_BAUDRATE:
+        raise ConfigError(
+            f"--serial {text}: rate {rate}; allowed: 1 to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
+        )
+    scheme, separator, _ = port.partition("://")
+    if separator and scheme.lower() in ("socket", "rfc2217"):
+        try:
+            parts = urlsplit(port)
+            whole = bool(parts.hostname and parts.port)
+        except ValueError:
+            whole = False
+        if not whole:
+            raise ConfigError(
+                f"--serial {text}: no HOST:PORT; allowed: {scheme}://HOST:PORT with a port of 1 to 65535"
+            )
+    return port, int(rate)
+
+
+def open_port(url: str, baudrate: int) -> Any:
+    """An open port whose reads and writes take what there is, or has room. Raises whatever the driver does."""
+    import serial
+
+    port = serial.serial_for_url(url, baudrate, do_not_open=True, timeout=0, exclusive=True)
+    if is_selectable(port):
+        port.write_timeout = 0  # the others know no such thing, or take it for too short
+    try:
+        port.open()
+    except BaseException:
+        close_port(port)
+        raise
+    if hasattr(port, "set_low_latency_mode"):
+        # A hint; drivers and pseudo-terminals without it refuse.
+        with contextlib.suppress(OSError, ValueError, NotImplementedError):
+            port.set_low_latency_mode(True)
+    if is_selectable(port) and stat.S_ISSOCK(os.fstat(port.fileno()).st_mode):
+        with socket.socket(fileno=os.dup(port.fileno())) as line, contextlib.suppress(OSError):
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return port
+
+
+def close_port(port: Any) -> None:
+    """Close, whatever state it is in."""
+    # pyserial leaves a socket that the other end has reset to the garbage collector.
+    line = getattr(port, "_socket", None)
+    with contextlib.suppress(Exception):
+        port.close()
+    if line is not None:
+        line.close()
+
+
+def is_selectable(port: Any) -> bool:
+    """Whether `select` tells when there is something to read: not where pyserial reads ahead in a thread."""
+    return type(port).fileno is not io.RawIOBase.fileno
+
+
+def has_room(port: Any, size: int) -> bool:
+    """Whether a write will take something now. Raises OSError or ValueError where the port is gone."""
+    # pyserial's own non-blocking write spins until a full port has room again, and the others' writes wait.
+    line = port if is_selectable(port) else getattr(port, "_socket", None)
+    if line is not None:
+        return bool(select.select([], [line], [], 0.0)[1])
+    capacity = getattr(port, "buffer_size", None)  # loop://
+    return capacity is None or port.out_waiting + size <= capacity
+
+
+class Reopener:
+    """Closes a lost port and tries to open it until it is there again, in a thread of its own."""
+
+    def __init__(self, url: str, baudrate: int, lost: Any) -> None:
+        self._url = url
+        self._baudrate = baudrate
+        self._lost = lost
+        self._port: Any = None
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"reopen {url}", daemon=True)
+        self._thread.start()
+
+    def take(self) -> Any:
+        """The port, once it is open; else None."""
+        with self._lock:
+            port, self._port = self._port, None
+        if port is not None:
+            self._thread.join()
+        return port
+
+    def stop(self) -> None:
+        """Give up; an open that is under way ends later, and closes what it opened."""
+        with self._lock:
+            self._stopped.set()
+            port, self._port = self._port, None
+        if port is not None:
+            close_port(port)
+        self._thread.join(_LEAVE_S)
+
+    def _run(self) -> None:
+        close_port(self._lost)
+        self._lost = None
+        while not self._stopped.wait(_REOPEN_S):
+            try:
+                port = open_port(self._url, self._baudrate)
+            except Exception:  # it is not there yet, whatever the driver calls that
+                continue
+            with self._lock:
+                if not self._stopped.is_set():
+                    self._port = port
+                    return
+            close_port(port)

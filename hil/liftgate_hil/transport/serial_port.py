@@ -1,0 +1,192 @@
+"""Frames over a serial line: every port that pyserial's serial_for_url takes.
+
+One thread may send while another receives; nothing here waits for the other end. Reading takes what is there.
+Writing gives the port what it has room for; the frames beyond that are dropped whole, and the one that was cut
+is ended by the zero that the next write begins with. A port that vanishes is closed and opened again by a thread,
+because both can take seconds over a network.
+"""
+
+from __future__ import annotations
+
+import select
+import threading
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, Decoder, encode
+from liftgate_hil.transport.serial_open import (
+    ALLOWED,
+    BAUDRATE,
+    Reopener,
+    close_port,
+    has_room,
+    is_selectable,
+    open_port,
+)
+
+CAPACITY = 256
+_CHUNK = 4096  # bytes; as much as a Linux terminal holds
+_READ_LIMIT = 2 * _CHUNK  # bytes in one call, so that a flood cannot keep the loop
+_POLL_S = 0.0005  # where a port cannot be waited for
+_CLASSIC_BYTES = 8
+
+
+class SerialTransport:
+    """A serial line. Raises ConfigError for a URL that is none, TransportError where it cannot be opened."""
+
+    def __init__(self, url: str, baudrate: int = BAUDRATE) -> None:
+        self.name = url
+        self._baudrate = baudrate
+        try:
+            self._port: Any = open_port(url, baudrate)
+        except Exception as error:  # pyserial and its drivers raise what they like
+            detail = " ".join(str(error).split()) or type(error).__name__
+            if isinstance(error, ValueError) and "not known" in detail:
+                raise ConfigError(f"--serial {url}: {detail}; {ALLOWED}") from error
+            raise TransportError(f"--serial {url}: cannot be opened: {detail}") from error
+        self._decoder = Decoder()
+        self._read_last = self._port
+        self._arrived: deque[tuple[int, bytes]] = deque()
+        self._between = False  # the line's last byte was a zero; not known at first
+        self._send_failures = 0
+        self._losses = 0
+        self._reopener: Reopener | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the port is open."""
+        return self._port is not None
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        """See Transport."""
+        deadline = time.monotonic() + timeout
+        self._read()
+        while not self._arrived:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                break
+            self._wait(left)
+            self._read()
+        frames = empty_frames(CAPACITY)
+        count = min(len(self._arrived), CAPACITY)
+        for row in range(count):
+            identifier, payload = self._arrived.popleft()
+            # The line has no flag for it, but only CAN FD has so many bytes.
+            frames.identifiers[row] = identifier | (FD if len(payload) > _CLASSIC_BYTES else 0)
+            frames.lengths[row] = len(payload)
+            frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
+        return frames._replace(count=count)
+
+    def send(self, frames: Frames) -> None:
+        """See Transport."""
+        coded = []
+        for row in range(frames.count):
+            identifier, length = int(frames.identifiers[row]) & ~FD, int(frames.lengths[row])
+            # Neither 29-bit identifiers nor remote and error frames exist here.
+            if identifier > MAX_IDENTIFIER or length > MAX_PAYLOAD:
+                self._send_failures += 1
+            else:
+                coded.append(encode(identifier, frames.data[row, :length].tobytes()))
+        if not coded:
+            return
+        lead = 0 if self._between else 1
+        written = self._write(DELIMITER * lead + b"".join(coded))
+        end = lead
+        for number, frame in enumerate(coded):
+            end += len(frame)
+            # A frame that lacks nothing but its zero gets that with the next write.
+            if written < end - 1:
+                self._send_failures += len(coded) - number
+                break
+        if written:
+            self._between = written == end
+
+    def counts(self) -> LinkCounts:
+        """See Transport."""
+        bad = self._decoder.counts
+        return LinkCounts(
+            send_failures=self._send_failures,
+            losses=self._losses,
+            cut_frames=bad.cut,
+            long_frames=bad.long,
+            short_frames=bad.short,
+            bad_crcs=bad.crc,
+            bad_identifiers=bad.identifier,
+        )
+
+    def close(self) -> None:
+        """See Transport."""
+        if self._reopener is not None:
+            self._reopener.stop()
+            self._reopener = None
+        if self._port is not None:
+            close_port(self._port)
+            self._port = None
+
+    def _read(self) -> None:
+        """Take what is there."""
+        port = self._open_port()
+        if port is not self._read_last:  # what was cut off before does not go on
+            self._read_last = port
+            self._decoder.reset()
+        taken = 0
+        while port is not None and taken < _READ_LIMIT and len(self._arrived) < CAPACITY:
+            try:
+                data = port.read(_CHUNK)
+            except (OSError, ValueError):
+                self._lose(port)
+                return
+            if not data:
+                return
+            taken += len(data)
+            self._arrived.extend(self._decoder.feed(data))
+
+    def _write(self, data: bytes) -> int:
+        """Give the port what it has room for; how many bytes that were."""
+        port = self._open_port()
+        if port is None:
+            return 0
+        try:
+            if not has_room(port, len(data)):
+                return 0
+            return int(port.write(data))
+        except (OSError, ValueError):
+            self._lose(port)
+            return 0
+
+    def _wait(self, timeout: float) -> None:
+        """Wait until there is something to read, or a little."""
+        port = self._port
+        if port is None or not is_selectable(port):
+            time.sleep(min(timeout, _POLL_S))
+            return
+        try:
+            select.select([port], [], [], timeout)
+        except (OSError, ValueError):
+            self._lose(port)
+
+    def _lose(self, port: Any) -> None:
+        """Begin to open it again; only one of the threads that see it fail does."""
+        with self._lock:
+            if self._port is not port:
+                return
+            self._port = None
+            self._losses += 1
+            self._between = False
+            self._reopener = Reopener(self.name, self._baudrate, port)
+
+    def _open_port(self) -> Any:
+        """The port, perhaps a new one; None while it is not there."""
+        with self._lock:
+            if self._reopener is not None:
+                self._port = self._reopener.take()
+                if self._port is not None:
+                    self._reopener = None
+            return self._port

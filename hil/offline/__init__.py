@@ -1,1 +1,0 @@
-"""The plant alone: inputs from a file or a step, rows of outputs."""

@@ -1,0 +1,92 @@
+"""The H-bridge, averaged over one PWM period.
+
+| state | voltage on the motor |
+|---|---|
+| open, close | ± duty · U_terminal |
+| brake | 0, both low sides on |
+| coast | all off: the diodes carry the current against U_terminal + 2 U_diode until it is zero |
+
+A coasting winding is set-valued like dry friction: L di/dt = −R i − c2Φ n − V sgn(i) with V = U_terminal +
+2 U_diode, and at i = 0 the diodes hold anything within ±V.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity
+
+COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
+
+
+class Bridge(NamedTuple):
+    """Table `[bridge]`."""
+
+    diode_drop: Annotated[
+        float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one free-wheeling diode")
+    ] = 0.7
+
+
+class DriveInput(NamedTuple):
+    """What drives one motor during a step.
+
+    `duty` is signed (−1…1, positive opens) and takes its current from the source; `voltage` [V] is applied
+    to the motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off.
+    """
+
+    duty: float
+    voltage: float
+    coast: float
+
+
+@compilable
+def drive_input(state: int, duty: float) -> DriveInput:
+    """The input for a bridge state (COAST, OPEN, CLOSE, BRAKE) and a duty of 0…1."""
+    if state == OPEN:
+        return DriveInput(duty, 0.0, 0.0)
+    if state == CLOSE:
+        return DriveInput(-duty, 0.0, 0.0)
+    return DriveInput(0.0, 0.0, 1.0 if state == COAST else 0.0)
+
+
+class Coasting(NamedTuple):
+    """A coasting winding over a step.
+
+    Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time; else the current is zero at
+    the end and has the mean `mean`.
+    """
+
+    conducts: float
+    voltage: float
+    mean: float
+
+
+@compilable
+def coasting(
+    current: float, emf: float, resistance: float, inductance: float, limit: float, step: float
+) -> Coasting:
+    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V."""
+    if current == 0.0:
+        if abs(emf) <= limit:
+            return Coasting(0.0, 0.0, 0.0)
+        return Coasting(1.0, math.copysign(limit, emf), 0.0)
+    voltage = -math.copysign(limit, current)
+    final = (voltage - emf) / resistance
+    if final * current >= 0.0:
+        return Coasting(1.0, voltage, 0.0)
+    # i(t) = final + (i0 − final) exp(−t R/L) is zero at:
+    time = inductance / resistance * math.log(1.0 - current / final)
+    if time >= step:
+        return Coasting(1.0, voltage, 0.0)
+    charge = final * time + (current - final) * inductance / resistance * (
+        1.0 - math.exp(-time * resistance / inductance)
+    )
+    return Coasting(0.0, 0.0, charge / step)
+
+
+@compilable
+def blocked(current: float, direction: float) -> float:
+    """The current that diodes let through: none against `direction` (sign of the driving voltage)."""
+    return current if current * direction > 0.0 else 0.0

@@ -1,0 +1,206 @@
+"""The one place that knows the compiler (numba).
+
+A function marked `compilable` stays a plain Python function: called from Python it runs as such, so that
+it can be debugged, covered and tested without a compiler. An entry point handed to `compiled` becomes
+machine code that holds no interpreter lock, together with all compilable functions it calls.
+
+`LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
+
+A `System` is a function of the C library that both can call.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+
+_compilable: list[Callable[..., Any]] = []
+_known_to_numba: set[Callable[..., Any]] = set()
+
+# IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy"}
+# A NamedTuple is passed as its scalars, over a hundred of them, so that a call may cost more than its callee.
+_HELPER_OPTIONS: dict[str, Any] = {"forceinline": True}
+
+
+def compilable(function: F) -> F:
+    """Mark a function as usable inside compiled code; it stays plain Python outside."""
+    _compilable.append(function)
+    return function
+
+
+def compiled(function: F) -> F:
+    """The machine code of `function`, compiled at its first call (or read from the cache)."""
+    if not enabled():
+        return function
+    return _compiled(function)  # type: ignore[return-value]
+
+
+def is_cached(function: Callable[..., Any]) -> bool:
+    """Whether the machine code of `function` is in the disk cache, so that it is ready at once."""
+    if not enabled():
+        return True
+    try:
+        return any(cache_folder().rglob(f"*.{function.__qualname__}-*.nbi"))
+    except OSError:  # a folder that this user may not look into
+        return False
+
+
+class System:
+    """A function of the C library for compilable code: numbers in, a number out.
+
+    `result` and `arguments` are "i" for int and "l" for long, size_t and addresses (`array.ctypes.data`).
+    """
+
+    def __init__(self, name: str, result: str, arguments: str) -> None:
+        self.name = name
+        self.result = result
+        self.arguments = arguments
+
+    @functools.cached_property
+    def _plain(self) -> Callable[..., int]:
+        kinds = {"i": ctypes.c_int, "l": ctypes.c_long}
+        function = getattr(ctypes.CDLL(None, use_errno=True), self.name)
+        function.restype = kinds[self.result]
+        function.argtypes = [kinds[kind] for kind in self.arguments]
+        return function  # type: ignore[no-any-return]
+
+    def __call__(self, *arguments: int) -> int:
+        """Call it from plain Python."""
+        return self._plain(*(int(argument) for argument in arguments))
+
+
+def last_error() -> int:
+    """The error number (errno) of this thread's last System call that failed."""
+    return ctypes.get_errno()
+
+
+def borrowed(value: T) -> T:
+    """A NamedTuple with the same arrays, whose references compiled code does not count.
+
+    For what its caller keeps alive and what nothing returns: counting costs a third of a tick. In plain Python
+    the value itself.
+    """
+    return value
+
+
+def enabled() -> bool:
+    """Whether `compiled` compiles."""
+    return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
+
+
+@functools.cache
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    cache = _prepare_cache()
+    import numba
+    from numba.extending import register_jitable
+
+    _teach_system_calls()
+    _teach_borrowing()
+    for helper in _compilable:
+        if helper not in _known_to_numba:
+            register_jitable(**_OPTIONS, **_HELPER_OPTIONS)(helper)
+            _known_to_numba.add(helper)
+    machine_code: Callable[..., Any] = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
+    return machine_code
+
+
+@functools.cache
+def _teach_system_calls() -> None:
+    """Tell numba what a System is, and where errno lies."""
+    import numba
+    from numba.extending import overload, typeof_impl
+
+    types: Any = numba.types
+    carray: Any = numba.carray  # type: ignore[attr-defined]
+    kinds = {"i": types.int32, "l": types.int64}
+
+    @typeof_impl.register(System)
+    def type_of_system(value: System, context: Any) -> Any:
+        arguments = [kinds[kind] for kind in value.arguments]
+        return types.ExternalFunction(value.name, kinds[value.result](*arguments))
+
+    address = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+
+    @overload(last_error)
+    def error_number() -> Any:
+        return lambda: carray(address(), 1)[0]
+
+
+@functools.cache
+def _teach_borrowing() -> None:
+    """Tell numba that a borrowed array has no owner (no `meminfo`), so that there is nothing to count."""
+    import numba
+    from numba.core import cgutils
+    from numba.extending import intrinsic, overload
+
+    types: Any = numba.types
+
+    def without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.Array):
+            array = context.make_array(kind)(context, builder, value=value)
+            array.meminfo = cgutils.get_null_value(array.meminfo.type)  # type: ignore[no-untyped-call]
+            return array._getvalue()
+        if isinstance(kind, types.BaseTuple):
+            for place, each in enumerate(kind):
+                part = without_owner(context, builder, each, builder.extract_value(value, place))
+                value = builder.insert_value(value, part, place)
+        return value
+
+    @intrinsic
+    def borrow(typing_context: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return without_owner(context, builder, signature.args[0], arguments[0])
+
+        return value(value), generate
+
+    @overload(borrowed)
+    def borrowed_in_machine_code(value: Any) -> Any:
+        def implementation(value: Any) -> Any:  # numba wants the very same signature
+            return borrow(value)  # type: ignore[call-arg]  # it gets the context by itself
+
+        return implementation
+
+
+@functools.cache
+def _prepare_cache() -> bool:
+    """Point numba's disk cache at a folder named by the hash of all sources it could compile.
+
+    numba itself looks only at the file of the entry point, so an edit of a helper in another file would
+    go unnoticed. Returns False, and so compiles afresh, where no such folder can be made.
+    """
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    return True
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Where the machine code of these very sources is kept."""
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
+    return root / sources_digest()
+
+
+def sources_digest() -> str:
+    """A hash over all sources with compilable functions or with the types that they take."""
+    digest = hashlib.sha256()
+    plant = Path(__file__).resolve().parent
+    top = plant.parents[1]
+    for package in (plant, top / "hil" / "liftgate_hil"):
+        for source in sorted(package.rglob("*.py")):
+            content = source.read_bytes()
+            if b"@compilable" in content or b"NamedTuple" in content:
+                digest.update(str(source.relative_to(top)).encode() + content)
+    return digest.hexdigest()[:16]

@@ -1,0 +1,112 @@
+"""A one-sided spring and damper: what the play's flanks, both end stops, the seal and an obstacle are.
+
+F = max(0, k δ + c δ̇)   for a penetration δ > 0, else 0
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable
+
+# From k h²/m + c h/2m = 1.2 on a contact is too stiff to be followed through the step.
+STIFF = 1.2
+
+
+class Window(NamedTuple):
+    """The part of a step during which a contact pushes: from `start` to `end`, as fractions of the step."""
+
+    start: float
+    end: float
+
+
+class Push(NamedTuple):
+    """Mean force of a contact over a step, linear in the closing speed v1 at its end: constant + slope v1."""
+
+    constant: float
+    slope: float
+
+
+@compilable
+def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
+    """The contact's force [N] now: penetration `depth` [m], its `rate` [m/s]."""
+    if depth <= 0.0:
+        return 0.0
+    return max(0.0, stiffness * depth + damping * rate)
+
+
+@compilable
+def positive_part(start: float, end: float) -> tuple[float, float]:
+    """Where on [0, 1] a straight line from `start` to `end` is positive: an interval."""
+    if start > 0.0:
+        if end >= 0.0:
+            return 0.0, 1.0
+        return 0.0, start / (start - end)
+    if end <= 0.0:
+        return 0.0, 0.0
+    return start / (start - end), 1.0
+
+
+@compilable
+def is_stiff(stiffness: float, damping: float, mobility: float, step: float) -> bool:
+    """Whether the contact's own motion is too fast for the step."""
+    return mobility * step * (stiffness * step + 0.5 * damping) > STIFF
+
+
+@compilable
+def window(
+    stiffness: float,
+    damping: float,
+    depth: float,
+    rate: float,
+    rate_end: float,
+    mobility: float,
+    step: float,
+) -> Window:
+    """When during a step of `step` seconds the contact pushes.
+
+    Depth and force are taken as straight lines in time between their values at both ends, so the contact
+    closes where the depth crosses zero and opens where the force does (with damping: before the depth). A
+    stiff contact pushes all the time or not at all, as the step's end has it. `mobility` is 1/m [1/kg] of
+    what the contact moves.
+    """
+    if is_stiff(stiffness, damping, mobility, step):
+        depth_end = depth + step * rate_end
+        pushes = depth_end > 0.0 and stiffness * depth_end + damping * rate_end > 0.0
+        return Window(0.0, 1.0 if pushes else 0.0)
+    depth_end = depth + 0.5 * step * (rate + rate_end)
+    a, b = positive_part(depth, depth_end)
+    c, d = positive_part(
+        stiffness * depth + damping * rate, stiffness * depth_end + damping * rate_end
+    )
+    a = max(a, c)
+    return Window(a, max(a, min(b, d)))
+
+
+@compilable
+def push(
+    stiffness: float,
+    damping: float,
+    depth: float,
+    rate: float,
+    mobility: float,
+    step: float,
+    when: Window,
+) -> Push:
+    """The mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
+
+    With a rate on a straight line the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the
+    window [a, b] weighs v1 with (a² + a b + b²)/6: Newmark's method with β = 1/6, stable while the sum of
+    k h²/m over all contacts is below 12. A stiff contact takes the force at the step's end instead, k δ1 + c v1
+    with δ1 = δ0 + h v1: first order, and stable at any stiffness.
+    """
+    a, b = when
+    if b <= a:
+        return Push(0.0, 0.0)
+    if is_stiff(stiffness, damping, mobility, step):
+        return Push(stiffness * depth, stiffness * step + damping)
+    width, centre = b - a, 0.5 * (a + b)
+    bend = (a * a + a * b + b * b) / 6.0
+    constant = stiffness * (depth + step * (centre - bend) * rate) + damping * (1.0 - centre) * rate
+    slope = stiffness * step * bend + damping * centre
+    return Push(width * constant, width * slope)

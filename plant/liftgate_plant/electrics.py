@@ -1,0 +1,135 @@
+"""Source, bridges and windings together: both motors' currents over a step, before the speeds are known."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant import bridge, supply, thermal
+from liftgate_plant.bridge import Coasting, DriveInput
+from liftgate_plant.compiler import compilable
+from liftgate_plant.dynamics import Drive, DriveState, Inputs, Plant, State
+from liftgate_plant.motor import (
+    Response,
+    Transient,
+    Winding,
+    end_current,
+    solve_windings,
+    transient_of,
+)
+
+
+class Electric(NamedTuple):
+    """One drive's electrical side during a step."""
+
+    response: Response
+    transient: Transient
+    resistance: float  # Ω, at the present temperature
+    torque_constant: float  # N m/A, at the present temperature
+
+
+NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
+NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@compilable
+def winding_of(
+    drive: Drive, state: DriveState, drive_input: DriveInput, terminal: float, step: float
+) -> tuple[Winding, Coasting]:
+    """The winding at its present temperature with what is applied to it, and how it coasts."""
+    motor = drive.motor
+    resistance = motor.resistance * thermal.resistance_factor(
+        drive.thermal, state.winding_temperature
+    )
+    emf_constant = motor.speed_constant * thermal.flux_factor(
+        drive.thermal, state.housing_temperature
+    )
+    if drive.active == 0.0:  # no winding there, so nothing that could load the source
+        winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0)
+        return winding, Coasting(1.0, 0.0, 0.0)
+    if drive_input.coast == 0.0:
+        winding = Winding(
+            resistance, motor.inductance, emf_constant, drive_input.duty, drive_input.voltage
+        )
+        return winding, Coasting(1.0, 0.0, 0.0)
+    limit = terminal + 2.0 * drive.diode_drop
+    emf = emf_constant * state.speed
+    coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, step)
+    return Winding(resistance, motor.inductance, emf_constant, 0.0, coast.voltage), coast
+
+
+@compilable
+def electric_of(
+    drive: Drive,
+    state: DriveState,
+    other: DriveState,
+    winding: Winding,
+    coast: Coasting,
+    response: Response,
+    step: float,
+) -> Electric:
+    """One drive's side of the solved windings; a coasting motor whose current ends is switched off."""
+    flux = thermal.flux_factor(drive.thermal, state.housing_temperature)
+    torque_constant = drive.motor.torque_constant * flux
+    if drive.active == 0.0:
+        return Electric(NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant)
+    if coast.conducts == 0.0:
+        idle = Response(coast.mean, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Electric(idle, NO_TRANSIENT, winding.resistance, torque_constant)
+    fall = state.current - end_current(response, state.speed, other.speed)
+    per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
+    transient = transient_of(per_inertia, winding, fall, step)
+    lagging = Response(
+        response.mean + transient.lag,
+        response.mean_own,
+        response.mean_other,
+        response.end,
+        response.end_own,
+        response.end_other,
+    )
+    return Electric(lagging, transient, winding.resistance, torque_constant)
+
+
+@compilable
+def electrics_of(
+    plant: Plant, state: State, inputs: Inputs, step: float
+) -> tuple[Electric, Electric]:
+    """Both drives' electrical sides during a step of `step` seconds."""
+    load = inputs.load
+    terminal = supply.terminal_voltage(
+        load.source_voltage,
+        plant.source_resistance,
+        inputs.left.duty,
+        state.left.current,
+        inputs.right.duty,
+        state.right.current,
+    )
+    winding_l, coast_l = winding_of(plant.left, state.left, inputs.left, terminal, step)
+    winding_r, coast_r = winding_of(plant.right, state.right, inputs.right, terminal, step)
+    response_l, response_r = solve_windings(
+        winding_l,
+        winding_r,
+        state.left.current,
+        state.right.current,
+        state.left.speed,
+        state.right.speed,
+        load.source_voltage,
+        plant.source_resistance,
+        step,
+    )
+    return (
+        electric_of(plant.left, state.left, state.right, winding_l, coast_l, response_l, step),
+        electric_of(plant.right, state.right, state.left, winding_r, coast_r, response_r, step),
+    )
+
+
+@compilable
+def final_current(
+    electric: Electric, state: DriveState, coast: float, own: float, other: float
+) -> float:
+    """Current [A] at the end of the step; a coasting motor's diodes let none pass backwards."""
+    current = end_current(electric.response, own, other)
+    if coast == 0.0:
+        return current
+    direction = state.current if state.current != 0.0 else -state.speed
+    return bridge.blocked(current, direction)

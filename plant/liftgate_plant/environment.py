@@ -1,0 +1,54 @@
+"""What acts on the gate from outside: slope, temperature, wind, snow, a hand, a measured torque (§4.1–4.2)."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.gate import GRAVITY, Linkage, weight_torque
+from liftgate_plant.quantity import Quantity
+
+
+class Environment(NamedTuple):
+    """Table `[environment]`: what holds as long as no scenario, panel or input file says otherwise."""
+
+    road_slope: Annotated[
+        float, Quantity("γ", "deg", -45.0, 45.0, "positive with the rear of the car raised")
+    ] = 0.0
+    ambient_temperature: Annotated[float, Quantity("T", "°C", -55.0, 130.0, "§4.2.1")] = 20.0
+    wind_pressure: Annotated[
+        float, Quantity("q", "Pa", -5e3, 5e3, "dynamic pressure, positive opens")
+    ] = 0.0
+    wind_area: Annotated[float, Quantity("A", "m²", 0.0, 20.0, "of the gate")] = 1.0
+    wind_lever: Annotated[float, Quantity("", "m", 0.0, 10.0, "from hinge to centre")] = 0.5
+    snow_mass: Annotated[float, Quantity("m_s", "kg", 0.0, 500.0, "lying on the gate")] = 0.0
+    snow_distance: Annotated[float, Quantity("r_s", "m", 0.0, 10.0, "from the hinge")] = 0.5
+    hand_force: Annotated[float, Quantity("F_h", "N", -5e3, 5e3, "positive opens")] = 0.0
+    hand_distance: Annotated[float, Quantity("r_h", "m", 0.0, 10.0, "from the hinge")] = 0.9
+
+
+@compilable
+def steady_torque(
+    environment: Environment, wind_pressure: float, hand_force: float, measured: float
+) -> float:
+    """Torque [N m] on the gate that does not depend on its angle, positive opens."""
+    return (
+        wind_pressure * environment.wind_area * environment.wind_lever
+        + hand_force * environment.hand_distance
+        + measured
+    )
+
+
+@compilable
+def snow_torque(
+    environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float
+) -> float:
+    """Torque [N m] of the snow's weight against the motion; it lies on the line from hinge to GP."""
+    moment = snow_mass * GRAVITY * environment.snow_distance
+    return weight_torque(moment, link, angle, slope)
+
+
+@compilable
+def snow_inertia(environment: Environment, snow_mass: float) -> float:
+    """What the snow adds to J_L [kg m²]."""
+    return snow_mass * environment.snow_distance * environment.snow_distance

@@ -1,0 +1,193 @@
+"""The DC motor (3.1–3.4): L di/dt = u − R i − c2Φ n,  torque c1Φ i.
+
+The winding is solved exactly over a step in which the speed changes on a straight line. Two motors on one
+source resistance are coupled, L di/dt = d U − (R + R_s d dᵀ) i − c2Φ n with the signed duties d, and
+are solved as the two modes of that symmetric system.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity
+
+
+class Motor(NamedTuple):
+    """Table `[motor]`."""
+
+    resistance: Annotated[float, Quantity("R", "Ω", 1e-3, 1e3, "winding and leads at 20 °C")]
+    inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "winding")]
+    rotor_inertia: Annotated[float, Quantity("J", "kg m²", 1e-9, 1.0, "rotor")]
+    torque_constant: Annotated[float, Quantity("c1Φ", "N m/A", 1e-5, 10.0, "torque per current")]
+    speed_constant: Annotated[float, Quantity("c2Φ", "V/rps", 1e-5, 100.0, "EMF per speed")]
+    efficiency: Annotated[float, Quantity("η_M", "1", 0.0, 1.0, "share of M_0 not lost")]
+    load_torque: Annotated[float, Quantity("M_0", "N m", 0.0, 10.0, "constant load factor (3.3)")]
+
+
+class Winding(NamedTuple):
+    """One motor's winding during one step, at its present temperature."""
+
+    resistance: float
+    inductance: float
+    speed_constant: float
+    duty: float  # signed share of the terminal voltage, −1…1
+    voltage: float  # V, applied directly
+
+
+class Response(NamedTuple):
+    """One motor's current over a step, linear in its own and in the other motor's final speed.
+
+    Mean current [A] = mean + mean_own n_own + mean_other n_other; likewise the current at the end.
+    """
+
+    mean: float
+    mean_own: float
+    mean_other: float
+    end: float
+    end_own: float
+    end_other: float
+
+
+@compilable
+def mean_current(response: Response, own: float, other: float) -> float:
+    """Mean current [A] of the step for the final speeds [rev/s]."""
+    return response.mean + response.mean_own * own + response.mean_other * other
+
+
+@compilable
+def end_current(response: Response, own: float, other: float) -> float:
+    """Current [A] at the end of the step for the final speeds [rev/s]."""
+    return response.end + response.end_own * own + response.end_other * other
+
+
+@compilable
+def phi_functions(z: float) -> tuple[float, float, float, float]:
+    """exp(z) and φ_k(z) = Σ_j z^j / (j + k)! for k = 1, 2, 3: the integrals of an exponential.
+
+    Below |z| = 0.5 the closed forms cancel, so their series is summed there (error under 1e-16).
+    """
+    if abs(z) < 0.5:
+        phi3 = 0.0
+        for j in range(13, 2, -1):
+            phi3 = (1.0 + z * phi3) / j
+        phi3 *= 0.5
+        phi2 = 0.5 + z * phi3
+        phi1 = 1.0 + z * phi2
+        return 1.0 + z * phi1, phi1, phi2, phi3
+    e = math.exp(z)
+    phi1 = (e - 1.0) / z
+    phi2 = (phi1 - 1.0) / z
+    return e, phi1, phi2, (phi2 - 0.5) / z
+
+
+@compilable
+def modes(
+    left: Winding, right: Winding, source_resistance: float
+) -> tuple[float, float, float, float]:
+    """Rates of decay [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
+    a = (left.resistance + source_resistance * left.duty * left.duty) / left.inductance
+    d = (right.resistance + source_resistance * right.duty * right.duty) / right.inductance
+    b = source_resistance * left.duty * right.duty / math.sqrt(left.inductance * right.inductance)
+    if b == 0.0:
+        return a, d, 1.0, 0.0
+    half = (d - a) / (2.0 * b)
+    t = 1.0 / (abs(half) + math.sqrt(half * half + 1.0))
+    if half < 0.0:
+        t = -t
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    return a - t * b, d + t * b, c, t * c
+
+
+@compilable
+def solve_windings(
+    left: Winding,
+    right: Winding,
+    current_left: float,
+    current_right: float,
+    speed_left: float,
+    speed_right: float,
+    source_voltage: float,
+    source_resistance: float,
+    step: float,
+) -> tuple[Response, Response]:
+    """Both currents over a step, exact for speeds that change linearly in time.
+
+    With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h:
+    y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean of y is φ1 y0 + h φ2 g0 + h φ3 g1.
+    """
+    rate_1, rate_2, c, s = modes(left, right, source_resistance)
+    e1, p1, q1, r1 = phi_functions(-rate_1 * step)
+    e2, p2, q2, r2 = phi_functions(-rate_2 * step)
+    root_l = math.sqrt(left.inductance)
+    root_r = math.sqrt(right.inductance)
+
+    # Into modes: y = Qᵀ √L i with Q = [[c, s], [−s, c]].
+    x_l = root_l * current_left
+    x_r = root_r * current_right
+    y1 = c * x_l - s * x_r
+    y2 = s * x_l + c * x_r
+    u_l = (left.voltage + left.duty * source_voltage - left.speed_constant * speed_left) / root_l
+    u_r = (
+        right.voltage + right.duty * source_voltage - right.speed_constant * speed_right
+    ) / root_r
+    f1 = step * (c * u_l - s * u_r)
+    f2 = step * (s * u_l + c * u_r)
+
+    # Slope of the forcing per unit of final speed; the part of the initial speed is taken off below.
+    k_l = -left.speed_constant / root_l * step
+    k_r = -right.speed_constant / root_r * step
+    mean_1 = p1 * y1 + q1 * f1
+    mean_2 = p2 * y2 + q2 * f2
+    end_1 = e1 * y1 + p1 * f1
+    end_2 = e2 * y2 + p2 * f2
+
+    mean_ll = (c * c * r1 + s * s * r2) * k_l / root_l
+    mean_lr = (-c * s * r1 + s * c * r2) * k_r / root_l
+    mean_rl = (-s * c * r1 + c * s * r2) * k_l / root_r
+    mean_rr = (s * s * r1 + c * c * r2) * k_r / root_r
+    end_ll = (c * c * q1 + s * s * q2) * k_l / root_l
+    end_lr = (-c * s * q1 + s * c * q2) * k_r / root_l
+    end_rl = (-s * c * q1 + c * s * q2) * k_l / root_r
+    end_rr = (s * s * q1 + c * c * q2) * k_r / root_r
+    mean_l = (c * mean_1 + s * mean_2) / root_l - mean_ll * speed_left - mean_lr * speed_right
+    mean_r = (-s * mean_1 + c * mean_2) / root_r - mean_rl * speed_left - mean_rr * speed_right
+    end_l = (c * end_1 + s * end_2) / root_l - end_ll * speed_left - end_lr * speed_right
+    end_r = (-s * end_1 + c * end_2) / root_r - end_rl * speed_left - end_rr * speed_right
+    return (
+        Response(mean_l, mean_ll, mean_lr, end_l, end_ll, end_lr),
+        Response(mean_r, mean_rr, mean_rl, end_r, end_rr, end_rl),
+    )
+
+
+class Transient(NamedTuple):
+    """The winding's own transient D exp(−a t) inside a step, as left by a switch of the bridge."""
+
+    amplitude: float  # D, A
+    decay: float  # a, 1/s
+    lag: float  # what it adds to the step's mean current, A
+    drift: float  # what it adds to the step's mean speed, rev/s
+
+
+@compilable
+def transient_of(
+    torque_per_inertia: float, winding: Winding, fall: float, step: float
+) -> Transient:
+    """The transient in a step, whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
+
+    While it dies away (a = R/L) the speed leaves its straight line by
+    δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a h)) t/h). Its mean is the drift, what its EMF does the lag.
+    `torque_per_inertia` is c1Φ/2πJ.
+    """
+    decay = winding.resistance / winding.inductance
+    z = -decay * step
+    _, phi1, phi2, phi3 = phi_functions(z)
+    # The mean of δn over the step, with 1/a = −h/z and 1 − e^z = −z φ1.
+    deviation = torque_per_inertia * fall * step * (0.5 * phi2 - phi3) / phi1
+    return Transient(
+        -fall / (z * phi1),
+        decay,
+        -winding.speed_constant * deviation * step * phi2 / winding.inductance,
+        deviation,
+    )

@@ -1,0 +1,39 @@
+"""Repeatable noise without hidden state: a hash of (seed, tick, channel) through Box and Muller.
+
+The same run gives the same noise, on every clock, compiled or not. Hash: C. Wellons' `lowbias32`, written so
+that it gives the same bits in Python's unbounded integers and in 64-bit machine integers.
+"""
+
+from __future__ import annotations
+
+import math
+
+from liftgate_plant.compiler import compilable
+
+_MASK = 0xFFFFFFFF
+
+
+@compilable
+def mix(x: int) -> int:
+    """A 32-bit integer hash."""
+    x = x & _MASK
+    x = ((x ^ (x >> 16)) * 0x7FEB352D) & _MASK
+    x = ((x ^ (x >> 15)) * 0x846CA68B) & _MASK
+    return x ^ (x >> 16)
+
+
+@compilable
+def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
+    """Normal noise of that standard deviation; none costs nothing."""
+    if deviation == 0.0:
+        return 0.0
+    return deviation * gaussian(seed, tick, channel)
+
+
+@compilable
+def gaussian(seed: int, tick: int, channel: int) -> float:
+    """A standard normal number for that tick and channel."""
+    key = mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)
+    u = (mix(key) + 1.0) / 4294967296.0
+    v = mix(key ^ 0x5BF03635) / 4294967296.0
+    return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)

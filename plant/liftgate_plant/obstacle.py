@@ -1,0 +1,46 @@
+"""An obstacle in the gate's way: a compliant body, as the regulators' test rods of 10, 20 and 65 N/mm.
+
+Met at the angle φ_o and the distance r_o from the hinge, after a gap, while closing or opening. Its force
+F_o ≥ 0 is the pinch force by which an anti-trap function is judged.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from liftgate_plant import contact
+from liftgate_plant.compiler import compilable
+
+
+class Obstacle(NamedTuple):
+    """SI; stiffness 0 is no obstacle. `direction` is +1 met while closing, −1 met while opening."""
+
+    angle: float
+    distance: float
+    stiffness: float
+    damping: float
+    gap: float
+    direction: float
+
+
+@compilable
+def depth(obstacle: Obstacle, angle: float) -> float:
+    """How deep [m] the gate is in the obstacle, along the arc at its distance."""
+    return obstacle.direction * (obstacle.angle - angle) * obstacle.distance - obstacle.gap
+
+
+@compilable
+def rate(obstacle: Obstacle, gate_rate: float) -> float:
+    """How fast [m/s] the gate goes deeper."""
+    return -obstacle.direction * gate_rate * obstacle.distance
+
+
+@compilable
+def pinch_force(obstacle: Obstacle, angle: float, gate_rate: float) -> float:
+    """F_o [N]."""
+    return contact.force(
+        obstacle.stiffness,
+        obstacle.damping,
+        depth(obstacle, angle),
+        rate(obstacle, gate_rate),
+    )

@@ -1,0 +1,24 @@
+"""The rubber seal that pushes the closed gate outwards (3.17): M_2 = r_F2 (F_20 − k_2 l_S) ≥ 0."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity
+
+
+class Seal(NamedTuple):
+    """Table `[seal]`."""
+
+    force: Annotated[float, Quantity("F_20", "N", 0.0, 1e5, "when closed")]
+    stiffness: Annotated[float, Quantity("k_2", "N/m", 0.0, 1e9, "over the spindle's stroke")]
+    arm: Annotated[float, Quantity("r_F2", "m", 0.0, 10.0, "distance from the hinge")]
+
+
+@compilable
+def depth(seal: Seal, extension: float) -> float:
+    """How far [m of spindle stroke] the seal is compressed at l_S = `extension`; 0 or less is free."""
+    if seal.stiffness == 0.0:
+        return 0.0
+    return seal.force / seal.stiffness - extension

@@ -1,0 +1,44 @@
+"""The drive's spring and end stops (3.12–3.14), along the actuator on the gate.
+
+    F_F = F_F0 + k (l_max − l_S) − F_open + F_closed
+
+Departure: (3.14) as printed jumps to k_3 l_max at the stop; here the stop takes the penetration, has a
+damper and a twin at the closed end. Instead of the coil, or beside it, a gas spring of force F_1 when
+extended, with the progression X = F_2/F_1 over the whole stroke and its pressure proportional to the
+absolute temperature: F = F_1 (T/293.15 K) / (1 − (1 − 1/X) (l_max − l_S)/l_max).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity
+
+
+class Spring(NamedTuple):
+    """Table `[spring]`."""
+
+    stiffness: Annotated[float, Quantity("k", "N/m", 0.0, 1e6, "coil")]
+    preload: Annotated[float, Quantity("F_F0", "N", 0.0, 1e5, "coil's force when extended")]
+    stop_stiffness: Annotated[float, Quantity("k_3", "N/m", 0.0, 1e12, "both end stops")]
+    stop_damping: Annotated[float, Quantity("c_3", "N s/m", 0.0, 1e9, "both end stops")]
+    gas_force: Annotated[float, Quantity("F_1", "N", 0.0, 1e5, "gas spring, extended, 20 °C")] = 0.0
+    gas_progression: Annotated[
+        float, Quantity("X", "1", 1.0, 10.0, "gas spring's force compressed by extended")
+    ] = 1.3
+    health: Annotated[
+        float, Quantity("", "1", 0.0, 1.0, "share of the force left; 0: the spring is lost")
+    ] = 1.0
+
+
+@compilable
+def force(spring: Spring, extension: float, stroke: float, ambient: float) -> float:
+    """The spring's force [N] at l_S = `extension`, without stops; `stroke` = l_max, `ambient` in °C."""
+    compression = stroke - extension
+    coil = spring.preload + spring.stiffness * compression
+    if spring.gas_force == 0.0:
+        return spring.health * coil
+    volume = 1.0 - (1.0 - 1.0 / spring.gas_progression) * compression / stroke
+    gas = spring.gas_force * (ambient + 273.15) / 293.15 / max(volume, 0.05)
+    return spring.health * (coil + gas)

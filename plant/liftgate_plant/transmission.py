@@ -1,0 +1,115 @@
+"""Gear, spindle and the mechanism between spindle and gate (3.5–3.11, 4.12).
+
+Motor, gear and spindle turn as one body. Everything is referred to the motor shaft: with the travel per
+motor revolution ρ = s_rev/r, a force F on the spindle is a torque F ρ/2π on the motor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from liftgate_plant import contact
+from liftgate_plant.compiler import compilable
+from liftgate_plant.motor import Motor
+from liftgate_plant.quantity import Quantity
+
+
+class Gear(NamedTuple):
+    """Table `[gear]`."""
+
+    ratio: Annotated[float, Quantity("r", "1", 1.0, 1e4, "motor revolutions per spindle's")]
+    inertia: Annotated[float, Quantity("J_G", "kg m²", 0.0, 10.0, "on the spindle's side")]
+    efficiency: Annotated[float, Quantity("η_G", "1", 0.0, 1.0, "share of M_G0 not lost")]
+    friction_torque: Annotated[float, Quantity("M_G0", "N m", 0.0, 1e3, "maximum torque (3.8)")]
+    backlash: Annotated[float, Quantity("b", "rev", 0.0, 1.0, "play, revolutions of the gear")]
+
+
+class Spindle(NamedTuple):
+    """Table `[spindle]`."""
+
+    lead: Annotated[float, Quantity("s_rev", "m/rev", 1e-4, 1.0, "travel per revolution")]
+    efficiency: Annotated[float, Quantity("η_S", "1", 0.0, 1.0, "share of F_S0 not lost")]
+    friction_force: Annotated[float, Quantity("F_S0", "N", 0.0, 1e5, "constant force (3.11)")]
+    load_friction: Annotated[
+        float, Quantity("μ_S", "1", 0.0, 1.0, "further friction per force on the spindle")
+    ] = 0.0
+
+
+class Mechanism(NamedTuple):
+    """Table `[mechanism]`: brackets, rods and ball joints between spindle and gate."""
+
+    stiffness: Annotated[float, Quantity("k_m", "N/m", 0.0, 1e12, "of one drive's mechanism")]
+    damping: Annotated[float, Quantity("c_m", "N s/m", 0.0, 1e9, "of one drive's mechanism")]
+
+
+class Friction(NamedTuple):
+    """Table `[friction]`: options on top of the thesis's constant losses, referred to the motor shaft."""
+
+    static_ratio: Annotated[float, Quantity("τ_s/τ_C", "1", 1.0, 10.0, "static by Coulomb")] = 1.0
+    stribeck_speed: Annotated[
+        float, Quantity("n_S", "rev/s", 0.0, 1e4, "0: static friction only at rest")
+    ] = 0.0
+    viscous: Annotated[float, Quantity("d", "N m/rps", 0.0, 1.0, "torque per motor speed")] = 0.0
+    temperature_coefficient: Annotated[
+        float, Quantity("k_T", "1/K", 0.0, 0.1, "growth of all friction per kelvin below 20 °C")
+    ] = 0.0
+
+
+@compilable
+def total_inertia(motor: Motor, gear: Gear) -> float:
+    """J_d = J + J_G/r² [kg m²], on the motor shaft."""
+    return motor.rotor_inertia + gear.inertia / (gear.ratio * gear.ratio)
+
+
+@compilable
+def coulomb_torque(motor: Motor, gear: Gear, spindle: Spindle) -> float:
+    """τ_C [N m] on the motor shaft (3.3, 3.8, 3.11, 4.12), at 20 °C.
+
+    Departure from (4.12): the spindle's loss is a force, so it comes with s_rev/2π.
+    """
+    return (
+        (1.0 - motor.efficiency) * motor.load_torque
+        + (1.0 - gear.efficiency) * gear.friction_torque / gear.ratio
+        + (1.0 - spindle.efficiency)
+        * spindle.friction_force
+        * spindle.lead
+        / (2.0 * math.pi * gear.ratio)
+    )
+
+
+@compilable
+def temperature_factor(coefficient: float, ambient: float) -> float:
+    """Friction over ambient temperature [°C] (§4.2.1: cold makes the gear slower), 1 at 20 °C."""
+    return max(0.1, 1.0 + coefficient * (20.0 - ambient))
+
+
+@compilable
+def mechanism_force(
+    stiffness: float, damping: float, half_play: float, extension: float, rate: float
+) -> float:
+    """Force [N] of a drive on the gate: `extension` x_d [m] past the middle of the play (3.5)."""
+    pushing = contact.force(stiffness, damping, extension - half_play, rate)
+    pulling = contact.force(stiffness, damping, -extension - half_play, -rate)
+    return pushing - pulling
+
+
+@compilable
+def mechanism_push(
+    stiffness: float,
+    damping: float,
+    half_play: float,
+    extension: float,
+    rate: float,
+    rate_end: float,
+    mobility: float,
+    step: float,
+) -> contact.Push:
+    """The mean force on the gate over a step, linear in the extension's rate at its end."""
+    depth = extension - half_play
+    when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
+    pushing = contact.push(stiffness, damping, depth, rate, mobility, step, when)
+    depth = -extension - half_play
+    when = contact.window(stiffness, damping, depth, -rate, -rate_end, mobility, step)
+    pulling = contact.push(stiffness, damping, depth, -rate, mobility, step, when)
+    return contact.Push(pushing.constant - pulling.constant, pushing.slope + pulling.slope)

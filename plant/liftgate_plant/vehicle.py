@@ -1,0 +1,103 @@
+"""A vehicle: the tables of its file, and the plant's constants that follow from them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant import environment, gate, transmission
+from liftgate_plant.bridge import Bridge
+from liftgate_plant.dynamics import NO_OBSTACLE, Drive, Load, Plant
+from liftgate_plant.environment import Environment
+from liftgate_plant.friction import DryFriction
+from liftgate_plant.gate import GRAVITY, Gate
+from liftgate_plant.motor import Motor
+from liftgate_plant.seal import Seal
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.spring import Spring
+from liftgate_plant.supply import Supply
+from liftgate_plant.thermal import Thermal
+from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
+
+
+class DriveTables(NamedTuple):
+    """The tables that each drive has of its own; a file gives them once, or per drive under [left]/[right]."""
+
+    motor: Motor
+    gear: Gear
+    spindle: Spindle
+    spring: Spring
+    mechanism: Mechanism
+    friction: Friction
+    bridge: Bridge
+    thermal: Thermal
+
+
+class Vehicle(NamedTuple):
+    """A whole vehicle file, in SI and radians."""
+
+    drives: int
+    left: DriveTables
+    right: DriveTables
+    gate: Gate
+    seal: Seal
+    supply: Supply
+    environment: Environment
+    sensors: Sensors
+
+
+def drive_of(tables: DriveTables, active: bool) -> Drive:
+    """The constants of one drive."""
+    travel = tables.spindle.lead / tables.gear.ratio
+    return Drive(
+        active=1.0 if active else 0.0,
+        motor=tables.motor,
+        thermal=tables.thermal,
+        diode_drop=tables.bridge.diode_drop,
+        inertia=transmission.total_inertia(tables.motor, tables.gear),
+        friction=DryFriction(
+            transmission.coulomb_torque(tables.motor, tables.gear, tables.spindle),
+            tables.friction.static_ratio,
+            tables.friction.stribeck_speed,
+            tables.friction.viscous,
+        ),
+        friction_temperature=tables.friction.temperature_coefficient,
+        load_friction=tables.spindle.load_friction,
+        travel=travel,
+        torque_per_force=travel / (2.0 * math.pi),
+        mechanism=tables.mechanism,
+        half_play=0.5 * tables.gear.backlash * tables.spindle.lead,
+        spring=tables.spring,
+    )
+
+
+def plant_of(vehicle: Vehicle) -> Plant:
+    """The plant's constants. Pure: the same vehicle gives the same plant."""
+    link = gate.linkage(vehicle.gate)
+    return Plant(
+        left=drive_of(vehicle.left, True),
+        right=drive_of(vehicle.right, vehicle.drives == 2),
+        link=link,
+        gate_inertia=gate.inertia(vehicle.gate, link),
+        weight_moment=vehicle.gate.mass * GRAVITY * link.gravity_radius,
+        hinge=DryFriction(vehicle.gate.hinge_friction, 1.0, 0.0, 0.0),
+        seal=vehicle.seal,
+        environment=vehicle.environment,
+        source_resistance=vehicle.supply.internal_resistance,
+    )
+
+
+def load_of(vehicle: Vehicle) -> Load:
+    """The surroundings as the vehicle file has them, latch not released, no obstacle."""
+    place: environment.Environment = vehicle.environment
+    return Load(
+        source_voltage=vehicle.supply.voltage,
+        road_slope=place.road_slope,
+        ambient_temperature=place.ambient_temperature,
+        wind_pressure=place.wind_pressure,
+        snow_mass=place.snow_mass,
+        hand_force=place.hand_force,
+        measured_torque=0.0,
+        latch_released=0.0,
+        obstacle=NO_OBSTACLE,
+    )

@@ -1,0 +1,321 @@
+"""The command line: exit codes, one clear line per fault, nothing heavy where it isn't needed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from liftgate_hil.cli.main import COMMANDS, main
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def signals_restored() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def bus() -> str:
+    return f"virtual:{uuid.uuid4()}"
+
+
+def call(*arguments: str) -> int:
+    """The exit code, whichever way it comes."""
+    try:
+        return main(list(arguments))
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
+    """The lines on stderr of a call that must be refused as wrong usage or configuration."""
+    assert call(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Traceback" not in captured.err
+    return captured.err.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--rate", "0"], "200 to 10000"),
+        (["--rate", "nan"], "200 to 10000"),
+        (["--rate", "20000"], "200 to 10000"),
+        (["--rate", "fast"], "200 to 10000"),
+        (["--duration", "-1"], "'-1'"),
+        (["--duration", "inf"], "'inf'"),
+        (["--overrun-limit", "0"], "--overrun-limit"),
+        (["--clock", "sundial"], "realtime"),
+        (["--seed", "1.5"], "--seed"),
+        (["--seed", "99999999999999999999"], "--seed"),
+        (["--bitrate", "0"], "bitrate"),
+        (["--bitrate", "-5"], "bitrate"),
+        (["--nosuch"], "--nosuch"),
+        (["--dur", "1"], "--dur"),
+        (["nosuch"], "nosuch"),
+        (["--vehicle", "nosuch"], "nosuch"),
+        (["--vehicle", "nosuch.toml"], "nosuch.toml"),
+        (["--rig", "nosuch"], "liftgate"),
+        (["--scenario", "nosuch"], "demo"),
+        (["--set", "motor.resistance"], "KEY=VALUE"),
+        (["--set", "motor.volts=3"], "motor.volts"),
+        (["--cpu", "0"], "--realtime"),
+        (["--cpu", "one", "--realtime"], "0 to 1023"),
+        (["--realtime", "--cpu", "1023"], "--cpu 1023: allowed here: "),
+        (["--record", "x.pcap"], ".csv"),
+        (["--record", "/nosuch/x.csv"], "/nosuch"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], bus: str, arguments: list[str], said: str
+):
+    first = arguments if not arguments[0].startswith("--") else []
+    rest = [] if first else arguments
+    lines = complaint(capsys, *first, "--bus", bus, "--clock", "free", "--duration", "0.01", *rest)
+    assert len(lines) == 1
+    assert said in lines[0]
+    assert lines[0].startswith("liftgate-hil")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--bus", "vcan0"], "INTERFACE:CHANNEL"),
+        (["--bus", "pcan:x@fast"], "fast"),
+        (["--bus", "nosuch:0"], "nosuch"),
+        (["--bus", "virtual:x", "-i", "virtual"], "one or the other"),
+        (["ecu", "--bus", "vcan0"], "INTERFACE:CHANNEL"),
+        (["--serial", "loop://", "--bus", "virtual:x"], "one or the other"),
+        (["--serial", "loop://", "-c", "x"], "one or the other"),
+        (["--serial", "loop://", "--fd"], "one or the other"),
+        (["ecu", "--serial", "loop://", "-b", "5"], "one or the other"),
+        (["--serial", "nosuch://x"], "'nosuch'"),
+        (["--serial", "/dev/ttyUSB0@0"], "20000000 baud"),
+        (["ecu", "--serial", "socket://x"], "HOST:PORT"),
+        (["demo", "--serial", "loop://"], "both ends"),
+        (["demo", "--ecu-serial", "loop://"], "both ends"),
+        (["ecu", "--bus", "virtual:x", "--request", "1"], "SECONDS:ACTION"),
+        (["ecu", "--bus", "virtual:x", "--request", "now:open"], "SECONDS:ACTION"),
+        (["ecu", "--bus", "virtual:x", "--duration", "0.1", "--request", "nan:open"], "nan:open"),
+        (["ecu", "--bus", "virtual:x", "--duration", "0.1", "--request=-5:open"], "-5:open"),
+        (["ecu", "--bus", "virtual:x", "--drives", "3"], "--drives"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_wrong_bus_or_request_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+):
+    lines = complaint(capsys, *arguments)
+    assert len(lines) == 1
+    assert said in lines[0]
+
+
+def test_without_a_bus_the_message_says_how_to_name_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    (line,) = complaint(capsys)
+    assert "--bus" in line
+    assert "socketcan:vcan0" in line
+
+
+def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(
+    capsys: pytest.CaptureFixture[str],
+):
+    assert call("--bus", "udp_multicast:10.0.0.1") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "udp_multicast:10.0.0.1: cannot be opened" in line
+
+
+def test_all_faults_of_a_vehicle_are_told_line_by_line(
+    capsys: pytest.CaptureFixture[str], bus: str
+):
+    lines = complaint(
+        capsys, "--bus", bus, "--set", "motor.resistance=-1", "--set", "gate.mass=abc",
+        "--set", "supply.volts=3",
+    )  # fmt: skip
+    assert len(lines) == 3
+    for line, key in zip(
+        sorted(lines), ("gate.mass", "motor.resistance", "supply.volts"), strict=True
+    ):
+        assert key in line
+        assert "allowed" in line
+
+
+def test_faults_leave_no_recording_behind(
+    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
+):
+    complaint(capsys, "--bus", bus, "--record", str(tmp_path / "a.csv"), "--record", "b.pcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_file_cannot_take_two_recordings(
+    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
+):
+    name = str(tmp_path / "a.log")
+    lines = complaint(
+        capsys, "--bus", bus, "--clock", "free", "--duration", "0.01",
+        "--record", name, "--record", name,
+    )  # fmt: skip
+    assert "a.log" in lines[0]
+
+
+def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str], bus: str):
+    assert call("--bus", bus, "--clock", "free", "--duration", "0.25", "--json") == 0
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
+    assert captured.err == ""
+    assert summary["clock"] == "free"
+    assert summary["received"]["accepted"] == 0
+    assert summary["rejected_frames"] == 0
+    assert summary["frames_sent"] == 50 + 50 + 25 + 2 + 2 + 5
+
+
+def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str], bus: str):
+    assert call("--bus", bus, "--clock", "free", "--duration", "0.01", "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_scenario_says_how_long_and_the_flag_has_the_last_word(
+    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path
+):
+    scenario = tmp_path / "short.toml"
+    scenario.write_text("duration = 0.2\n")
+    common = ["--bus", bus, "--clock", "free", "--json", "--scenario", str(scenario)]
+    ticks = []
+    for more in ([], ["--duration", "0.1"]):
+        assert call(*common, *more) == 0
+        ticks.append(json.loads(capsys.readouterr().out)["ticks"])
+    assert ticks[0] - ticks[1] == 100
+
+
+def test_a_rig_on_another_database_needs_no_more_than_its_file(
+    capsys: pytest.CaptureFixture[str], bus: str
+):
+    rig = ROOT / "tests/system/foreign/foreign.toml"
+    assert call(
+        "--bus", bus, "--rig", str(rig), "--clock", "free", "--duration", "0.1", "--json"
+    ) == 0  # fmt: skip
+    assert json.loads(capsys.readouterr().out)["frames_sent"] > 0
+
+
+def test_a_plant_that_diverges_is_one_line_and_exit_code_1(
+    capsys: pytest.CaptureFixture[str], bus: str, monkeypatch: pytest.MonkeyPatch
+):
+    from liftgate_hil.errors import PlantDivergedError
+    from liftgate_hil.loop.python_loop import Loop
+
+    def diverge(loop: Loop, *arguments: object, **more: object) -> None:
+        raise PlantDivergedError("the plant diverged at 0.001 s")
+
+    monkeypatch.setattr(Loop, "advance", diverge)
+    assert call("--bus", bus, "--clock", "free", "--duration", "0.01", "--quiet") == 1
+    assert capsys.readouterr().err.splitlines() == ["liftgate-hil: the plant diverged at 0.001 s"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
+    capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path, suffix: str
+):
+    path = tmp_path / f"run{suffix}"
+    (tmp_path / "run.blf.log" if suffix == ".blf" else path).symlink_to("/dev/full")
+    last = None
+    with can.Bus(interface="virtual", channel=bus.partition(":")[2]) as other:
+        code = call(
+            "--bus", bus, "--clock", "free", "--duration", "3", "--quiet", "--record", str(path)
+        )  # fmt: skip
+        while (message := other.recv(0)) is not None:
+            last = message if message.arbitration_id == 0x7E0 else last
+    assert code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(path) in line
+    assert last is not None
+    assert last.data[7] & 3 == 3  # stopped
+
+
+def test_an_interrupt_before_the_bus_is_open_leaves_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, bus: str
+):
+    def interrupted(args: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("liftgate_hil.cli.run.run", interrupted)
+    try:
+        code = call("--bus", bus)
+    except KeyboardInterrupt:  # it would end the tests, too
+        pytest.fail("left the command line as KeyboardInterrupt")
+    assert code in (0, 130)
+
+
+# As processes.
+
+
+def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "liftgate_hil", *arguments],
+        capture_output=True, text=True, timeout=60, check=False, cwd=ROOT,
+    )  # fmt: skip
+
+
+def test_a_faulty_vehicle_file_ends_the_process_with_2_and_no_traceback(tmp_path: Path):
+    path = tmp_path / "gate.toml"
+    path.write_text("drives = 5\n[motor]\nresistance = 'low'\n")
+    done = hil("--bus", "virtual:x", "--vehicle", str(path))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    lines = done.stderr.splitlines()
+    assert len(lines) > 5
+    assert all(line.startswith(f"liftgate-hil: {path}: ") for line in lines)
+
+
+def test_an_unreadable_database_ends_the_process_with_2_and_no_traceback(tmp_path: Path):
+    (tmp_path / "their.dbc").write_bytes(bytes(range(256)))
+    path = tmp_path / "rig.toml"
+    path.write_text('dbc = "their.dbc"\n')
+    done = hil("--bus", "virtual:x", "--rig", str(path))
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "their.dbc" in done.stderr
+
+
+HEAVY = {"numba", "can", "cantools", "matplotlib", "scipy", "asammdf", "pandas"}
+
+
+@pytest.mark.parametrize("name", ["run", *COMMANDS])
+def test_help_and_usage_errors_load_nothing_heavy(name: str):
+    code = (
+        "import sys; from liftgate_hil.cli.main import main\n"
+        f"try: main([{name!r}, sys.argv[1]])\n"
+        "except SystemExit: pass\n"
+        f"print(sorted({HEAVY!r} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
+    for name in COMMANDS:
+        with contextlib.suppress(SystemExit):
+            main([name, "--help"])
+        out = capsys.readouterr().out
+        assert out.startswith("usage: liftgate-hil")

@@ -1,0 +1,583 @@
+"""`identify`: the truth comes out, within the uncertainty that it tells, and nothing comes out of garbage."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fitting_files import (
+    KEPT,
+    NAMES,
+    TRUTH,
+    Floats,
+    call,
+    complaint,
+    driven,
+    noisy,
+    read_columns,
+    settings,
+    simulated,
+    write_columns,
+)
+
+from liftgate_hil.session import vehicle_from
+
+SIGMAS = 4.0  # six seeds out of ten thousand are further off
+
+
+@pytest.fixture(scope="module")
+def opening(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """2.5 s of opening by 8 V, of the reference SUV with the TRUTH."""
+    folder = tmp_path_factory.mktemp("opening")
+    out = simulated(folder, driven(2.5, 8.0), *settings(TRUTH))
+    return write_columns(folder / "opening.csv", noisy(out, (*KEPT, "gate_angle_deg")))
+
+
+@pytest.fixture
+def columns(opening: Path) -> dict[str, Floats]:
+    return read_columns(opening)
+
+
+def found(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
+    # Quiet: the first one on a machine says that it compiles.
+    assert call("identify", *arguments, "--json", "--quiet") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    result: dict[str, Any] = json.loads(captured.out)
+    return result
+
+
+def assert_true(result: dict[str, Any], truth: dict[str, float], largest: float = 0.05) -> None:
+    """Every value within SIGMAS of the truth, and known well enough for this to say something."""
+    assert list(result["parameters"]) == list(truth)
+    for name, value in truth.items():
+        each = result["parameters"][name]
+        assert result["identifiable"][name], (name, each)
+        assert 0.0 < each["std"] < largest * value, (name, each)
+        assert abs(each["value"] - value) < SIGMAS * each["std"], (name, each, value)
+
+
+def test_the_truth_comes_out_of_currents_and_hall_counts(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    result = found(capsys, opening, "--estimate", NAMES)
+    assert_true(result, TRUTH)
+    assert result["parameters"]["motor.resistance"]["initial"] == 0.708
+    assert result["fit_percent"]["left_current_a"] > 90.0
+    assert result["noise_outputs"] == ["left_current_a", "left_position_rev", "gate_angle_deg"]
+    variances = np.diag(result["noise_variance"])
+    assert variances[0] == pytest.approx(0.05**2, rel=0.15)
+    assert variances[2] == pytest.approx(0.1**2, rel=0.15)
+    deviations = np.sqrt(np.diag(result["covariance"]))
+    assert deviations == pytest.approx([each["std"] for each in result["parameters"].values()])
+    assert np.diag(result["correlation"]) == pytest.approx(np.ones(3))
+    for key in ("loss", "fpe", "aic", "bic", "condition_number", "stop_reason"):
+        assert key in result
+
+
+@pytest.mark.parametrize("output", ["current", "position", "angle"])
+def test_one_kind_of_output_is_enough_for_one_parameter(
+    capsys: pytest.CaptureFixture[str], opening: Path, output: str
+) -> None:
+    truth = {"motor.resistance": TRUTH["motor.resistance"]}
+    others = settings({name: value for name, value in TRUTH.items() if name not in truth})
+    result = found(capsys, opening, "--estimate", "motor.resistance", "--outputs", output, *others)
+    assert_true(result, truth, largest=0.2)
+    assert len(result["noise_outputs"]) == 1
+
+
+def test_opening_and_closing_on_a_slope_are_identified_together(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    truth = {"motor.resistance": 0.6, "gate.mass": 45.0}
+    files = []
+    for name, duty, initial, slope in (("up", 0.7, "closed", 8.0), ("down", -0.7, "open", -6.0)):
+        times = driven(2.5, 1.0)
+        inputs = {
+            "time_s": times["time_s"],
+            "left_duty": duty * np.clip(times["voltage_v"], 0.0, 1.0),
+            "supply_voltage_v": 13.0 + 0.5 * np.sin(3.0 * times["time_s"]),
+            "road_slope_deg": np.full(len(times["time_s"]), slope),
+        }
+        inputs["right_duty"] = inputs["left_duty"]
+        flags = ("--vehicle", "heavy-suv", "--initial", initial, *settings(truth))
+        out = simulated(tmp_path, inputs, *flags)
+        kept = noisy(out, ("left_current_a", "left_hall_count", "gate_angle_deg"))
+        files.append(write_columns(tmp_path / f"{name}.csv", {**inputs, **kept}))
+    result = found(capsys, *files, "--vehicle", "heavy-suv", "--estimate", ",".join(truth))
+    assert_true(result, truth)
+    assert [each["name"] for each in result["experiments"]] == [str(each) for each in files]
+
+
+def test_each_file_may_begin_at_an_angle_of_its_own(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    # A current alone does not say where the gate is.
+    files = []
+    for initial, volts in (("closed", 9.0), ("open", -9.0)):
+        out = simulated(tmp_path, driven(2.5, volts), "--initial", initial, *settings(TRUTH))
+        kept = ("time_s", "left_voltage_v", "right_voltage_v", "left_current_a")
+        files.append(write_columns(tmp_path / f"{initial}.csv", noisy(out, kept)))
+    result = found(capsys, *files, "--estimate", NAMES, "--initial", "closed,open")
+    assert_true(result, TRUTH)
+    assert result["initial_states"] == {}
+    for text, said in (
+        ("closed,open,open", "--initial closed,open,open: 3 for 2 files; allowed: one for all"),
+        ("closed,ajar", "--initial ajar: allowed: auto, pause, closed, open"),
+    ):
+        lines = complaint(capsys, "identify", *files, "--estimate", NAMES, "--initial", text)
+        assert len(lines) == 1
+        assert said in lines[0]
+
+
+def test_a_file_given_twice_is_refused(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+    again = opening.parent / "." / opening.name
+    lines = complaint(capsys, "identify", opening, again, "--estimate", NAMES)
+    assert len(lines) == 1
+    assert "given twice" in lines[0]
+
+
+def test_the_result_tells_what_was_set(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
+    given = ("--set", "motor.torque_constant=0.0131")
+    result = found(capsys, opening, "--estimate", "motor.resistance", *given)
+    assert "suv: with motor.torque_constant=0.0131" in result["notes"]
+
+
+def test_unlike_drives_are_told_apart_by_their_own_columns(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    truth = {"left.motor.resistance": 0.9, "right.motor.resistance": 1.1}
+    out = simulated(tmp_path, driven(2.5, 9.0), *settings(truth))
+    kept = (*KEPT, "right_current_a", "right_hall_count")
+    path = write_columns(tmp_path / "unlike.csv", noisy(out, kept))
+    assert_true(found(capsys, path, "--estimate", ",".join(truth)), truth)
+    lines = complaint(capsys, "identify", path, "--estimate", "motor.resistance", *settings(truth))
+    assert lines == [
+        "liftgate-hil: --estimate motor.resistance: differs between the drives; allowed: "
+        "left.motor.resistance, right.motor.resistance"
+    ]
+
+
+def test_a_drive_that_was_not_measured_is_not_made_up(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    result = found(capsys, opening, "--estimate", "left.motor.resistance,right.motor.inductance")
+    assert result["identifiable"] == {
+        "left.motor.resistance": True,
+        "right.motor.inductance": False,
+    }
+    assert result["parameters"]["right.motor.inductance"]["remark"]
+
+
+def test_data_cut_in_mid_motion_still_tell_the_truth(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    result = found(capsys, opening, "--estimate", NAMES, "--from", 0.8)
+    assert_true(result, TRUTH, largest=0.2)
+    assert result["initial_states"]
+
+
+def test_thinned_data_still_tell_the_truth(
+    capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
+) -> None:
+    slow = opening.with_name("slow.csv")
+    write_columns(slow, {name: values[::2] for name, values in columns.items()})
+    flags = ("--estimate", NAMES, "--decimate", 3)
+    for more, counts in (((), (417, 209)), (("--resample", 200), (167, 167))):
+        result = found(capsys, opening, slow, *flags, *more)
+        assert_true(result, TRUTH)
+        samples = [each["samples"]["gate_angle_deg"] for each in result["experiments"]]
+        assert samples == [count - 2 for count in counts]
+        notes = [note for note in result["notes"] if "one in 3 after a low-pass" in note]
+        assert [f": {count} samples of" in note for count, note in zip(counts, notes, strict=True)]
+        assert all(("resampled to 200 Hz" in note) == bool(more) for note in notes)
+    lines = complaint(capsys, "identify", opening, slow, "--estimate", NAMES, "--decimate", 150)
+    assert lines == [
+        f"liftgate-hil: {opening}: 9 rows; allowed: 20 or more",
+        f"liftgate-hil: {slow}: 5 rows; allowed: 20 or more",
+    ]
+
+
+def test_a_pause_is_told_by_the_clock_or_by_the_user(
+    capsys: pytest.CaptureFixture[str], opening: Path, columns: dict[str, Floats]
+) -> None:
+    late = write_columns(opening.with_name("late.csv"), columns | {"time_s": columns["time_s"] + 5})
+    flags = ("--vehicle", "heavy-suv", "--estimate", "motor.resistance")
+    for file, initial, expected in (
+        (opening, "auto", False),
+        (opening, "pause", True),
+        (late, "auto", True),
+        (late, "closed", False),
+    ):
+        result = found(capsys, file, *flags, "--initial", initial)
+        states = {name.rpartition(" ")[2] for name in result["initial_states"]}
+        expects = {"left_position", "right_ahead", "angle", "warmth", "housing_warmth"}
+        assert states == {"left_offset", *(expects if expected else ())}
+        assert any("begins at rest after a motion" in note for note in result["notes"]) == expected
+
+
+def test_one_drive_has_no_sides(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    truth = {"motor.resistance": 1.2}
+    out = simulated(tmp_path, driven(2.0, 9.0), "--vehicle", "compact", *settings(truth))
+    kept = tuple(name for name in KEPT if not name.startswith("right"))
+    path = write_columns(tmp_path / "compact.csv", noisy(out, kept))
+    compact = ("--vehicle", "compact")
+    assert_true(found(capsys, path, *compact, "--estimate", "motor.resistance"), truth)
+    lines = complaint(capsys, "identify", path, *compact, "--estimate", "right.motor.resistance")
+    assert "no such parameter" in lines[0]
+
+
+def test_the_saved_vehicle_keeps_comments_and_settings_and_can_be_used_again(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    saved, again = tmp_path / "saved.toml", tmp_path / "again.toml"
+    point = "gate.gravity_point[0]"
+    result = found(
+        capsys, opening, "--estimate", f"{NAMES},{point}", "--set", "supply.voltage=12.5",
+        "--save-vehicle", saved,
+    )  # fmt: skip
+    text = saved.read_text(encoding="utf-8")
+    assert "# The reference SUV." in text
+    assert "# ohm" in text
+    vehicle = vehicle_from(str(saved))
+    value = {name: each["value"] for name, each in result["parameters"].items()}
+    assert vehicle.supply.voltage == 12.5
+    assert vehicle.left.motor.resistance == value["motor.resistance"]
+    assert vehicle.right.motor.resistance == value["motor.resistance"]
+    assert vehicle.gate.gravity_point == (value[point], -0.45)
+    origin = tomllib.loads(text)["identification"]
+    assert origin["files"] == [str(opening)]
+    assert origin["parameters"] == [*TRUTH, point]
+    assert np.array(origin["covariance"]) == pytest.approx(np.array(result["covariance"]))
+    second = found(
+        capsys, opening, "--vehicle", saved, "--estimate", "motor.resistance",
+        "--save-vehicle", again,
+    )  # fmt: skip
+    assert second["parameters"]["motor.resistance"]["initial"] == value["motor.resistance"]
+    assert again.read_text(encoding="utf-8").count("[identification]") == 1
+    assert call("simulate", "--vehicle", again, "--voltage", 9, "--duration", 0.1) == 0
+
+
+def test_what_cannot_be_told_stays_as_it_was_in_the_saved_vehicle(
+    opening: Path, tmp_path: Path
+) -> None:
+    saved = tmp_path / "saved.toml"
+    names = "left.motor.resistance,right.motor.inductance"
+    assert call("identify", opening, "--estimate", names, "--quiet", "--save-vehicle", saved) == 0
+    vehicle = vehicle_from(str(saved))
+    assert vehicle.right.motor.inductance == 4.37e-5
+    origin = tomllib.loads(saved.read_text(encoding="utf-8"))["identification"]
+    assert origin["not_identifiable"] == ["right.motor.inductance"]
+
+
+def test_all_reports_are_written_and_quiet_is_quiet(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    result, page = tmp_path / "result.json", tmp_path / "page.html"
+    flags = ("--result", result, "--html", page, "--profile", "motor.resistance", "--quiet")
+    assert call("identify", opening, "--estimate", "motor.resistance", *flags) == 0
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+    written = json.loads(result.read_text(encoding="utf-8"))
+    limits = written["profiles"]["motor.resistance"]
+    assert limits["low"] < written["parameters"]["motor.resistance"]["value"] < limits["high"]
+    assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
+
+
+def test_a_resistance_far_too_large_to_begin_with_is_no_fault_of_the_currents(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    others = settings({name: value for name, value in TRUTH.items() if name != "motor.resistance"})
+    flags = ("--estimate", "motor.resistance", "--set", "motor.resistance=40", *others)
+    assert_true(found(capsys, opening, *flags), {"motor.resistance": TRUTH["motor.resistance"]})
+
+
+def test_bounds_hold_and_are_told_where_they_do(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    lines = complaint(
+        capsys, "identify", opening, "--estimate", "motor.resistance",
+        "--bounds", "motor.resistance=0.7:0.72",
+    )  # fmt: skip
+    assert "motor.resistance: at its bound 0.72" in lines[0]
+
+
+def test_a_prior_that_is_sure_wins_over_the_data(
+    capsys: pytest.CaptureFixture[str], opening: Path
+) -> None:
+    result = found(
+        capsys, opening, "--estimate", "motor.resistance", "--prior", "motor.resistance=0.8:1e-9"
+    )
+    assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.8, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ([], ["--estimate: missing"]),
+        (["--estimate", " , "], ["--estimate: missing"]),
+        (
+            ["--estimate", "motor.resistence,gear.foo"],
+            ["motor.resistence: no such", "gear.foo: no such"],
+        ),
+        (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: twice"]),
+        (
+            ["--estimate", "motor.resistance,left.motor.resistance"],
+            ["left.motor.resistance: within motor.resistance; allowed: one of them"],
+        ),
+        (["--bounds", "motor.resistance=5:1"], ["low before high"]),
+        (["--bounds", "motor.resistance=nan:1"], ["low before high"]),
+        (["--bounds", "motor.resistance=1:5"], ["the initial value 0.708 is outside"]),
+        (["--bounds", "motor.resistance=5"], ["allowed: KEY=LOW:HIGH"]),
+        (
+            ["--bounds", "motor.resistance=0.1:5", "--bounds", "motor.resistance=0.2:5"],
+            ["--bounds motor.resistance: twice"],
+        ),
+        (
+            ["--bounds", "gear.ratio=1:5", "--prior", "gear.inertia=1:1"],
+            ["--bounds gear.ratio: not among", "--prior gear.inertia: not among"],
+        ),
+        (["--prior", "motor.resistance=1:-1"], ["allowed: a finite mean"]),
+        (["--prior", "motor.resistance=nan:1"], ["allowed: a finite mean"]),
+        (["--noise", "foo=1"], ["allowed: current, speed, position, angle"]),
+        (["--noise", "current=1"], ["--noise: not given for left_position_rev, gate_angle_deg"]),
+        (["--outputs", "foo,bar"], ["--outputs foo", "--outputs bar"]),
+        (["--outputs", ""], ["--outputs : allowed: current"]),
+        (["--outputs", "speed"], ["not measured; allowed: current, position, angle"]),
+        (["--profile", "gear.ratio"], ["--profile gear.ratio: allowed: motor.resistance"]),
+        (["--initial", "ajar"], ["allowed: auto, pause, closed, open"]),
+        (["--input-delay", "5"], ["allowed: -0.5 to 0.5 s"]),
+        (["--from", "100"], ["no row"]),
+        (["--cut-angle", "85:90"], ["the gate is never there"]),
+        (["--vehicle", "truck"], ["--vehicle truck"]),
+        (["--rig", "theirs"], ["--rig theirs"]),
+        (["--set", "motor.power=1"], ["motor.power"]),
+        (["--map", "left_current_a=Iq[mA]"], ["left_current_a: no column 'Iq'"]),
+        (
+            ["--result", "no/where.json", "--html", "no/where.html"],
+            ["--result no/where.json: no folder", "--html no/where.html: no folder"],
+        ),
+        (["--plan"], ["--plan: needs no FILE"]),
+    ],
+)
+def test_wrong_flags_are_a_line_each(
+    capsys: pytest.CaptureFixture[str], opening: Path, flags: list[str], said: list[str]
+) -> None:
+    estimate = ["--estimate", "motor.resistance"] if "--estimate" not in flags and flags else []
+    lines = complaint(capsys, "identify", opening, *estimate, *flags)
+    assert len(lines) == len(said)
+    for line, part in zip(lines, said, strict=True):
+        assert part in line
+
+
+def test_no_file_is_overwritten_that_is_read_or_just_written(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    before = opening.read_bytes()
+    estimate = ("--estimate", "motor.resistance")
+    link = tmp_path / "link.json"
+    link.symlink_to(opening)
+    lines = complaint(capsys, "identify", opening, *estimate, "--result", link)
+    assert "it is read; allowed: a file of its own" in lines[0]
+    same = tmp_path / "same"
+    lines = complaint(capsys, "identify", opening, *estimate, "--result", same, "--html", same)
+    assert "--result writes it; allowed: a file of its own" in lines[0]
+    assert not same.exists()
+    assert opening.read_bytes() == before
+
+
+def test_faults_of_all_files_come_at_once(
+    capsys: pytest.CaptureFixture[str], opening: Path, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty.csv"
+    empty.write_text("", encoding="utf-8")
+    rubbish = tmp_path / "rubbish.mf4"
+    rubbish.write_bytes(bytes(range(256)) * 20)
+    lines = complaint(
+        capsys, "identify", opening, empty, rubbish, tmp_path / "none.csv", "--preset", "thesis-1"
+    )
+    assert [name in line for name, line in zip(("empty", "rubbish", "none"), lines, strict=True)]
+
+
+def _spoiled(columns: dict[str, Floats], how: str) -> dict[str, Floats]:
+    times = columns["time_s"]
+    rest = np.zeros(len(times))
+    random = np.random.default_rng(1)
+    noise = 0.05 * random.standard_normal(len(times))
+    currents = {"left_current_a": noise, "gate_angle_deg": 2.0 * noise}
+    volts = {"time_s": times, "voltage_v": columns["left_voltage_v"]}
+    return {
+        "no input": {
+            "time_s": times,
+            "road_slope_deg": rest,
+            "left_current_a": columns["left_current_a"],
+        },
+        "no output": volts,
+        "no time": {name: each for name, each in columns.items() if name != "time_s"},
+        "time backwards": {**columns, "time_s": np.append(times[:-1], 0.5)},
+        "milliseconds": {
+            **volts,
+            "time_s": 1e3 * times,
+            "left_current_a": columns["left_current_a"],
+        },
+        "mA": {**columns, "left_current_a": 1e3 * columns["left_current_a"]},
+        "three times the voltage": {
+            **columns,
+            "left_voltage_v": 3.0 * columns["left_voltage_v"],
+            "right_voltage_v": 3.0 * columns["right_voltage_v"],
+        },
+        "a current that is noise": {**volts, "left_current_a": noise},
+        "rpm": {
+            **columns,
+            "left_speed_rps": 60.0 * np.gradient(columns["left_hall_count"] / 4.0, times),
+        },
+        "rad": {**columns, "gate_angle_deg": np.radians(columns["gate_angle_deg"])},
+        "angle down": {**columns, "gate_angle_deg": -columns["gate_angle_deg"]},
+        "nothing driven": {**columns, "left_voltage_v": rest, "right_voltage_v": rest},
+        "nothing happens": {
+            "time_s": times,
+            "voltage_v": rest,
+            "left_current_a": rest,
+            "left_hall_count": rest,
+        },
+        "noise": {**volts, **currents},
+        "noise at rest": {"time_s": times, "voltage_v": rest, **currents},
+        "input with a hole": {
+            **columns,
+            "left_voltage_v": np.where(np.arange(len(times)) == 300, np.nan, 1.0),
+        },
+        "few rows": {name: each[:3] for name, each in columns.items()},
+    }[how]
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("no input", "nothing says what drives the motors"),
+        ("no output", "no output column"),
+        ("no time", "time_s: missing"),
+        ("time backwards", "time_s: row 1251"),
+        ("milliseconds", "is it ms?"),
+        ("mA", "is it mA?"),
+        ("three times the voltage", "the simulation does not follow left_current_a (fit"),
+        ("a current that is noise", "the simulation does not follow left_current_a (fit"),
+        ("rpm", "is it 1/min?"),
+        ("rad", "is it rad?"),
+        ("angle down", "wrong sign?"),
+        ("nothing driven", "nothing to identify from"),
+        ("nothing happens", "constant from beginning to end"),
+        ("noise", "nothing to identify from"),
+        ("noise at rest", "nothing to identify from"),
+        ("input with a hole", "left_voltage_v: empty cell in row 301"),
+        ("few rows", "3 rows; allowed: 20 or more"),
+    ],
+)
+def test_garbage_gives_one_line_and_no_number(
+    capsys: pytest.CaptureFixture[str],
+    columns: dict[str, Floats],
+    tmp_path: Path,
+    how: str,
+    said: str,
+) -> None:
+    path = write_columns(tmp_path / "spoiled.csv", _spoiled(columns, how))
+    saved = tmp_path / "saved.toml"
+    lines = complaint(
+        capsys, "identify", path, "--estimate", "motor.resistance", "--save-vehicle", saved
+    )
+    assert len(lines) == 1
+    assert str(path) in lines[0]
+    assert said in lines[0]
+    assert not saved.exists()
+
+
+def test_hall_counts_of_a_locked_rotor_do_not_stand_in_the_way_of_its_currents(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    times = np.arange(1001) / 500.0
+    inputs = {"time_s": times, "voltage_v": np.where(times > 0.2, 0.6, 0.0)}
+    locked = ("--set", "gear.friction_torque=100")
+    out = simulated(tmp_path, inputs, "--set", "motor.resistance=0.95", *locked)
+    assert np.all(out["left_hall_count"] == 0.0)
+    path = write_columns(tmp_path / "locked.csv", noisy(out))
+    result = found(capsys, path, "--estimate", "motor.resistance", *locked)
+    assert_true(result, {"motor.resistance": 0.95})
+    assert result["noise_outputs"] == ["left_current_a"]
+    flags = ("--estimate", "motor.resistance", "--outputs", "position")
+    assert "never changes" in complaint(capsys, "identify", path, *flags)[0]
+
+
+def test_a_plan_ranks_experiments_and_writes_no_report_that_there_is_none_of(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plan = ("identify", "--plan", "--estimate", "motor.resistance", "--duration", 1)
+    assert call(*plan, "--json", "--result", tmp_path / "plan.json") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    lines = complaint(capsys, *plan, "--html", tmp_path / "plan.html")
+    assert lines == ["liftgate-hil: --html: not with --plan"]
+
+
+def test_an_interrupt_ends_it_without_a_crash_or_half_a_result(
+    opening: Path, tmp_path: Path
+) -> None:
+    """Steps so short that a simulation takes seconds: the interrupt comes while machine code runs."""
+    result = tmp_path / "result.json"
+    arguments = ["identify", str(opening), "--estimate", NAMES, "--step", "1e-5", "--quiet"]
+    code = (
+        "import liftgate_hil.cli.main, sys, liftgate_hil.identify.identification as i\n"
+        "search = i._check_excited\n"
+        "def told(problem):\n    search(problem)\n    print('begun', flush=True)\n"
+        "    while True:\n        problem._last_derivative = (b'', None)\n        search(problem)\n"
+        "i._check_excited = told\n"
+        f"sys.exit(liftgate_hil.cli.main.main({[*arguments, '--result', str(result)]!r}))"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == ""
+    assert not result.exists()
+
+
+def test_a_current_of_the_wrong_sign_gives_no_number(
+    columns: dict[str, Floats], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns["left_current_a"] = -columns["left_current_a"]
+    path = write_columns(tmp_path / "turned.csv", columns)
+    (line,) = complaint(capsys, "identify", path, "--estimate", "motor.resistance")
+    assert "currents of the right sign" in line
+
+
+def test_a_model_without_end_stops_sees_the_travel_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = simulated(tmp_path, driven(6.5, 12.0), *settings(TRUTH))
+    assert out["gate_angle_deg"].max() > 80.0
+    path = write_columns(tmp_path / "whole.csv", noisy(out, (*KEPT, "gate_angle_deg")))
+    flags = ("--estimate", "motor.resistance", "--set", "motor.torque_constant=0.0131")
+    result = found(
+        capsys, path, *flags, "--set", "motor.rotor_inertia=1.6e-5", "--model", "third-order"
+    )
+    (cut,) = [note for note in result["notes"] if "cut to" in note]
+    assert "79.5 deg" in cut
+    assert result["fit_percent"]["left_current_a"] > 80.0
+    assert result["parameters"]["motor.resistance"]["value"] == pytest.approx(0.95, rel=0.01)
+
+
+def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = found(capsys, opening, "--estimate", "motor.resistance,spring.stop_stiffness")
+    assert not result["identifiable"]["spring.stop_stiffness"]
+    assert any("spring.stop_stiffness cannot be told" in each for each in result["warnings"])

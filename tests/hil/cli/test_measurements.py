@@ -1,0 +1,137 @@
+"""The flags of `identify` and `validate` that say what is measured."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from liftgate_hil.cli.measurements import (
+    add_measurement_arguments,
+    angle_of_position,
+    measurements_from,
+)
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.measurement import Measurement
+from liftgate_hil.session import vehicle_from
+from liftgate_plant.dynamics import initial_state
+from liftgate_plant.vehicle import plant_of
+
+COUNT = 3001
+
+
+def measure(*arguments: object, vehicle: str = "suv") -> list[Measurement]:
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    add_measurement_arguments(parser)
+    args = parser.parse_args([str(each) for each in arguments])
+    return measurements_from(args, vehicle_from(vehicle))
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """3 s at 1 kHz: the angle goes from 0 to 60 degrees and back."""
+    times = np.arange(COUNT) * 0.001
+    angle = 60.0 * np.sin(np.pi * times / 3.0)
+    current = 2.0 + 0.1 * np.sin(40.0 * times)
+    current[1000] = 80.0
+    path = tmp_path / "drive.csv"
+    table = np.column_stack([times, np.full(COUNT, 9.0), np.full(COUNT, 8.0), current, angle])
+    header = "time_s,left_voltage_v,right_voltage_v,left_current_a,gate_angle_deg"
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+    return path
+
+
+def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
+    (m,) = measure(drive)
+    assert len(m.times) == COUNT
+    assert m.columns["left_current_a"][1000] == 80.0
+    assert [note for note in m.notes if "outlier" in note] == [
+        "left_current_a: 1 outliers, the first 80 at 1 s; kept, --drop-outliers would drop them"
+    ]
+
+
+def test_the_flags_cut_in_turn(drive: Path) -> None:
+    (m,) = measure(drive, "--from", 0.5, "--to", 2.9, "--cut-angle", "0:50", "--drop-outliers")
+    # 0:50 holds from 0.5 s (30 deg) to 0.94 s and again from 2.06 s on: the second is longer.
+    assert m.times[0] == pytest.approx(2.06, abs=0.003)
+    assert m.times[-1] == pytest.approx(2.9, abs=0.003)
+    assert np.nanmax(m.columns["left_current_a"]) < 3.0
+    assert len(m.notes) == 3
+
+
+def test_one_file_each_gives_one_measurement_each(drive: Path) -> None:
+    again = drive.with_name("again.csv")
+    again.write_bytes(drive.read_bytes())
+    first, second = measure(drive, again)
+    assert (first.source, second.source) == (str(drive), str(again))
+
+
+def test_a_gate_with_one_drive_has_no_right_columns(drive: Path) -> None:
+    (m,) = measure(drive, vehicle="compact")
+    assert not [name for name in m.columns if name.startswith("right_")]
+
+
+def test_faults_of_all_files_come_at_once(drive: Path, tmp_path: Path) -> None:
+    few = tmp_path / "few.csv"
+    few.write_text("time_s,voltage_v,left_current_a\n0,1,1\n1,1,1\n")
+    bad = tmp_path / "bad.csv"
+    bad.write_text("time_s,voltage_v\n0,1\n")
+    with pytest.raises(ConfigError) as caught:
+        measure(few, drive, bad, tmp_path / "none.blf")
+    assert caught.value.faults[0] == f"{few}: 2 rows; allowed: 20 or more"
+    assert caught.value.faults[1].startswith(f"{bad}: no output column; allowed: left_current_a, ")
+    assert (
+        caught.value.faults[2]
+        == f"{tmp_path / 'none.blf'}: cannot be read: No such file or directory"
+    )
+    assert len(caught.value.faults) == 3
+
+
+def test_a_cut_that_leaves_too_little_is_a_fault(drive: Path) -> None:
+    with pytest.raises(ConfigError, match=r"drive\.csv: 11 rows; allowed: 20 or more"):
+        measure(drive, "--from", 1, "--to", 1.01)
+
+
+def test_units_are_held_against_the_vehicle(drive: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        measure(drive, "--map", "left_current_a=left_current_a[A]*100")
+    assert caught.value.faults == [
+        f"{drive}: left_current_a: 8000 in row 1001: is it mA? "
+        "allowed: up to 169.5 A with this vehicle"
+    ]
+
+
+def test_from_comes_before_to(drive: Path) -> None:
+    with pytest.raises(ConfigError, match="--from 2 --to 1: allowed: from before to"):
+        measure(drive, "--from", 2, "--to", 1)
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["--cut-angle", "20"],
+        ["--cut-angle", "30:20"],
+        ["--cut-angle", "nan:20"],
+        ["--decimate", "0"],
+        ["--resample", "0"],
+        ["--from", "inf"],
+    ],
+)
+def test_bad_flags_are_refused(
+    drive: Path, flags: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        measure(drive, *flags)
+    assert caught.value.code == 2
+    assert "allowed" in capsys.readouterr().err
+
+
+def test_the_angle_of_a_position_is_the_plants() -> None:
+    vehicle = vehicle_from("suv")
+    angle = angle_of_position(vehicle)
+    for degrees in (0.0, 10.0, 45.0, 80.0):
+        state = initial_state(plant_of(vehicle), np.radians(degrees))
+        assert angle(state.left.position) == pytest.approx(degrees, abs=1e-6)
+    assert np.isnan(angle(1e6))

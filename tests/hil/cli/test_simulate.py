@@ -1,0 +1,220 @@
+"""`liftgate-hil simulate`: files in, files out."""
+
+from __future__ import annotations
+
+import csv
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+import pytest
+
+from liftgate_hil.cli.main import main
+
+# plant-model: full duty at 12 V from rest, closed and unlatched (event-located solution).
+TABLE = [
+    (0.002, "16.468", "4.58", "0.003"),
+    (0.050, "7.223", "89.62", "0.781"),
+    (0.200, "0.647", "150.10", "3.472"),
+    (1.000, "0.255", "153.70", "18.387"),
+    (3.000, "0.886", "147.88", "49.028"),
+    (5.000, "1.484", "142.39", "80.018"),
+    (6.000, "16.949", "0.00", "80.602"),
+]
+
+
+def simulate(tmp_path: Path, *arguments: str) -> dict[str, np.ndarray]:
+    target = tmp_path / "out.csv"
+    assert main(["simulate", *arguments, "--output", str(target)]) == 0
+    with target.open() as stream:
+        rows = list(csv.DictReader(stream))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+def test_the_reference_table_comes_out_to_the_digits_shown(tmp_path: Path) -> None:
+    columns = simulate(tmp_path, "--vehicle", "suv", "--voltage", "12", "--duration", "6")
+    assert len(columns["time_s"]) == 6001
+    for time, current, speed, angle in TABLE:
+        row = int(np.argmin(np.abs(columns["time_s"] - time)))
+        assert f"{columns['left_current_a'][row]:.3f}" == current
+        assert f"{columns['left_speed_rps'][row]:.2f}" == speed
+        assert f"{columns['gate_angle_deg'][row]:.3f}" == angle
+        assert columns["right_current_a"][row] == columns["left_current_a"][row]
+
+
+def test_columns_are_those_of_the_contract(tmp_path: Path) -> None:
+    columns = simulate(tmp_path, "--voltage", "12", "--duration", "0.01")
+    sides = [
+        f"{side}_{name}"
+        for side in ("left", "right")
+        for name in ("voltage_v", "current_a", "speed_rps", "position_rev", "hall_count", "force_n")
+    ]
+    tail = ["gate_angle_deg", "gate_rate_degps", "pinch_force_n", "terminal_voltage_v"]
+    assert list(columns) == ["time_s", *sides, *tail]
+
+
+def test_a_gate_with_one_drive_has_left_columns_only(tmp_path: Path) -> None:
+    columns = simulate(tmp_path, "--vehicle", "compact", "--voltage", "12", "--duration", "0.01")
+    assert not [name for name in columns if name.startswith("right")]
+
+
+def test_the_first_row_is_the_initial_state(tmp_path: Path) -> None:
+    columns = simulate(tmp_path, "--voltage", "12", "--duration", "0.01", "--initial", "40")
+    assert columns["gate_angle_deg"][0] == pytest.approx(40.0, abs=1e-12)
+    assert columns["left_current_a"][0] == columns["left_speed_rps"][0] == 0.0
+    assert columns["left_force_n"][0] == 0.0  # in the middle of the play
+    assert columns["left_voltage_v"][0] == 12.0
+
+
+def test_every_thins_out_without_changing_the_rows(tmp_path: Path) -> None:
+    fine = simulate(tmp_path, "--voltage", "12", "--duration", "0.5")
+    coarse = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "7")
+    for name, values in coarse.items():
+        assert np.array_equal(values, fine[name][::7])
+
+
+def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "3")
+    monkeypatch.setattr("liftgate_hil.loop.simulation._BLOCK", 37)
+    pieces = simulate(tmp_path, "--voltage", "12", "--duration", "0.5", "--every", "3")
+    for name, values in pieces.items():
+        assert np.array_equal(values, whole[name])
+
+
+def test_a_sample_holds_from_its_time_until_the_next(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,voltage_v,supply_voltage_v\n0,0,12\n0.003,6,11\n0.0055,-3,10\n")
+    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.008")
+    assert columns["left_voltage_v"].tolist() == [0, 0, 0, 6, 6, 6, -3, -3, -3]
+    assert columns["terminal_voltage_v"].tolist() == [12, 12, 12, 11, 11, 11, 10, 10, 10]
+
+
+def test_duty_takes_its_voltage_from_the_supply(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,left_duty,right_duty\n0,0.5,-0.25\n")
+    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.01")
+    assert columns["left_voltage_v"][-1] == 6.0
+    assert columns["right_voltage_v"][-1] == -3.0
+
+
+def test_a_drive_coasts_where_the_file_says_so(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,left_duty,right_duty,left_coast\n0,1,1,0\n0.5,0,0,1\n")
+    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.6")
+    late = columns["time_s"] > 0.52
+    assert np.all(columns["left_current_a"][late] == 0.0)  # after the diodes' commutation
+    assert np.all(columns["right_current_a"][late] < -1.0)  # shorted: it brakes
+
+
+def test_the_output_drives_the_same_motion_again(tmp_path: Path) -> None:
+    first = simulate(tmp_path, "--voltage", "10", "--duration", "0.3")
+    copy = tmp_path / "again.csv"
+    (tmp_path / "out.csv").rename(copy)
+    second = simulate(tmp_path, "--input", str(copy))
+    for name, values in second.items():
+        assert np.array_equal(values, first[name])
+
+
+def test_slope_and_settings_reach_the_plant(tmp_path: Path) -> None:
+    flat = simulate(tmp_path, "--voltage", "12", "--duration", "1")
+    setting = "environment.road_slope_deg=8"
+    steep = simulate(tmp_path, "--voltage", "12", "--duration", "1", "--set", setting)
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,voltage_v,road_slope_deg\n0,12,8\n")
+    column = simulate(tmp_path, "--input", str(source), "--duration", "1")
+    assert not np.array_equal(flat["gate_angle_deg"], steep["gate_angle_deg"])
+    assert np.allclose(steep["gate_angle_deg"], column["gate_angle_deg"], rtol=0, atol=1e-12)
+
+
+def test_mf4_holds_the_same_numbers_both_ways(tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    target = tmp_path / "out.mf4"
+    arguments = ["simulate", "--voltage", "12", "--duration", "0.2", "--output", str(target)]
+    assert main(arguments) == 0
+    table = simulate(tmp_path, "--voltage", "12", "--duration", "0.2")
+    with asammdf.MDF(target) as measurement:
+        current = measurement.get("left_current_a")
+        assert np.array_equal(current.samples, table["left_current_a"])
+        assert np.allclose(current.timestamps, table["time_s"])
+    again = simulate(tmp_path, "--input", str(target), "--duration", "0.2")
+    assert np.array_equal(again["left_current_a"], table["left_current_a"])
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("time_s,voltage_v\n0,1\n0,2\n", "time_s: row 2; allowed: finite and rising"),
+        ("voltage_v\n1\n", "time_s: missing"),
+        ("time_s,volts\n0,1\n", "no input column"),
+        ("time_s,voltage_v\n0,nan\n", "voltage_v: nan in row 1"),
+        ("time_s,voltage_v\n0,x\n", "voltage_v: 'x' in row 1; allowed: a number"),
+        ("time_s,left_duty\n0,1.5\n", "left_duty"),
+        ("time_s,voltage_v,left_duty\n0,1,1\n", "allowed: one or the other"),
+        ("time_s,voltage_v\n", "no rows"),
+        ("", "empty"),
+    ],
+)
+def test_a_bad_input_file_is_refused_with_what_is_allowed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, said: str
+) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text(content)
+    target = tmp_path / "out.csv"
+    assert main(["simulate", "--input", str(source), "--output", str(target)]) == 2
+    assert said in capsys.readouterr().err
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--voltage", "12"],
+        ["--voltage", "12", "--duration", "1", "--initial", "85"],
+        ["--voltage", "12", "--duration", "1", "--output", "out.xlsx"],
+        ["--voltage", "12", "--duration", "1", "--output", "nowhere/out.csv"],
+        ["--voltage", "12", "--duration", "1", "--set", "motor.resistence=1"],
+        ["--input", "missing.csv"],
+    ],
+)
+def test_bad_flags_are_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert "allowed" in said or "cannot be read: No such file" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_has_full_double_precision(tmp_path: Path) -> None:
+    columns = simulate(tmp_path, "--voltage", "12", "--duration", "0.1")
+    text = (tmp_path / "out.csv").read_text().splitlines()[-1].split(",")[2]
+    assert repr(float(columns["left_current_a"][-1])) == text
+    assert math.isfinite(float(text))
+
+
+def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
+    target = tmp_path / "long.csv"
+    command = [
+        sys.executable, "-m", "liftgate_hil", "simulate", "--voltage", "12", "--duration", "1e6",
+        "--every", "1000", "--output", str(target),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for _ in range(600):
+            if target.exists() and target.stat().st_size > 10_000:
+                break
+            sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == ""
+    rows = target.read_text().splitlines()
+    assert len(rows) > 50
+    assert len({row.count(",") for row in rows}) == 1

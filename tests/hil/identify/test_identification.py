@@ -1,0 +1,528 @@
+"""What an identification says of simulated data is true, and so is how sure it says it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from tests.plant.identify.simulated import (
+    NOISE,
+    TRUTH,
+    estimated,
+    measured,
+    scores,
+    sought,
+    there_and_back,
+    true_vehicle,
+)
+
+from liftgate_hil.identify.data import Data, rows_of
+from liftgate_hil.identify.identification import NothingToTellError, identify, validate
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.statistics import criteria
+from liftgate_plant import gate
+from liftgate_plant.vehicle import plant_of
+from tests.plant.runs import suv
+
+SEEDS = range(25)
+COUNTS_PER_REV = 4.0
+
+
+def later(data: Data, seconds: float) -> Data:
+    """The same measurement, begun that much later."""
+    first = int(np.searchsorted(data.times, seconds))
+    return dataclasses.replace(
+        data,
+        times=data.times[first:] - data.times[first],
+        inputs=data.inputs[first:],
+        outputs={name: values[first:] for name, values in data.outputs.items()},
+    )
+
+
+@pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
+def test_errors_are_as_large_as_the_standard_deviations_say(model: str) -> None:
+    vehicle = true_vehicle()
+    z = []
+    for seed in SEEDS:
+        result = estimated(vehicle, model, [*TRUTH], [measured(vehicle, model, seed=seed)])
+        assert all(each.identifiable for each in result.parameters)
+        z.append(scores(result))
+    # 125 values: their mean has a standard deviation of about 0.1, their spread of 0.07.
+    assert np.abs(z).max() < 3.5
+    assert abs(np.mean(z)) < 0.25
+    assert 0.85 < np.std(z) < 1.15
+    # Of one parameter 0.2 and 0.14.
+    assert np.abs(np.mean(z, axis=0)).max() < 0.6
+    assert np.std(z, axis=0).min() > 0.6
+    assert np.std(z, axis=0).max() < 1.4
+
+
+def counted(data: Data) -> Data:
+    """The position as a Hall counter shows it."""
+    outputs = dict(data.outputs)
+    position = outputs["left_position_rev"]
+    outputs["left_position_rev"] = np.floor(COUNTS_PER_REV * position + 0.5) / COUNTS_PER_REV
+    return dataclasses.replace(data, outputs=outputs)
+
+
+def as_any_number(data: Data) -> Data:
+    """The same counts with one that is none, so that each sample is compared as it is."""
+    outputs = dict(data.outputs)
+    outputs["left_position_rev"] = outputs["left_position_rev"].copy()
+    outputs["left_position_rev"][5] += 0.05
+    return dataclasses.replace(data, outputs=outputs)
+
+
+def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_mislead() -> None:
+    # A gate that opens for 0.6 s and rests: the last count is wrong by up to an eighth of a turn, 3400 times.
+    names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
+    vehicle = true_vehicle()
+    times = np.arange(4001) / 1000.0
+    drive = (times, np.where(times < 0.6, 12.0, 0.0))
+    noise = {"left_position_rev": 0.0, "left_current_a": 0.05}
+    edges, naive = [], []
+    for seed in SEEDS[:15]:
+        angle = float(np.random.default_rng(seed).uniform(18.0, 22.0))
+        data = counted(measured(vehicle, noise=noise, seed=seed, angle_deg=angle, drive=drive))
+        edges.append(scores(estimated(vehicle, "third-order", names, [data], angle)))
+        data = as_any_number(data)
+        naive.append(scores(estimated(vehicle, "third-order", names, [data], angle)))
+    assert np.abs(edges).max() < 3.0
+    assert np.abs(np.mean(edges, axis=0)).max() < 0.8
+    assert 0.6 < np.std(edges) < 1.3
+    assert (
+        np.abs(np.array(naive)[:, 2]).max() > 5.0
+    )  # measured 8.2; 48 without the rounding's share
+
+
+def delayed(seconds: float, seed: int) -> Data:
+    """A measurement whose input's column is logged that much before it acts."""
+    fine, volts = there_and_back(2.0, 1000.0)
+    shifted = np.round(np.arange(len(fine)) - 1000.0 * seconds).astype(int)
+    acts = volts[np.clip(shifted, 0, len(fine) - 1)]
+    data = measured(true_vehicle(), seed=seed, drive=(fine, acts))
+    coarse = slice(None, None, 5)
+    times = fine[coarse]
+    return Data(
+        "bus",
+        times,
+        rows_of({"left_voltage_v": volts[coarse]}, len(times)),
+        {name: values[coarse] for name, values in data.outputs.items()},
+    )
+
+
+@pytest.mark.parametrize("delay", [0.03, 0.003, -0.02])
+def test_an_input_delay_is_recovered_whichever_sign_it_has(delay: float) -> None:
+    # The reversal's two switches lie on the coarse raster, so that the held input is known exactly.
+    data = delayed(delay, 3)
+    problem = Problem(
+        true_vehicle(),
+        "third-order",
+        sought([*TRUTH]),
+        [data],
+        list(data.outputs),
+        20.0,
+        is_delay_sought=True,
+    )
+    result = identify(problem)
+    (found,) = result.initial_states
+    assert (found.name, found.unit) == ("input_delay", "s")
+    assert abs(found.value - delay) < 3.0 * found.std
+    assert found.std < 2e-4
+    assert np.abs(scores(result)).max() < 3.0
+
+
+def test_a_known_delay_is_taken_as_it_is() -> None:
+    data = delayed(0.03, 3)
+    outputs = list(data.outputs)
+    known, ignored = (
+        identify(
+            Problem(
+                true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, 20.0, delay=delay
+            )
+        )
+        for delay in (0.03, 0.0)
+    )
+    assert np.abs(scores(known)).max() < 3.0
+    assert known.loss < 0.1 * ignored.loss
+
+
+def test_the_zero_of_a_position_counter_is_recovered() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1, noise={**NOISE, "left_position_rev": 0.1})
+    moved = dict(data.outputs)
+    moved["left_position_rev"] = moved["left_position_rev"] - 500.0
+    result = estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=moved)])
+    (offset,) = result.initial_states
+    assert (offset.name, offset.unit) == ("run: left_offset", "rev")
+    assert abs(offset.value + 500.0) < 3.0 * offset.std < 0.2
+    assert np.abs(scores(result)).max() < 3.0
+
+
+@pytest.mark.parametrize("model", ["full", "third-order"])
+def test_the_place_of_a_gate_at_rest_is_estimated(model: str) -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, model, seed=2, angle_deg=30.0)
+    result = estimated(vehicle, model, [*TRUTH], [data], None)
+    place = result.initial_states[0]
+    assert (place.name, place.unit) == ("run: left_position", "rev")
+    plant = plant_of(vehicle)
+    truth = gate.extension(plant.link, math.radians(30.0)) / plant.left.travel
+    assert abs(place.value - truth) < 3.0 * place.std < 0.5
+    assert np.abs(scores(result)).max() < 3.0
+
+
+@pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
+@pytest.mark.parametrize("closing", [False, True])
+def test_a_measurement_that_begins_in_motion_tells_the_same(closing: bool, model: str) -> None:
+    vehicle = true_vehicle()
+    times = np.arange(601) / 200.0
+    volts = np.where(times < 2.0, 12.0, 6.0) * (-1.0 if closing else 1.0)
+    noise = {**NOISE, "left_position_rev": 0.1}
+    whole = measured(
+        vehicle,
+        model,
+        noise,
+        4,
+        angle_deg=75.0 if closing else 10.0,
+        drive=(times, volts),
+    )
+    names = ["motor.resistance", "motor.speed_constant", "spring.preload"]
+    result = estimated(vehicle, model, names, [later(whole, 1.5)], None)
+    assert np.abs(scores(result)).max() < 3.5
+    states = {each.name: each for each in result.initial_states}
+    truth = measured(vehicle, model, noise, None, 75.0 if closing else 10.0, (times, volts))
+    for name, output in (
+        ("speed", "left_speed_rps"),
+        ("left_position", "left_position_rev"),
+    ):
+        expected = truth.outputs[output][300]
+        assert abs(states[f"run: {name}"].value - expected) < 3.5 * states[f"run: {name}"].std
+
+
+def test_a_parameter_without_effect_is_not_identifiable() -> None:
+    vehicle = true_vehicle()
+    names = ["motor.resistance", "environment.snow_distance"]
+    result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
+    told, silent = result.parameters
+    assert told.identifiable
+    assert not silent.identifiable
+    assert silent.std == math.inf
+    assert "no effect" in silent.remark
+    assert silent.value == silent.initial
+    assert np.isnan(result.correlation[0, 1])
+    assert result.condition_number == math.inf
+
+
+def test_two_parameters_of_one_sum_are_named_together() -> None:
+    vehicle = true_vehicle()
+    names = ["motor.resistance", "motor.load_torque", "gear.friction_torque"]
+    result = estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
+    assert result.inseparable == (
+        "motor.load_torque and gear.friction_torque cannot be told apart",
+    )
+    resistance, *both = result.parameters
+    assert resistance.identifiable
+    assert math.isfinite(resistance.std)
+    assert [(each.identifiable, each.std) for each in both] == [(False, math.inf)] * 2
+    alone = estimated(vehicle, "third-order", names[:2], [measured(vehicle, seed=1)])
+    assert resistance.std == pytest.approx(alone.parameters[0].std, rel=1e-5)
+
+
+def test_a_prior_tells_two_parameters_of_one_sum_apart() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    torque, force = sought(["motor.load_torque", "gear.friction_torque"])
+    force = dataclasses.replace(force, prior=0.6, prior_std=0.01)
+    problem = Problem(vehicle, "third-order", [torque, force], [data], list(data.outputs), 20.0)
+    result = identify(problem)
+    assert result.inseparable == ()
+    assert result.parameters[1].value == pytest.approx(0.6, abs=0.03)
+    assert result.parameters[1].std == pytest.approx(0.01, rel=0.05)
+
+
+def test_an_estimate_at_its_bound_says_so() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    limited = sought(["motor.resistance"], low=0.6, high=0.75, initial=0.7)
+    other = sought(["motor.speed_constant"])
+    outputs = list(data.outputs)
+    result = identify(Problem(vehicle, "third-order", limited + other, [data], outputs, 20.0))
+    assert result.parameters[0].remark == "at its bound 0.75"
+    assert not result.parameters[0].identifiable
+    assert result.parameters[1].identifiable
+
+
+def test_an_estimate_that_says_nothing_says_so() -> None:
+    vehicle = true_vehicle()
+    noise = {name: 5.0 * std for name, std in NOISE.items()}
+    data = measured(vehicle, noise=noise, seed=1, drive=there_and_back(0.1))
+    result = estimated(vehicle, "third-order", ["motor.resistance", "motor.load_torque"], [data])
+    assert result.parameters[0].identifiable
+    assert not result.parameters[1].identifiable
+    assert "too uncertain" in result.parameters[1].remark
+    assert math.isfinite(result.parameters[1].std)
+
+
+def test_outputs_that_never_change_tell_nothing() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle)
+    constant = {name: np.full(len(data.times), 3.0) for name in data.outputs}
+    with pytest.raises(NothingToTellError, match="constant from beginning to end"):
+        estimated(vehicle, "third-order", [*TRUTH], [dataclasses.replace(data, outputs=constant)])
+
+
+def test_an_input_that_excites_nothing_tells_nothing() -> None:
+    # Held by friction without a voltage, whatever is measured is noise.
+    vehicle = true_vehicle()
+    times, volts = there_and_back(1.0)
+    data = measured(vehicle, seed=1, drive=(times, 0.0 * volts))
+    names = ["motor.resistance", "motor.rotor_inertia", "spring.preload"]
+    with pytest.raises(NothingToTellError, match="excites nothing"):
+        estimated(vehicle, "third-order", names, [data])
+
+
+def test_parameters_without_any_effect_tell_nothing() -> None:
+    vehicle = true_vehicle()
+    names = ["environment.snow_distance", "seal.force"]
+    with pytest.raises(NothingToTellError):
+        estimated(vehicle, "third-order", names, [measured(vehicle, seed=1)])
+
+
+def coloured(data: Data, seed: int, share: float) -> Data:
+    """First-order autoregressive noise of the usual size."""
+    rng = np.random.default_rng(seed)
+    outputs = {}
+    for name, values in data.outputs.items():
+        noise = np.zeros(len(values))
+        white = NOISE[name] * math.sqrt(1.0 - share**2) * rng.standard_normal(len(values))
+        for k in range(1, len(values)):
+            noise[k] = share * noise[k - 1] + white[k]
+        outputs[name] = values + noise
+    return dataclasses.replace(data, outputs=outputs)
+
+
+def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> None:
+    vehicle = true_vehicle()
+    names = ["motor.resistance", "motor.speed_constant", "spring.preload"]
+    clean = measured(vehicle, drive=there_and_back(2.0, 500.0))
+    robust, classic = [], []
+    for seed in SEEDS:
+        data = coloured(clean, seed, 0.9)
+        result = estimated(vehicle, "third-order", names, [data])
+        assert result.covariance_kind.startswith("robust")
+        robust.append(scores(result))
+        error = [each.value - TRUTH[each.name] for each in result.parameters]
+        classic.append(error)
+    white = estimated(
+        vehicle,
+        "third-order",
+        names,
+        [measured(vehicle, seed=1, drive=(clean.times, there_and_back(2.0, 500.0)[1]))],
+    )
+    assert white.covariance_kind == "white residuals"
+    assert 0.7 < np.std(robust) < 1.4
+    assert np.std(np.array(classic) / [each.std for each in white.parameters]) > 2.0
+
+
+def test_correlated_residuals_widen_the_others_beside_a_silent_parameter() -> None:
+    vehicle = true_vehicle()
+    names = ["motor.resistance", "motor.speed_constant"]
+    data = coloured(measured(vehicle, drive=there_and_back(2.0, 500.0)), 1, 0.9)
+    alone = estimated(vehicle, "third-order", names, [data])
+    beside = estimated(vehicle, "third-order", [*names, "environment.snow_distance"], [data])
+    assert beside.covariance_kind == alone.covariance_kind
+    for one, other in zip(alone.parameters, beside.parameters[:2], strict=True):
+        assert other.std == pytest.approx(one.std, rel=1e-6)
+    assert beside.parameters[2].std == math.inf
+
+
+def linear(names: list[str], seed: int) -> Problem:
+    """Sensor offset and gain: linear in what is sought."""
+    vehicle = suv("sensors.current_offset=0.1")
+    data = measured(vehicle, "second-order", {"left_current_a": 0.5}, seed, sensors=vehicle.sensors)
+    return Problem(suv(), "second-order", sought(names), [data], ["left_current_a"], 20.0)
+
+
+@pytest.mark.parametrize(
+    "names", [["sensors.current_offset"], ["sensors.current_offset", "sensors.current_gain"]]
+)
+def test_the_profile_of_a_linear_parameter_is_a_parabola(names: list[str]) -> None:
+    result = identify(linear(names, 1), given_std=np.array([0.5]), profiles=[names[0]])
+    (profile,) = result.profiles
+    estimate = result.parameters[0]
+    parabola = ((profile.values - estimate.value) / estimate.std) ** 2
+    assert len(profile.values) == 13
+    assert profile.deviance == pytest.approx(parabola, abs=1e-6)
+    interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=1e-3 * estimate.std)
+
+
+def test_the_profile_with_unknown_noise_is_nearly_the_same() -> None:
+    names = ["sensors.current_offset", "sensors.current_gain"]
+    result = identify(linear(names, 1), profiles=names[:1])
+    (profile,) = result.profiles
+    estimate = result.parameters[0]
+    count = len(result.experiments[0].series[0].times)
+    # N log(1 + z²/N) instead of z².
+    expected = count * np.log1p(((profile.values - estimate.value) / estimate.std) ** 2 / count)
+    assert profile.deviance == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("given_std", [np.array([0.5]), None])
+def test_a_profile_holds_what_is_known_beforehand_as_the_estimate_does(
+    given_std: np.ndarray | None,
+) -> None:
+    one = linear(["sensors.current_offset"], 1)
+    prior = sought(["sensors.current_offset"], prior=0.1, prior_std=0.02)
+    both = dataclasses.replace(one, sought=prior)
+    result = identify(both, given_std=given_std, profiles=["sensors.current_offset"])
+    (profile,) = result.profiles
+    estimate = result.parameters[0]
+    assert estimate.std < 0.9 * 0.02
+    interval = [estimate.value - 1.96 * estimate.std, estimate.value + 1.96 * estimate.std]
+    # Without given noise N log(1 + z²/N) stands for z².
+    close = 1e-3 if given_std is not None else 0.02
+    assert [profile.low, profile.high] == pytest.approx(interval, abs=close * estimate.std)
+
+
+def test_the_result_tells_its_criteria_from_its_own_figures() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    result = estimated(vehicle, "third-order", [*TRUTH], [data])
+    rows = len(data.times)
+    figures = criteria(
+        result.loss, rows * math.log(np.linalg.det(result.noise_variance)), 3 * rows, rows, 5
+    )
+    assert (result.fpe, result.aic, result.aicc, result.bic) == pytest.approx(tuple(figures))
+    assert result.loss == pytest.approx(result.history[-1])
+    assert result.loss_initial == pytest.approx(result.history[0])
+    assert result.loss < result.loss_initial
+    assert result.noise_variance[0, 0] == pytest.approx(0.05**2, rel=0.25)
+    assert result.noise_variance[1, 1] == pytest.approx(0.5**2, rel=0.25)
+    std = [each.std for each in result.parameters]
+    assert np.sqrt(np.diag(result.covariance)) == pytest.approx(std)
+    assert np.diag(result.correlation) == pytest.approx(np.ones(5))
+    assert result.stop_reason.startswith("converged")
+
+
+def test_a_model_without_the_true_effect_loses_by_every_criterion() -> None:
+    vehicle = true_vehicle()
+    data = [measured(vehicle, seed=1)]
+    poor = estimated(suv(), "third-order", ["motor.resistance"], data)
+    true = estimated(suv(), "third-order", [*TRUTH], data)
+    more = estimated(vehicle, "third-order", [*TRUTH, "gear.inertia"], data)
+    for name in ("fpe", "aic", "aicc", "bic"):
+        assert getattr(true, name) < getattr(poor, name)
+        assert getattr(true, name) < getattr(more, name)
+
+
+def test_every_output_of_every_experiment_is_told_of() -> None:
+    vehicle = true_vehicle()
+    noise = {"left_current_a": 0.05, "left_position_rev": 0.1}
+    data = [measured(vehicle, noise=noise, seed=k, name=f"run {k}") for k in (1, 2)]
+    result = estimated(vehicle, "third-order", [*TRUTH], data)
+    assert [each.name for each in result.experiments] == ["run 1", "run 2"]
+    for each, made in zip(result.experiments, data, strict=True):
+        names = [series.output for series in each.series]
+        # The speed is what a measured position says of it.
+        assert names == ["left_current_a", "left_position_rev", "left_speed_rps"]
+        current, position, speed = each.series
+        assert np.array_equal(current.measured, made.outputs["left_current_a"])
+        assert current.rms == pytest.approx(0.05, rel=0.15)
+        assert position.rms == pytest.approx(0.1, rel=0.15)
+        assert current.fit_percent > current.fit_before
+        assert current.is_white
+        assert speed.fit_percent > 95.0
+        assert each.voltage == pytest.approx(there_and_back()[1])
+
+
+def test_a_validation_changes_no_parameter() -> None:
+    vehicle = true_vehicle()
+    data = measured(vehicle, seed=1)
+    right = validate(Problem(vehicle, "third-order", [], [data], list(data.outputs), 20.0))
+    wrong = validate(Problem(suv(), "third-order", [], [data], list(data.outputs), 20.0))
+    for good, bad in zip(right.experiments[0].series, wrong.experiments[0].series, strict=True):
+        assert good.rms == pytest.approx(NOISE[good.output], rel=0.15)
+        assert bad.rms > good.rms
+        assert good.is_white
+        assert math.isnan(good.fit_before)
+
+
+def test_a_validation_estimates_how_the_measurement_began() -> None:
+    vehicle = true_vehicle()
+    data = later(measured(vehicle, seed=1), 0.5)
+    outputs = {**data.outputs}
+    result = validate(Problem(vehicle, "third-order", [], [data], list(outputs)))
+    for series in result.experiments[0].series:
+        assert series.rms == pytest.approx(NOISE[series.output], rel=0.15)
+
+
+def test_two_experiments_make_estimates_surer_by_the_root_of_two() -> None:
+    vehicle = true_vehicle()
+    data = [measured(vehicle, seed=k, name=str(k)) for k in (1, 2)]
+    one, both = (estimated(vehicle, "third-order", [*TRUTH], part) for part in (data[:1], data))
+    for single, double in zip(one.parameters, both.parameters, strict=True):
+        assert single.std / double.std == pytest.approx(math.sqrt(2.0), rel=0.1)
+    assert all(a <= b for a, b in itertools.pairwise(both.history[::-1]))
+
+
+@pytest.mark.parametrize("given", [None, np.array([*NOISE.values()])])
+def test_a_worse_model_has_worse_criteria_whether_or_not_the_noise_is_given(
+    given: np.ndarray | None,
+) -> None:
+    data = [measured(true_vehicle(), seed=5)]
+    names = ["motor.resistance", "motor.rotor_inertia"]
+    good = estimated(true_vehicle(), "third-order", names, data, given_std=given)
+    bad = estimated(suv(), "third-order", names, data, given_std=given)
+    for criterion in ("fpe", "aic", "aicc", "bic"):
+        assert getattr(bad, criterion) > getattr(good, criterion) + 0.1 * abs(good.fpe)
+
+
+def test_a_delay_that_is_sought_leaves_the_noise_of_the_outputs_correlated() -> None:
+    data = delayed(0.03, 4)
+    more = {"angle_deg": 20.0, "is_delay_sought": True}
+    outputs = list(data.outputs)
+    result = identify(
+        Problem(true_vehicle(), "third-order", sought([*TRUTH]), [data], outputs, **more)
+    )
+    assert np.all(result.noise_variance != 0.0)
+
+
+def test_an_output_with_a_single_edge_is_left_out() -> None:
+    noise = {"left_position_rev": 0.0, "left_current_a": 0.05}
+    times = np.arange(401) / 200.0
+    drive = (times, np.where(times < 0.02, 12.0, 0.0))
+    data = counted(measured(true_vehicle(), noise=noise, seed=5, drive=drive))
+    position = data.outputs["left_position_rev"]
+    first = int(np.flatnonzero(np.diff(position))[0]) + 2
+    assert len(np.unique(position[:first])) == 2
+    short = Data(
+        "short",
+        times[:first],
+        data.inputs[:first],
+        {name: values[:first] for name, values in data.outputs.items()},
+    )
+    result = estimated(true_vehicle(), "third-order", ["motor.resistance"], [short])
+    assert result.outputs == ("left_current_a",)
+
+
+def test_an_output_whose_samples_all_lie_beyond_the_inputs_is_left_out() -> None:
+    data = delayed(0.03, 6)
+    outputs = dict(data.outputs)
+    speed = np.full(len(data.times), np.nan)
+    speed[-8:] = outputs["left_speed_rps"][-8:]
+    late = dataclasses.replace(data, outputs={**outputs, "left_speed_rps": speed})
+    problem = Problem(
+        true_vehicle(),
+        "third-order",
+        sought(["motor.resistance"]),
+        [late],
+        [*outputs],
+        20.0,
+        is_delay_sought=True,
+    )
+    assert "left_speed_rps" not in identify(problem).outputs

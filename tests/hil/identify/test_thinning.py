@@ -1,0 +1,128 @@
+"""Data with fewer samples than rows lead to the same parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.plant.identify.simulated import measured, scores, sought, true_vehicle
+
+from liftgate_hil.identify.data import Data, part_of
+from liftgate_hil.identify.identification import identify, validate
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.measurement.raster import thinned
+from liftgate_hil.session import vehicle_from
+
+TRUTH = {"motor.resistance": 0.83, "motor.torque_constant": 0.0119, "spring.preload": 333.0}
+QUANTUM = 0.25  # rev, of the shipped SUV's Hall counts
+THINNED = [(None, 7), (None, 25), (211.0, 1), (500.0, 4)]
+
+
+def opening(seed: int | None, quantum: float = 0.0) -> Data:
+    """3 s at 2 kHz of a voltage that ramps up, and steps."""
+    times = np.arange(6001) / 2000.0
+    volts = 12.0 * np.clip(times / 0.3, 0.0, 1.0) - 3.0 * (np.floor(times / 0.37) % 2)
+    noise = {"left_current_a": 0.05, "left_position_rev": 0.0 if quantum else 0.05}
+    data = measured(true_vehicle(TRUTH), "full", noise, seed, 0.0, (times, volts))
+    if not quantum:
+        return data
+    counts = np.rint(data.outputs["left_position_rev"] / quantum) * quantum
+    return dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+
+
+def problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
+    names = [] if vehicle == "true" else list(TRUTH)
+    known = true_vehicle(TRUTH) if vehicle == "true" else vehicle_from(vehicle)
+    return Problem(known, "full", sought(names), [data], list(data.outputs), 0.0, **more)
+
+
+@pytest.mark.parametrize(("rate", "factor"), THINNED)
+def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) -> None:
+    few = thinned(opening(None), rate, factor, QUANTUM)
+    for experiment in validate(problem(few, "true")).experiments:
+        for series in experiment.series:
+            assert series.maximum < 1e-9 * np.ptp(series.measured) or "speed" in series.output
+        assert len(experiment.voltage) == len(experiment.times) == len(few.times)
+
+
+@pytest.mark.parametrize("quantum", [0.0, QUANTUM])
+@pytest.mark.parametrize(("rate", "factor"), THINNED)
+def test_the_truth_lies_within_three_standard_deviations(
+    rate: float | None, factor: int, quantum: float
+) -> None:
+    z = []
+    for seed in range(4):
+        result = identify(problem(thinned(opening(seed, quantum), rate, factor, QUANTUM)))
+        assert all(each.identifiable for each in result.parameters)
+        assert all(each.std < 0.01 * each.value for each in result.parameters)
+        z += list(scores(result, TRUTH))
+    assert np.max(np.abs(z)) < 3.0
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
+def test_a_counters_edges_may_lie_anywhere(phase: float) -> None:
+    data = opening(2, QUANTUM)
+    true = opening(2).outputs["left_position_rev"]
+    counts = np.floor(true / QUANTUM + phase) * QUANTUM
+    moved = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
+    result = identify(problem(moved))
+    assert np.max(np.abs(scores(result, TRUTH))) < 3.0
+    (offset,) = result.initial_states
+    assert abs(offset.value - (phase - 0.5) * QUANTUM) < 3.0 * offset.std < 0.5 * QUANTUM
+
+
+def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> None:
+    data = opening(None)
+    late = dataclasses.replace(data, inputs=np.roll(data.inputs, -6, axis=0))  # 3 ms early
+    few = thinned(late, 400.0, 2, QUANTUM)
+    before = problem(few, "true")
+    after = problem(few, "true", delay=0.003)
+    wrong, right = (
+        np.nanstd(each.predicted(each.initial) - each.measured, axis=0) for each in (before, after)
+    )
+    assert np.all(right < 1e-2 * wrong)
+
+
+@pytest.mark.parametrize("factor", [5, 20])
+def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> None:
+    """With inputs 50 ms late those of the last 50 ms are not among the data."""
+    data = opening(None)
+    volts = np.where(data.times > data.times[-1] - 0.04, -6.0, data.inputs[:, 0])
+    both = data.inputs.copy()
+    both[:, :2] = volts[:, None]
+    drive = (data.times, volts)
+    whole = measured(
+        true_vehicle(TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive
+    )
+    late = dataclasses.replace(whole, inputs=np.roll(both, 100, axis=0))
+    few = thinned(late, None, factor, QUANTUM)
+    known = problem(few, "true", delay=-0.05)
+    inside = few.times[:, None] > 0.5  # before, what was rolled to the front
+    off = np.where(inside, known.predicted(known.initial) - known.measured, 0.0)
+    assert np.sum(np.isfinite(off)) > len(few.times)
+    assert np.nanmax(np.abs(off)) < 1e-3
+
+
+def test_a_part_has_the_inputs_that_hold_in_it() -> None:
+    data = opening(None)
+    few = thinned(data, 317.0, 1, QUANTUM)
+    part = part_of(few, 100, 160, {"left_position_rev": 5.0})
+    assert np.array_equal(part.times, few.times[100:160])
+    assert (part.rows[0], part.rows[-1]) == (part.times[0], part.times[-1])
+    at = np.linspace(part.times[0], part.times[-1], 1000)
+
+    def held(each: Data) -> np.ndarray:
+        return each.inputs[np.searchsorted(each.rows, at, side="right") - 1, 0]
+
+    assert np.array_equal(held(part), held(few))
+    shown = part.outputs["left_position_rev"]
+    assert np.array_equal(shown, few.outputs["left_position_rev"][100:160] - 5.0)
+    assert np.allclose(part.thinned("any", part.rows), part.times, atol=1e-12)
+
+
+def test_a_search_from_far_away_goes_over_pieces_of_thinned_data() -> None:
+    few = thinned(opening(3), None, 20, QUANTUM)
+    far = true_vehicle({"motor.resistance": 2.5, "motor.torque_constant": 0.02})
+    given = Problem(far, "full", sought(list(TRUTH), far), [few], list(few.outputs), 0.0)
+    assert np.max(np.abs(scores(identify(given), TRUTH))) < 3.0

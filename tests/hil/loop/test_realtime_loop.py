@@ -1,0 +1,779 @@
+"""The hard loop on a clock of the test's own, in plain Python around the compiled tick; and as it is in use."""
+
+from __future__ import annotations
+
+import errno
+import math
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import (
+    BENCH_STATUS,
+    COMMAND,
+    GATE,
+    LEFT_DRIVE,
+    OPEN,
+    RIGHT_DRIVE,
+    bench,
+    both,
+    command_frame,
+    decoded,
+    frames_of,
+    rows_of,
+    start_of,
+)
+
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.quantities import TIMING
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import OverrunError, PlantDivergedError
+from liftgate_hil.loop import realtime_loop
+from liftgate_hil.loop.datagrams import Reading, Writing, make_buffers, read_frames, write_frames
+from liftgate_hil.loop.histogram import BINS, bin_of
+from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.loop.realtime_loop import (
+    DIVERGED,
+    ENDED,
+    OVERRUN,
+    Course,
+    Room,
+    arrival_of,
+    make_room,
+    run_hard,
+)
+from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
+from liftgate_hil.loop.tick import STOPPED, Bench, LoopState
+from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.transport.base import LinkCounts
+
+Rows = list[tuple[int, bytes]]
+MS = 1_000_000
+START = 1_000_000_000_000  # of the monotonic clock
+EPOCH = 1_700_000_000_000_000_000  # what the wall clock is ahead
+TAKES = 40_000  # ns that a tick takes
+
+
+class Rehearsal:
+    """A run of `run_hard` whose time, frames and faults the test decides.
+
+    `at` is called at every waking with its number, before frames are read; `late` is how late that one is.
+    """
+
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        fast_tick: Callable[..., Any],
+        rig: Rig,
+        rate: float = 1000.0,
+        rows: int = 4096,
+        frames: int = 4096,
+    ) -> None:
+        self.rig = rig
+        self.bench = bench(rate, rig=rig)
+        self.memory = Memory(rows, frames)
+        self.shared = self.memory.shared
+        self.now = START
+        self.real = EPOCH  # ahead of the monotonic clock
+        self.wakings = 0
+        self.at: Callable[[int], None] = lambda waking: None
+        self.late: dict[int, int] = {}
+        self.sent: list[Rows] = []  # by tick
+        self.refuse: Callable[[int, int], bool] = lambda tick, trial: False
+        self.steps: list[int] = []
+        self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.theirs.setblocking(False)
+        self._trials = 0
+
+        def clock_ns(clock: int, room: Room) -> int:
+            return self.now if clock == 1 else self.now + self.real
+
+        def wait_until(deadline_ns: int, room: Room) -> int:
+            self.now = max(self.now, deadline_ns) + self.late.get(self.wakings, 0)
+            self.at(self.wakings)
+            self.wakings += 1
+            return self.now
+
+        def tick(some: Bench, state: LoopState, frames: Frames, steps: int, stop: bool) -> Any:
+            self.now += TAKES
+            self.sent.append([])
+            self.steps.append(steps)
+            self._trials = 0
+            return fast_tick(some, state, frames, steps, stop)
+
+        def write(descriptor: int, buffers: Any, frames: Frames) -> Writing:
+            self._trials += 1
+            if self.refuse(len(self.sent) - 1, self._trials):
+                return Writing(0, frames.count, 0, errno.EAGAIN)
+            self.sent[-1] += rows_of(frames)
+            return write_frames(descriptor, buffers, frames)
+
+        monkeypatch.setattr(realtime_loop, "clock_ns", clock_ns)
+        monkeypatch.setattr(realtime_loop, "wait_until", wait_until)
+        monkeypatch.setattr(realtime_loop, "tick", tick)
+        monkeypatch.setattr(realtime_loop, "write_frames", write)
+
+    def run(
+        self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
+    ) -> tuple[LoopState, int]:
+        feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
+        course = Course(self.ours.fileno(), ticks, limit_ns, COMMAND, feedback)
+        begin = state or start_of(self.bench)
+        return run_hard(self.bench, begin, course, self.shared, make_room())
+
+    def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
+        """Put frames on the wire; with an age, as our pump does."""
+        if age is None:
+            write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows))
+            return
+        for identifier, payload in rows:
+            row = struct.pack("<IB3x64sq", identifier, len(payload), payload, self.now - age)
+            self.theirs.send(row)
+
+    def arrived(self) -> Rows:
+        """All that came out of the wire."""
+        frames = empty_frames(1024)
+        stamps = np.zeros(1024, dtype=np.int64)
+        got: Rows = []
+        while True:
+            reading = read_frames(self.theirs.fileno(), make_buffers(), frames, stamps)
+            if reading.count == 0:
+                return got
+            got += rows_of(frames._replace(count=reading.count))
+
+    def snapshots(self) -> list[list[float]]:
+        rows = RingReader(self.shared.snapshots, self.shared.control, "snapshots").take()
+        return [list(row) for row in rows]
+
+    def noted(self, which: int) -> dict[int, int]:
+        """Bins of a histogram that hold something."""
+        histogram = self.shared.histograms[which]
+        return {int(at): int(histogram[at]) for at in np.flatnonzero(histogram)}
+
+    def close(self) -> None:
+        self.ours.close()
+        self.theirs.close()
+        self.memory.close()
+
+
+@pytest.fixture
+def rehearse(
+    monkeypatch: pytest.MonkeyPatch, fast_tick: Callable[..., Any], rig: Rig
+) -> Iterator[Callable[..., Rehearsal]]:
+    made: list[Rehearsal] = []
+
+    def make(**more: Any) -> Rehearsal:
+        made.append(Rehearsal(monkeypatch, fast_tick, rig, **more))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def flat(value: Any) -> list[bytes]:
+    """Every number of a state, bit for bit."""
+    if isinstance(value, tuple):
+        return [part for each in value for part in flat(each)]
+    return [np.asarray(value).tobytes()]
+
+
+def opening(rig: Rig, counter: int) -> tuple[int, bytes]:
+    return command_frame(rig, counter, **both(60.0, OPEN, release=1))
+
+
+class Given:
+    """A transport of the portable loop that is given a tick's frames."""
+
+    name = "given"
+    is_up = True
+
+    def __init__(self) -> None:
+        self.sent: list[Rows] = []
+
+    def send(self, frames: Frames) -> None:
+        self.sent.append(rows_of(frames))
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        raise AssertionError
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        raise AssertionError
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
+def test_it_does_what_the_portable_loop_does_bit_for_bit(
+    rehearse: Callable[..., Rehearsal], rig: Rig, rate: float
+):
+    play = rehearse(rate=rate)
+    every = max(1, round(rate / 100))
+    batches: dict[int, Rows] = {
+        n * every: [opening(rig, n), (0x55, b"x"), (0x777, b"12345678")] for n in range(30)
+    }
+    batches[7 * every][0] = (COMMAND, b"spoilt!!")
+    play.at = lambda waking: play.give(*batches.get(waking, []))
+    play.late = {every * 11: int(3.5 * 1e9 / rate), every * 17 + 1: int(1.0 * 1e9 / rate)}
+    state, outcome = play.run(40 * every)
+    assert outcome == ENDED
+
+    transport, shown = Given(), []
+    loop = Loop(play.bench, start_of(play.bench), transport, watch=shown.append)
+    assert play.steps[:-1].count(1) == len(play.steps) - 3
+    assert sorted(play.steps)[-2:] == [2, 4]
+    for waking, steps in enumerate(play.steps[:-1]):
+        loop.advance(frames_of(batches.get(waking, [])), steps)
+    loop.finish()
+    assert transport.sent == play.sent
+    assert [list(row) for row in shown] == play.snapshots()
+    assert flat(loop.state) == flat(state)
+    assert state.tick == 40 * every + 1
+    assert state.overruns == 3 + 1
+    assert state.counts.accepted == 29
+    assert loop.frames_sent == play.shared.control[0].sent
+    assert loop.load.bits == play.shared.control[0].bits
+    assert play.arrived() == [row for rows in play.sent for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("late", "steps"), [(0, 1), (1, 1), (MS - 1, 1), (MS, 2), (MS + 1, 2), (5 * MS - 1, 5), (900 * MS, 901)]
+)  # fmt: skip
+def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
+    rehearse: Callable[..., Rehearsal], late: int, steps: int
+):
+    play = rehearse()
+    play.late = {3: late}
+    play.at = lambda waking: None if waking % 100 else play.arrived().clear()
+    state, outcome = play.run(1500)
+    assert outcome == ENDED
+    assert play.steps[3] == steps
+    assert play.steps[:3] == [1, 1, 1]
+    assert state.overruns == steps - 1 == play.shared.control[0].overruns
+    assert state.tick == 1501 == play.shared.control[0].tick
+    # Model time is wall time again: the tick after the late one is on time, to what the late one took.
+    assert play.now == START + 1500 * MS + 2 * TAKES
+    assert sum(play.noted(LATENESS).values()) == len(play.steps) - 1
+
+
+def test_a_catch_up_does_not_run_past_the_end(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.late = {5: 500 * MS}
+    state, _ = play.run(10)
+    assert state.tick == 10 + 1
+    assert state.overruns == 4
+
+
+@pytest.mark.parametrize(("late", "expected"), [(50 * MS, ENDED), (50 * MS + 1, OVERRUN)])
+def test_past_the_limit_it_gives_up_with_the_motors_off(
+    rehearse: Callable[..., Rehearsal], rig: Rig, late: int, expected: int
+):
+    play = rehearse()
+    play.at = lambda waking: play.give(opening(rig, waking)) if waking == 0 else None
+    play.late = {20: late}
+    state, outcome = play.run(100, limit_ns=50 * MS)
+    assert outcome == expected
+    if expected == OVERRUN:
+        assert state.tick == 20 + 1
+    assert last_words(play) == everything(play.rig)
+
+
+def everything(rig: Rig) -> list[int]:
+    """Identifiers of what is always sent; how well it keeps time is not known before its first figures."""
+    return sorted(
+        {rig.messages[wire.message].frame_id for wire in rig.outputs if wire.quantity not in TIMING}
+    )
+
+
+def last_words(play: Rehearsal) -> list[int]:
+    """The identifiers of the last tick's frames, which must say that the motors are off."""
+    last = play.sent[-1]
+    (status,) = decoded(play.rig, frames_of(last), "BenchStatus")
+    assert status["EmulatorState"] == STOPPED
+    final = Snapshot(*play.snapshots()[-1])
+    assert (final.left_duty, final.right_duty) == (0.0, 0.0)
+    assert (final.left_coast, final.right_coast) == (1.0, 1.0)
+    return sorted(identifier for identifier, _ in last)
+
+
+@pytest.mark.parametrize("where", ["gate_angle", "right"])
+def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(
+    rehearse: Callable[..., Rehearsal], where: str
+):
+    play = rehearse()
+    state = start_of(play.bench)
+    plant = state.plant._replace(gate_angle=math.nan)
+    if where == "right":
+        plant = state.plant._replace(right=state.plant.right._replace(current=math.nan))
+    _, outcome = play.run(100, state._replace(plant=plant))
+    assert outcome == DIVERGED
+    assert len(play.steps) == 2
+    assert sorted(identifier for identifier, _ in play.sent[-1]) == everything(play.rig)
+
+
+def test_told_to_stop_it_sends_every_message_once_and_ends(
+    rehearse: Callable[..., Rehearsal], rig: Rig
+):
+    play = rehearse()
+
+    def at(waking: int) -> None:
+        play.give(*([opening(rig, waking // 10)] if waking % 10 == 0 else []))
+        if waking == 57:
+            play.shared.control[0].stop = 1
+
+    play.at = at
+    state, outcome = play.run(2**62)
+    assert outcome == ENDED
+    assert state.tick == 59
+    assert last_words(play) == everything(rig)
+    assert play.snapshots()[-2][Snapshot._fields.index("left_duty")] > 0.5
+
+
+def test_told_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.shared.control[0].stop = 1
+    state, outcome = play.run(2**62)
+    assert (state.tick, outcome, play.wakings) == (1, ENDED, 0)
+    assert last_words(play) == everything(play.rig)
+
+
+def test_the_last_frames_wait_for_a_full_queue(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.refuse = lambda tick, trial: tick == 10 and trial % 4 != 0
+    play.run(10)
+    assert last_words(play) == everything(play.rig)
+    control = play.shared.control[0]
+    assert (control.unsent, control.unsent_full) == (0, 0)
+    assert play.arrived() == [row for rows in play.sent for row in rows]
+
+
+def test_but_not_for_ever(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.refuse = lambda tick, trial: tick == 10
+    play.run(10)
+    control = play.shared.control[0]
+    assert control.unsent == control.unsent_full == len(everything(play.rig))
+    assert control.last_error == errno.EAGAIN
+    assert control.sent == sum(len(rows) for rows in play.sent)
+    assert 100 * MS <= play.now - START - 10 * MS <= 110 * MS
+
+
+def test_what_the_wire_does_not_take_is_counted_and_the_run_goes_on(
+    rehearse: Callable[..., Rehearsal],
+):
+    play = rehearse()
+    play.refuse = lambda tick, trial: 20 <= tick < 40
+    play.run(100)
+    control = play.shared.control[0]
+    assert control.unsent == control.unsent_full > 0
+    assert control.sent == sum(len(rows) for rows in play.sent) == len(play.arrived())
+    free = rehearse()
+    free.run(100)
+    assert free.shared.control[0].sent == control.sent + control.unsent
+    assert free.shared.control[0].unsent == 0
+
+
+def test_a_wire_that_is_closed_is_counted_and_the_run_goes_on(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.at = lambda waking: play.ours.close() if waking == 50 else None
+    number = play.ours.fileno()
+    state, outcome = play.run(100)
+    assert (state.tick, outcome) == (101, ENDED)
+    assert number >= 0
+    control = play.shared.control[0]
+    assert control.receive_errors == 50
+    assert control.last_error == errno.EBADF
+    assert control.unsent > 0
+    assert control.unsent_full == 0
+
+
+# Delay from command to feedback.
+
+
+def first_feedback(play: Rehearsal, waking: int) -> int:
+    """The tick, from that waking on, that sends what shows a command."""
+    shown = set(feedback_identifiers(play.rig))
+    return next(
+        tick
+        for tick in range(waking, len(play.sent))
+        if shown & {identifier for identifier, _ in play.sent[tick]}
+    )
+
+
+def when_sent(tick: int) -> int:
+    return START + (tick + 1) * MS + TAKES
+
+
+@pytest.mark.parametrize("waking", [20, 21, 23, 24])
+@pytest.mark.parametrize("age", [0, 1, 400_000, 900_000])
+def test_the_delay_is_from_arrival_to_the_first_feedback(
+    rehearse: Callable[..., Rehearsal], rig: Rig, waking: int, age: int
+):
+    play = rehearse()
+    play.at = lambda now: play.give(opening(rig, 1), age=age) if now == waking else None
+    play.run(100)
+    assert set(feedback_identifiers(rig)) <= {LEFT_DRIVE, RIGHT_DRIVE, GATE, BENCH_STATUS}
+    delay = when_sent(first_feedback(play, waking)) - (START + (waking + 1) * MS - age)
+    assert play.noted(DELAY) == {bin_of(delay): 1}
+    assert delay <= 5 * MS + age + TAKES
+
+
+def test_the_oldest_command_that_no_feedback_has_shown_counts(
+    rehearse: Callable[..., Rehearsal], rig: Rig
+):
+    play = rehearse()
+
+    def at(waking: int) -> None:
+        if waking in (21, 22, 23):
+            play.give((0x55, b""), opening(rig, waking), opening(rig, waking), age=7000 * waking)
+
+    play.at = at
+    play.run(100)
+    arrival = START + 22 * MS - 7000 * 21
+    assert play.noted(DELAY) == {bin_of(when_sent(first_feedback(play, 21)) - arrival): 1}
+
+
+def test_feedback_that_was_not_sent_shows_nothing(rehearse: Callable[..., Rehearsal], rig: Rig):
+    play = rehearse()
+    play.at = lambda waking: play.give(opening(rig, 1), age=0) if waking == 20 else None
+    play.refuse = lambda tick, trial: 15 <= tick < 42
+    play.run(100)
+    shown = first_feedback(play, 20)
+    assert shown >= 42
+    assert play.noted(DELAY) == {bin_of(when_sent(shown) - (START + 21 * MS)): 1}
+
+
+def test_a_command_that_was_refused_is_not_waited_for(rehearse: Callable[..., Rehearsal], rig: Rig):
+    play = rehearse()
+    play.at = lambda waking: play.give((COMMAND, b"spoilt!!"), (0x55, b""), age=0)
+    play.run(50)
+    assert play.noted(DELAY) == {}
+
+
+REAL = EPOCH + START
+
+
+@pytest.mark.parametrize(
+    ("stamp", "age"),
+    [
+        (0, 0),
+        (START, 0),
+        (START - 1, 1),
+        (START - 999_999_999, 999_999_999),
+        (START - 5 * 10**9, 10**9),  # absurd: kept within a second
+        (START + 10**9, 0),
+        (-REAL, 0),
+        (-(REAL - 1234), 1234),
+        (-(REAL - 6 * 10**9), 10**9),  # the wall clock was set forward by 6 s since
+        (-(REAL + 6 * 10**9), 0),  # or back
+        (-1, 10**9),
+        (-(2**62), 0),
+        (2**62, 0),
+    ],
+)
+def test_an_arrival_is_never_in_the_future_nor_before_the_last_read(stamp: int, age: int):
+    # All that was there was last read a second ago.
+    assert arrival_of(stamp, START, REAL, START - 10**9) == START - age
+
+
+@pytest.mark.parametrize(("step", "age"), [(0, 250_000), (6 * 10**9, MS), (-6 * 10**9, 0)])
+def test_the_kernels_stamp_is_of_the_wall_clock_which_may_be_set(
+    rehearse: Callable[..., Rehearsal],
+    rig: Rig,
+    monkeypatch: pytest.MonkeyPatch,
+    step: int,
+    age: int,
+):
+    play = rehearse()
+
+    def read(descriptor: int, buffers: Any, frames: Frames, stamps: Any) -> Reading:
+        if play.wakings - 1 != 24:
+            return Reading(0, 0, -1)
+        given = frames_of([opening(rig, 1)])
+        frames.identifiers[:1], frames.lengths[:1] = given.identifiers, given.lengths
+        frames.data[:1], stamps[0] = given.data, -(play.now + play.real - 250_000)
+        play.real += step
+        return Reading(1, 0, 17)
+
+    monkeypatch.setattr(realtime_loop, "read_frames", read)
+    play.run(50)
+    delay = when_sent(first_feedback(play, 24)) - (START + 25 * MS - age)
+    assert play.noted(DELAY) == {bin_of(delay): 1}
+    assert play.shared.control[0].dropped == 17
+
+
+# What it leaves behind.
+
+
+def test_the_histograms_hold_every_tick_once(rehearse: Callable[..., Rehearsal]):
+    play = rehearse()
+    play.late = {3: 100, 4: 100, 5: 2_500_000}
+    play.run(20)
+    # The tick after the late one is late by nothing: its deadline is on the same grid.
+    assert play.noted(LATENESS) == {bin_of(0): 15, bin_of(100): 2, bin_of(2_500_000): 1}
+    assert play.noted(EXECUTION) == {bin_of(TAKES): 18}
+    assert play.noted(DELAY) == {}
+
+
+def test_rings_hold_the_last_rows_when_they_wrap(rehearse: Callable[..., Rehearsal], rig: Rig):
+    play = rehearse(rows=16, frames=32)
+    play.at = lambda waking: play.give((waking, bytes([waking] * 3)), age=300_000)
+    play.run(100)
+    times = play.shared.snapshots[:, 0]
+    assert sorted(times) == pytest.approx([0.001 * n for n in range(101 - 15, 102)])
+    assert times[100 % 16] == pytest.approx(0.101)
+    control = play.shared.control[0]
+    assert control.snapshots == 101
+    assert control.frames == control.sent + 100
+    logged: list[tuple[int, int, bytes]] = []
+    for tick, rows in enumerate(play.sent):
+        woken = (tick + 1) * MS
+        if tick < 100:
+            logged.append((woken - 300_000, tick, bytes([tick] * 3)))
+        done = min(woken, 100 * MS + TAKES) + TAKES
+        logged += [(done, *row) for row in rows]
+    assert len(logged) == control.frames
+    ring = play.shared.frames
+    for at in range(len(logged) - 32, len(logged)):
+        row = ring[at % 32]
+        payload = row.payload[: row.length].tobytes()
+        assert (row.time_ns, row.identifier, payload) == logged[at]
+
+
+# As it is in use.
+
+
+class SocketLine:
+    """A line of one end of a pair; the test holds the other."""
+
+    name = "pair"
+
+    def __init__(self, news: Sequence[str | None] = ()) -> None:
+        self._ours, self.other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        for end in (self._ours, self.other):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self.descriptor = self._ours.fileno()
+        self.news = list(news)
+        self.looks = 0
+
+    def watch(self, control: Any) -> str | None:
+        self.looks += 1
+        return self.news.pop(0) if self.news else None
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts(send_failures=1000, dropped=7, losses=3)
+
+    def close(self) -> None:
+        self._ours.close()
+        self.other.close()
+
+    def received(self) -> Rows:
+        got: Rows = []
+        frames, stamps = empty_frames(1024), np.zeros(1024, dtype=np.int64)
+        while True:
+            count = read_frames(self.other.fileno(), make_buffers(), frames, stamps).count
+            if count == 0:
+                return got
+            got += rows_of(frames._replace(count=count))
+
+
+class Asked:
+    """Stands for `--realtime`; slow to be refused, as a busy machine is."""
+
+    def __init__(self) -> None:
+        self.refused = ["locked memory"]
+        self.calls: list[str] = []
+
+    def prepare(self) -> None:
+        self.calls.append("prepare")
+
+    def enter(self) -> None:
+        threading.Event().wait(0.05)
+        self.refused.append("a CPU")
+        self.calls.append("enter")
+
+    def release(self) -> None:
+        self.calls.append("release")
+
+
+@pytest.fixture
+def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
+    kept: list[tuple[SocketLine, Memory]] = []
+
+    def make(**more: Any) -> RealtimeRun:
+        some = bench(rig=rig)
+        line = more.pop("line", None) or SocketLine()
+        memory = Memory(4096, 4096)
+        kept.append((line, memory))
+        said: list[str] = []
+        options: dict[str, Any] = {"limit_ns": 3600 * 10**9, "say": said.append, **more}
+        state = options.pop("state", None) or start_of(some)
+        return RealtimeRun(some, state, line, memory, rig, 500_000.0, **options)
+
+    yield make
+    for line, memory in kept:
+        line.close()
+        memory.close()
+    assert [each.name for each in threading.enumerate() if each.name == "hard loop"] == []
+
+
+def never() -> bool:
+    return False
+
+
+def ends_stopped(run: RealtimeRun) -> bool:
+    """Whether the wire heard at last that the motors are off."""
+    always = everything(run.rig)
+    rows = run.line.received()  # type: ignore[attr-defined]
+    last = [row for row in rows if row[0] in always][-len(always) :]
+    assert sorted(identifier for identifier, _ in last) == always
+    return bool(decoded(run.rig, frames_of(last), "BenchStatus")[-1]["EmulatorState"] == STOPPED)
+
+
+def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
+    ready: Callable[..., RealtimeRun], rig: Rig
+):
+    shown: list[Snapshot] = []
+    run = ready(watch=shown.append)
+    run.begin()
+    control = run.memory.shared.control[0]
+    assert all(int(control[name]) == 0 for name in control.dtype.names)
+    assert not run.memory.shared.histograms.any()
+    # A recorder that looks on meanwhile must not see the rehearsal.
+    assert not run.memory.shared.snapshots.any()
+    assert not run.memory.shared.frames.identifier.any()
+    assert run.line.received() == []  # type: ignore[attr-defined]
+    write_frames(
+        run.line.other.fileno(),  # type: ignore[attr-defined]
+        make_buffers(),
+        frames_of([opening(rig, 0), (0x55, b"x")]),
+    )
+    run.run(200, never)
+    summary = run.summary(lost_rows=5)
+    assert summary.ticks == 201 == control.tick
+    assert summary.timing.lateness.count + summary.overruns == 200
+    assert summary.timing.execution.count == summary.timing.lateness.count
+    assert summary.timing.delay.count == 1
+    assert (summary.received.accepted, summary.received.foreign) == (1, 1)
+    assert summary.recording_lost_rows == 5
+    assert summary.link == LinkCounts(send_failures=1000, dropped=7, losses=3)
+    assert [row.time_s for row in shown] == sorted({row.time_s for row in shown})
+    assert len(shown) == summary.timing.lateness.count + 1 == control.snapshots
+    assert control.frames == summary.frames_sent + 2
+    rows = run.line.received()  # type: ignore[attr-defined]
+    assert len(rows) == summary.frames_sent
+    bits = sum(47 + 8 * len(payload) for _, payload in [*rows, opening(rig, 0), (0x55, b"x")])
+    assert control.bits == bits
+    assert summary.bus_load_percent == pytest.approx(100.0 * bits / (500_000.0 * 0.201))
+    assert control.epoch_ns > EPOCH
+
+
+def test_the_motors_are_off_at_its_end(ready: Callable[..., RealtimeRun]):
+    run = ready()
+    run.begin()
+    run.run(30, never)
+    assert ends_stopped(run)
+
+
+def test_news_of_the_line_is_told(
+    ready: Callable[..., RealtimeRun],
+):
+    said: list[str] = []
+    line = SocketLine([None, "is lost", None, "is back"])
+    run = ready(line=line, say=said.append)
+    run.begin()
+    run.run(None, lambda: line.looks > 6)
+    assert [text.partition(" s: ")[2] for text in said] == ["pair is lost", "pair is back"]
+
+
+def test_what_the_machine_refuses_is_told_even_when_it_takes_its_time(
+    ready: Callable[..., RealtimeRun],
+):
+    said: list[str] = []
+    asked = Asked()
+    run = ready(say=said.append, realtime=asked)
+    run.begin()
+    run.run(5, never)
+    assert said == ["not given: locked memory", "not given: a CPU"]
+    assert asked.calls == ["prepare", "enter", "release"]
+
+
+def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
+    turns: list[int] = []
+
+    class Peer:
+        def poll(self, now_ns: int) -> None:
+            turns.append(now_ns)
+
+    run = ready(peers=[Peer()])
+    run.begin()
+    assert turns == [0]
+    run.run(None, lambda: len(turns) > 20 and turns[-1] > 20 * MS)
+    assert turns == sorted(turns)
+    assert all(now % MS == 0 for now in turns)
+
+
+def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., RealtimeRun]):
+    run = ready(limit_ns=-1)
+    run.begin()
+    with pytest.raises(OverrunError, match="--overrun-limit"):
+        run.run(None, never)
+    assert ends_stopped(run)
+
+
+def test_divergence_is_an_error_that_says_when(ready: Callable[..., RealtimeRun], rig: Rig):
+    state = start_of(bench(rig=rig))
+    broken = state._replace(plant=state.plant._replace(gate_angle=math.nan))
+    run = ready(state=broken)
+    run.begin()
+    with pytest.raises(PlantDivergedError, match=r"diverged at 0\.00"):
+        run.run(None, never)
+    assert ends_stopped(run)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, BrokenPipeError])
+def test_whatever_ends_the_watching_ends_the_loop_with_the_motors_off(
+    ready: Callable[..., RealtimeRun], error: type[BaseException]
+):
+    calls: list[int] = []
+
+    def stopped() -> bool:
+        calls.append(1)
+        if len(calls) > 2:
+            raise error
+        return False
+
+    run = ready()
+    run.begin()
+    with pytest.raises(error):
+        run.run(None, stopped)
+    assert ends_stopped(run)
+    assert len(run.memory.shared.histograms[LATENESS]) == BINS
+
+
+def test_a_telling_that_fails_at_the_start_ends_the_loop(ready: Callable[..., RealtimeRun]):
+    def say(text: str) -> None:
+        raise BrokenPipeError
+
+    run = ready(say=say, realtime=Asked())
+    run.begin()
+    with pytest.raises(BrokenPipeError):
+        run.run(None, never)
+    assert ends_stopped(run)
+
+
+def test_a_fault_in_the_thread_is_raised_where_it_is_seen(ready: Callable[..., RealtimeRun]):
+    class Broken(Asked):
+        def enter(self) -> None:
+            raise MemoryError
+
+    run = ready(realtime=Broken())
+    run.begin()
+    with pytest.raises(MemoryError):
+        run.run(None, never)

@@ -1,0 +1,170 @@
+"""Memory that is seen at once: a reader gets each row once, in order, whole, or knows that it lost it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import CALM
+from hypothesis import given
+from hypothesis import strategies as st
+
+from liftgate_hil.loop.rings import Memory, RingReader
+
+
+class Writer:
+    """Writes rows of one number in two halves, as a loop does that a reader may look at any time."""
+
+    def __init__(self, capacity: int, batch: int) -> None:
+        self.rows = np.full((capacity, 2), -1, dtype=np.int64)
+        self.control = np.zeros(1, dtype=[("head", "i8")])
+        self.batch = batch
+        self._halves = 0  # of the batch that is being written
+
+    @property
+    def head(self) -> int:
+        return int(self.control["head"][0])
+
+    def half_row(self) -> None:
+        """The next half of a row; a whole batch is counted with its last."""
+        number = self.head + self._halves // 2
+        self.rows[number % len(self.rows), self._halves % 2] = number
+        self._halves += 1
+        if self._halves == 2 * self.batch:
+            self.control["head"][0] += self.batch
+            self._halves = 0
+
+
+class Interrupted:
+    """The ring as a reader sees it that is overtaken while it copies."""
+
+    def __init__(self, writer: Writer, before: int, halves: int) -> None:
+        self.writer, self.before, self.halves = writer, before, halves
+
+    def __len__(self) -> int:
+        return len(self.writer.rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        chosen = np.empty((len(index), 2), dtype=np.int64)
+        for at, row in enumerate(index):
+            if at == self.before:
+                for _ in range(self.halves):
+                    self.writer.half_row()
+            chosen[at, 0] = self.writer.rows[row, 0]
+            if at == self.before + 1:
+                for _ in range(self.halves):
+                    self.writer.half_row()
+            chosen[at, 1] = self.writer.rows[row, 1]
+        return chosen
+
+
+looks = st.tuples(st.integers(0, 40), st.integers(0, 10), st.integers(0, 40))
+
+
+@CALM
+@given(st.integers(1, 12), st.integers(1, 4), st.lists(looks, max_size=12))
+def test_rows_come_once_in_order_and_whole_and_the_lost_are_known(
+    capacity: int, batch: int, course: list[tuple[int, int, int]]
+):
+    writer = Writer(capacity, batch)
+    reader = RingReader(writer.rows, writer.control, "head", batch)
+    got: list[int] = []
+    for halves, before, meanwhile in course:
+        for _ in range(halves):
+            writer.half_row()
+        reader._rows = Interrupted(writer, before, meanwhile)
+        head = writer.head
+        rows = reader.take()
+        assert all(first == second for first, second in rows)
+        got += [int(first) for first, _ in rows]
+        assert len(got) + reader.lost == head
+    assert got == sorted(set(got))
+    reader._rows = writer.rows
+    # In the end it is told of all that was counted.
+    last = reader.take()
+    assert len(got) + len(last) + reader.lost == writer.head
+
+
+@CALM
+@given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=20))
+def test_a_reader_in_time_loses_nothing(capacity: int, course: list[int]):
+    writer = Writer(capacity, 1)
+    reader = RingReader(writer.rows, writer.control, "head")
+    got: list[int] = []
+    for count in course:
+        for _ in range(2 * min(count, capacity - 1)):
+            writer.half_row()
+        got += [int(row[0]) for row in reader.take()]
+    assert got == list(range(writer.head))
+    assert reader.lost == 0
+
+
+def test_rows_are_copies():
+    writer = Writer(4, 1)
+    reader = RingReader(writer.rows, writer.control, "head")
+    writer.half_row()
+    writer.half_row()
+    rows = reader.take()
+    writer.rows[:] = 99
+    assert rows.tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize(("capacity", "batch"), [(8, 1), (8, 3), (3, 4)])
+def test_a_reader_that_slept_knows_how_many_it_lost(capacity: int, batch: int):
+    writer = Writer(capacity, batch)
+    reader = RingReader(writer.rows, writer.control, "head", batch)
+    for _ in range(2 * batch * 100):
+        writer.half_row()
+    rows = reader.take()
+    assert [int(row[0]) for row in rows] == list(
+        range(100 * batch - max(capacity - batch, 0), 100 * batch)
+    )
+    assert reader.lost == 100 * batch - len(rows)
+
+
+CHILD = """
+import sys
+from liftgate_hil.loop.rings import Memory, RingReader
+memory = Memory(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+shared = memory.shared
+rows = RingReader(shared.snapshots, shared.control, "snapshots").take()
+frames = RingReader(shared.frames, shared.control, "frames").take()
+print(rows[:, 0].tolist(), frames["identifier"].tolist(), frames["payload"][:, 63].tolist())
+print(int(shared.histograms.sum()), shared.timing.tolist()[:2])
+shared.control[0].stop = 1
+"""
+
+
+def test_another_process_sees_the_same_and_is_seen():
+    memory = Memory(5, 7)
+    shared = memory.shared
+    shared.snapshots[:3, 0] = [1.0, 2.0, 3.0]
+    shared.control[0].snapshots = 3
+    shared.frames[:2].identifier = [0x120, 1 << 32]
+    shared.frames[1].payload[63] = 255
+    shared.control[0].frames = 2
+    shared.histograms[2, -1] = 41
+    shared.timing[:2] = [0.5, 7.0]
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, "5", "7", str(memory.descriptor)],
+        pass_fds=[memory.descriptor], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == [
+        "[1.0, 2.0, 3.0] [288, 4294967296] [0, 255]",
+        "41 [0.5, 7.0]",
+    ]
+    assert shared.control[0].stop == 1
+    memory.close()
+
+
+def test_its_parts_do_not_overlap():
+    memory = Memory(3, 2)
+    for number, array in enumerate(memory.shared):
+        array.view(np.uint8).reshape(-1)[:] = number + 1
+    for number, array in enumerate(memory.shared):
+        assert set(array.view(np.uint8).reshape(-1).tolist()) == {number + 1}
+    memory.close()
