@@ -18,7 +18,7 @@ from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.quantities import BusQuantity
 from liftgate_hil.codec.tables import Layout
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.config.toml import Faults
+from liftgate_hil.issues import Faults
 from liftgate_hil.loop.tick import Bench, LoopState, initial_loop
 from liftgate_hil.stimuli.timeline import Program, no_program
 from liftgate_plant.dynamics import initial_state

@@ -55,10 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from liftgate_hil.loop.simulation import COLUMNS, INTEGERS, simulate
-    from liftgate_hil.measurement.input_file import constant_voltage, read_samples
+    from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.recording.rows import check_output, write_rows
     from liftgate_hil.recording.table import columns
     from liftgate_hil.session import scenario_from, vehicle_from
+    from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 

@@ -18,7 +18,7 @@ from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
 from liftgate_hil.codec.quantities import PANEL, BusQuantity
 from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, Layout
-from liftgate_hil.config.toml import Faults
+from liftgate_hil.issues import Faults
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
-from liftgate_hil.config.toml import Faults
+from liftgate_hil.issues import Faults
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from liftgate_hil.codec.checksum import DATA_ID_MODES, KINDS, PROFILES
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
-from liftgate_hil.config.toml import Faults, Table, known_keys, number, show, table, text
+from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.issues import Faults
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

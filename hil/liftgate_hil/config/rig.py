@@ -16,8 +16,9 @@ from liftgate_hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
 from liftgate_hil.codec.tables import Layout
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import Faults
 
 if TYPE_CHECKING:
     from cantools.database.can import Message

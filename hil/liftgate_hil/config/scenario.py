@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.issues import Faults
 from liftgate_hil.stimuli.requests import REQUESTS, Request
 from liftgate_hil.stimuli.timeline import CHANNELS, Program, no_program, program_of
 

@@ -9,27 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import Faults
 
 Table = dict[str, Any]
-
-
-class Faults:
-    """The faults of one source, collected."""
-
-    def __init__(self, source: str) -> None:
-        self.source = source
-        self.lines: list[str] = []
-
-    def add(self, key: str, message: str) -> None:
-        """Note a fault of a key."""
-        line = f"{self.source}: {key}: {message}"
-        if line not in self.lines:
-            self.lines.append(line)
-
-    def raise_if_any(self) -> None:
-        """Raise ConfigError with all that was noted."""
-        if self.lines:
-            raise ConfigError(self.lines)
 
 
 def read_toml(path: Path) -> Table:

@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from liftgate_hil.config.toml import Faults, Table, known_keys, number, read_toml, show, table
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import Faults
 from liftgate_plant import gate as gate_body
 from liftgate_plant.bridge import Bridge
 from liftgate_plant.environment import Environment

@@ -10,9 +10,9 @@ from typing import Protocol
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
+from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import Bench, LoopState, tick
-from liftgate_hil.recording.base import Recorder
 from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compiled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.measurement.input_file import ROWS, Samples
+from liftgate_hil.stimuli.samples import ROWS, Samples
 from liftgate_hil.stimuli.timeline import NOT_PRESENT, Presence, Program, load_at, present
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput

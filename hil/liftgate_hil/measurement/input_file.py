@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.read import open_columns
 from liftgate_hil.measurement.table import time_fault
-
-Floats = NDArray[np.float64]
+from liftgate_hil.stimuli.samples import Floats, Samples
 
 # Column of an input file, the rows of the step's inputs that it fills, and its allowed range.
 _COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
@@ -28,38 +25,6 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
     "road_slope_deg": (("road_slope",), -45.0, 45.0),
     "hand_force_n": (("hand_force",), -1e5, 1e5),
 }
-ROWS = (
-    "left_voltage",
-    "right_voltage",
-    "left_duty",
-    "right_duty",
-    "supply_voltage",
-    "road_slope",
-    "hand_force",
-    "left_coast",
-    "right_coast",
-)
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Times (n,) and, per row of ROWS that the file has, values (n,); SI."""
-
-    times: Floats
-    values: dict[str, Floats]
-
-    def at(self, times: Floats, row: str) -> Floats:
-        """The row at these times, each sample held until the next; NaN before the first."""
-        if row not in self.values:
-            return np.full(len(times), np.nan)
-        index = np.searchsorted(self.times, times, side="right") - 1
-        return np.where(index >= 0, self.values[row][np.maximum(index, 0)], np.nan)
-
-
-def constant_voltage(volts: float) -> Samples:
-    """A step of the motor voltage at time 0, on both drives."""
-    value = np.array([volts])
-    return Samples(np.zeros(1), {"left_voltage": value, "right_voltage": value})
 
 
 def read_samples(path: Path) -> Samples:

@@ -8,8 +8,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from liftgate_hil.config.toml import Faults, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import Faults
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_hil.measurement.units import allowed_units, conversion
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import ConfigError, LiftgateError
-from liftgate_hil.recording.base import Recorder
+from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.recording.bus_log import CONVERTED, CandumpRecorder, ConvertedRecorder
 from liftgate_hil.recording.table import CsvRecorder
 from liftgate_hil.snapshot import Snapshot

@@ -21,8 +21,8 @@ from pathlib import Path
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.datagrams import CAPACITY
+from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.rings import Memory, RingReader
-from liftgate_hil.recording.base import Recorder
 from liftgate_hil.recording.open import GuardedRecorder, open_recorder
 from liftgate_hil.snapshot import Snapshot
 

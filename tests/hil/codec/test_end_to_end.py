@@ -22,8 +22,8 @@ from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
 from liftgate_hil.codec.tables import Layout
 from liftgate_hil.codec.transmit import transmit
-from liftgate_hil.config.toml import Faults
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import Faults
 from liftgate_hil.loop.tick import initial_loop, tick
 from liftgate_plant.compiler import compiled
 

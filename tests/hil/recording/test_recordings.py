@@ -24,8 +24,8 @@ from hil_support import (
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.tick import tick
-from liftgate_hil.recording.base import Recorder
 from liftgate_hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
 from liftgate_hil.recording.open import check_record, open_recorder
 from liftgate_hil.recording.table import CsvRecorder
