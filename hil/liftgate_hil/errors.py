@@ -21,11 +21,11 @@ class LiftgateError(Exception):
 
 
 class ConfigError(LiftgateError):
-    """Faults in what the user gave; `faults` has one line for each."""
+    """Faults in what the user gave; `issues` has one line for each."""
 
-    def __init__(self, faults: Sequence[str] | str) -> None:
-        self.faults = [faults] if isinstance(faults, str) else list(faults)
-        super().__init__("\n".join(self.faults))
+    def __init__(self, issues: Sequence[str] | str) -> None:
+        self.issues = [issues] if isinstance(issues, str) else list(issues)
+        super().__init__("\n".join(self.issues))
 
 
 class CodecError(LiftgateError):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from liftgate_hil.errors import ConfigError
 
 
-class Faults:
+class ConfigIssues:
     """The faults of one source, collected."""
 
     def __init__(self, source: str) -> None:

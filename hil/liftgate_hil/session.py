@@ -8,8 +8,8 @@ from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.loop.tick import Bench
-from liftgate_hil.stimuli.timeline import Program
+from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 NS = 1_000_000_000
@@ -30,16 +30,16 @@ def scenario_from(name: str | None) -> Scenario:
     return no_scenario() if name is None else load_scenario(find_config("scenarios", name))
 
 
-def bench_of(vehicle: Vehicle, rig: Rig, program: Program, rate: float, seed: int) -> Bench:
+def bench_of(vehicle: Vehicle, rig: Rig, timeline: Timeline, rate: float, seed: int) -> LoopConfig:
     """The loop's constants."""
     mapped = {wire.quantity for wire in rig.inputs}
-    return Bench(
+    return LoopConfig(
         plant=plant_of(vehicle),
         sensors=vehicle.sensors,
         load=load_of(vehicle),
-        program=program,
-        inputs=rig.input_layout(),
-        outputs=rig.output_layout(),
+        timeline=timeline,
+        inputs=rig.input_config(),
+        outputs=rig.output_config(),
         signed_left=int("left_direction" not in mapped),
         signed_right=int("right_direction" not in mapped),
         latch_mapped=int("latch_release" in mapped),

@@ -20,7 +20,7 @@ class Window(NamedTuple):
     end: float
 
 
-class Push(NamedTuple):
+class LinearizedForce(NamedTuple):
     """Mean force of a contact over a step, linear in the closing speed v1 at its end: constant + slope v1."""
 
     constant: float
@@ -92,7 +92,7 @@ def push(
     mobility: float,
     step: float,
     when: Window,
-) -> Push:
+) -> LinearizedForce:
     """The mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
 
     With a rate on a straight line the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the
@@ -102,11 +102,11 @@ def push(
     """
     a, b = when
     if b <= a:
-        return Push(0.0, 0.0)
+        return LinearizedForce(0.0, 0.0)
     if is_stiff(stiffness, damping, mobility, step):
-        return Push(stiffness * depth, stiffness * step + damping)
+        return LinearizedForce(stiffness * depth, stiffness * step + damping)
     width, centre = b - a, 0.5 * (a + b)
     bend = (a * a + a * b + b * b) / 6.0
     constant = stiffness * (depth + step * (centre - bend) * rate) + damping * (1.0 - centre) * rate
     slope = stiffness * step * bend + damping * centre
-    return Push(width * constant, width * slope)
+    return LinearizedForce(width * constant, width * slope)

@@ -31,7 +31,7 @@ from liftgate_plant import (
     transmission,
 )
 from liftgate_plant.compiler import compilable
-from liftgate_plant.contact import Push
+from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.motor import mean_current
@@ -39,7 +39,7 @@ from liftgate_plant.motor import mean_current
 PASSES = 2
 
 
-class Balance(NamedTuple):
+class MomentumEquation(NamedTuple):
     """One drive's momentum over the step: A n1 = R + B ω1 − τ Sgn(n1); it gives the gate C n1."""
 
     speed: float  # A
@@ -57,7 +57,7 @@ class Speeds(NamedTuple):
     rate: float
 
 
-class Middle(NamedTuple):
+class Midpoint(NamedTuple):
     """The middle of the path: lever [m] and smooth torque [N m] there; extension l_S [m] at the start."""
 
     lever: float
@@ -70,14 +70,14 @@ def balance(
     drive: Drive,
     state: DriveState,
     electric: Electric,
-    push: Push,
+    push: LinearizedForce,
     lever: float,
     guess: float,
     guess_other: float,
     guess_rate: float,
     ambient: float,
     step: float,
-) -> Balance:
+) -> MomentumEquation:
     """One drive's momentum balance, for a guess of its own, the other drive's and the gate's speed."""
     response, torque_constant = electric.response, electric.torque_constant
     kappa, rho = drive.torque_per_force, drive.travel
@@ -100,7 +100,7 @@ def balance(
         if friction.turns(limit, inertia * state.speed, momentum):
             constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
             limit = 0.0
-    return Balance(
+    return MomentumEquation(
         own,
         constant,
         kappa * push.slope * lever,
@@ -111,8 +111,8 @@ def balance(
 
 @compilable
 def solve_speeds(
-    left: Balance,
-    right: Balance,
+    left: MomentumEquation,
+    right: MomentumEquation,
     gate_speed: float,
     gate_constant: float,
     hinge_limit: float,
@@ -165,35 +165,35 @@ def gate_contact(
     rate: float,
     rate_end: float,
     step: float,
-) -> Push:
+) -> LinearizedForce:
     """Mean torque of a contact on the gate, linear in ω1: its depth shrinks by lever · ω, its arm is `arm`."""
     if stiffness == 0.0:
-        return Push(0.0, 0.0)
+        return LinearizedForce(0.0, 0.0)
     mobility = lever * arm / inertia
     when = contact.window(
         stiffness, damping, depth, -lever * rate, -lever * rate_end, mobility, step
     )
     push = contact.push(stiffness, damping, depth, -lever * rate, mobility, step, when)
-    return Push(arm * push.constant, -arm * lever * push.slope)
+    return LinearizedForce(arm * push.constant, -arm * lever * push.slope)
 
 
 @compilable
 def stop_contacts(
     drive: Drive,
-    middle: Middle,
+    middle: Midpoint,
     stroke: float,
     inertia: float,
     rate: float,
     rate_end: float,
     step: float,
-) -> Push:
+) -> LinearizedForce:
     """Mean torque of one drive's two end stops."""
     if drive.active == 0.0:
-        return Push(0.0, 0.0)
+        return LinearizedForce(0.0, 0.0)
     k, c, r = drive.spring.stop_stiffness, drive.spring.stop_damping, middle.lever
     opened = gate_contact(k, c, middle.extension - stroke, -r, -r, inertia, rate, rate_end, step)
     closed = gate_contact(k, c, -middle.extension, r, r, inertia, rate, rate_end, step)
-    return Push(opened.constant + closed.constant, opened.slope + closed.slope)
+    return LinearizedForce(opened.constant + closed.constant, opened.slope + closed.slope)
 
 
 @compilable
@@ -201,11 +201,11 @@ def contacts(
     plant: Plant,
     state: State,
     load: Load,
-    middle: Middle,
+    middle: Midpoint,
     inertia: float,
     rate_end: float,
     step: float,
-) -> Push:
+) -> LinearizedForce:
     """Mean torque of everything that pushes the gate one-sidedly: end stops, seal, obstacle."""
     rate, stroke = state.gate_rate, plant.link.stroke
     left = stop_contacts(plant.left, middle, stroke, inertia, rate, rate_end, step)
@@ -228,17 +228,17 @@ def contacts(
     pinch = gate_contact(
         body.stiffness, body.damping, depth, arm, arm, inertia, rate, rate_end, step
     )
-    return Push(
+    return LinearizedForce(
         left.constant + right.constant + rubber.constant + pinch.constant,
         left.slope + right.slope + rubber.slope + pinch.slope,
     )
 
 
 @compilable
-def middle_of(plant: Plant, state: State, load: Load, rate_end: float, step: float) -> Middle:
+def middle_of(plant: Plant, state: State, load: Load, rate_end: float, step: float) -> Midpoint:
     """Lever and smooth torque at the middle of the path."""
     angle = state.gate_angle + 0.125 * step * (3.0 * state.gate_rate + rate_end)
-    return Middle(
+    return Midpoint(
         gate.lever(plant.link, angle),
         dynamics.smooth_torque(plant, load, angle),
         gate.extension(plant.link, state.gate_angle),
@@ -249,16 +249,16 @@ def middle_of(plant: Plant, state: State, load: Load, rate_end: float, step: flo
 def drive_push(
     drive: Drive,
     state: DriveState,
-    middle: Middle,
+    middle: Midpoint,
     inertia: float,
     rate: float,
     guess: float,
     guess_rate: float,
     step: float,
-) -> Push:
+) -> LinearizedForce:
     """The drive's mean force on the gate."""
     if drive.active == 0.0:
-        return Push(0.0, 0.0)
+        return LinearizedForce(0.0, 0.0)
     return transmission.mechanism_push(
         drive.mechanism.stiffness,
         drive.mechanism.damping,

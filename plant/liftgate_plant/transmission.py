@@ -104,7 +104,7 @@ def mechanism_push(
     rate_end: float,
     mobility: float,
     step: float,
-) -> contact.Push:
+) -> contact.LinearizedForce:
     """The mean force on the gate over a step, linear in the extension's rate at its end."""
     depth = extension - half_play
     when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
@@ -112,4 +112,6 @@ def mechanism_push(
     depth = -extension - half_play
     when = contact.window(stiffness, damping, depth, -rate, -rate_end, mobility, step)
     pulling = contact.push(stiffness, damping, depth, -rate, mobility, step, when)
-    return contact.Push(pushing.constant - pulling.constant, pushing.slope + pulling.slope)
+    return contact.LinearizedForce(
+        pushing.constant - pulling.constant, pushing.slope + pulling.slope
+    )

@@ -12,15 +12,15 @@ from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
 
 from liftgate_hil import session
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.frames import EXTENDED, Frames
-from liftgate_hil.codec.layout import Wire, build_layout
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.quantities import BusQuantity
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.issues import Faults
-from liftgate_hil.loop.tick import Bench, LoopState, initial_loop
-from liftgate_hil.stimuli.timeline import Program, no_program
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
+from liftgate_hil.stimuli.timeline import Timeline, no_timeline
 from liftgate_plant.dynamics import initial_state
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
@@ -122,13 +122,13 @@ def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
 def bench(
     rate: float = 1000.0,
     rig: Rig | None = None,
-    program: Program | None = None,
+    timeline: Timeline | None = None,
     settings: Sequence[str] = (),
     seed: int = 0,
-) -> Bench:
+) -> LoopConfig:
     """The shipped vehicle, as a loop's constants."""
     vehicle = session.vehicle_from("suv", settings)
-    return session.bench_of(vehicle, rig or shipped_rig(), program or no_program(), rate, seed)
+    return session.bench_of(vehicle, rig or shipped_rig(), timeline or no_timeline(), rate, seed)
 
 
 def shipped_rig() -> Rig:
@@ -136,7 +136,7 @@ def shipped_rig() -> Rig:
     return session.rig_from("liftgate")
 
 
-def start_of(some: Bench, angle: float = 0.0, latched: bool = True) -> LoopState:
+def start_of(some: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:
     """A loop at rest at an angle [rad]."""
     return initial_loop(some, initial_state(some.plant, angle, latched=latched))
 
@@ -154,22 +154,22 @@ def rig_of(folder: Path, database: str, text: str) -> Rig:
     return load_rig(write_rig(folder, database, text))
 
 
-def layout_of(
+def bus_config_of(
     messages: Mapping[str, Any],
-    wires: Sequence[Wire],
+    mappings: Sequence[SignalMapping],
     options: Mapping[str, MessageOptions] | None = None,
     quantities: Mapping[str, BusQuantity] | None = None,
     sending: bool = False,
-) -> Layout:
+) -> BusConfig:
     """Tables for wires whose quantities may be anything."""
-    faults = Faults("test")
-    layout = build_layout(
+    issues = ConfigIssues("test")
+    bus = build_bus_config(
         messages,
-        wires,
+        mappings,
         options or {},
-        quantities or {wire.quantity: FREE for wire in wires},
-        faults,
+        quantities or {wire.quantity: FREE for wire in mappings},
+        issues,
         sending,
     )
-    faults.raise_if_any()
-    return layout
+    issues.raise_if_any()
+    return bus

@@ -119,7 +119,7 @@ class Contact:
         self.active = not self.active
 
 
-class Balance:
+class MomentumEquation:
     """State v with inertia v' = load − limit·Sgn(v), Sgn set-valued at 0; limit None: none.
 
     The same law holds for dry friction (v a speed) and for freewheeling diodes (v the current).
@@ -153,7 +153,7 @@ class Balance:
             self.sign = 0
 
 
-Element = Contact | Balance
+Element = Contact | MomentumEquation
 
 
 class Geometry:
@@ -219,14 +219,14 @@ class Drive:
         self.closed_stop = Contact(*stop, depth=lambda v: (-v.travel, -v.travel_rate))
         diodes = 2 * vehicle.get("bridge", {}).get("diode_drop", 0.7)
         decay = (lambda v: terminal(v) + diodes) if command.mode == "coast" else None
-        self.coil = Balance(first, motor["inductance"], self._coil_load, decay)
+        self.coil = MomentumEquation(first, motor["inductance"], self._coil_load, decay)
         inertia = 2 * math.pi * (motor["rotor_inertia"] + gear["inertia"] / gear["ratio"] ** 2)
         losses = (  # τ_C (3.3, 3.8, 3.11)
             (1 - motor["efficiency"]) * motor["load_torque"]
             + (1 - gear["efficiency"]) * gear["friction_torque"] / gear["ratio"]
             + (1 - spindle["efficiency"]) * spindle["friction_force"] * self.lever
         )
-        self.shaft = Balance(first + 1, inertia, self._shaft_load, dry_friction(losses))
+        self.shaft = MomentumEquation(first + 1, inertia, self._shaft_load, dry_friction(losses))
 
     def _flank_depth(self, v: View, side: int) -> tuple[float, float]:
         """How far x_d (3.5) is beyond the upper (1) or lower (−1) end of the play; its rate."""
@@ -301,7 +301,7 @@ class Scene:
         thickness = seal["force"] / seal["stiffness"]
         self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.travel, 0.0))
         friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
-        self.hinge = Balance(1, geometry.inertia, self._gate_moment, friction)
+        self.hinge = MomentumEquation(1, geometry.inertia, self._gate_moment, friction)
         rod = phase.obstacle
         self.obstacle = Contact(rod.stiffness, rod.damping, self._intrusion) if rod else None
 
@@ -389,7 +389,7 @@ class Scene:
 
     def _switch(self, state: list[float], elements: list[Element], progress: bool) -> None:
         for element in elements:
-            if isinstance(element, Balance):
+            if isinstance(element, MomentumEquation):
                 state[element.index] = 0.0
         v = self.geometry.view(state)
         for element in elements:

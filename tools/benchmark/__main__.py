@@ -14,7 +14,7 @@ from pathlib import Path
 from tools.benchmark import costs, lateness
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import machine_lines
-from tools.twin.build import compare
+from tools.c_translator.build import compare
 
 STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
 
@@ -86,15 +86,15 @@ def main() -> None:
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), ""]
 
     figures = costs.measure()
-    twin = compare()
+    translation = compare()
     text += [
         "## Cost",
         "",
-        "| compiled step against its C twin (`gcc -O2`) | ratio | compiled | C |",
+        "| compiled step against its C translation (`gcc -O2`) | ratio | compiled | C |",
         "|---|---|---|---|",
         *(
-            f"| {name} | **{each.ratio:.2f}** | {shown(each.compiled)} | {shown(each.twin)} |"
-            for name, each in twin.items()
+            f"| {name} | **{each.ratio:.2f}** | {shown(each.compiled)} | {shown(each.translation)} |"
+            for name, each in translation.items()
         ),
         "",
         "| | |",

@@ -21,8 +21,8 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_loop import (
-    Course,
     Room,
+    RunParams,
     clock_ns,
     make_room,
     note_frames,
@@ -31,7 +31,7 @@ from liftgate_hil.loop.realtime_loop import (
     send,
 )
 from liftgate_hil.loop.rings import Memory, Shared
-from liftgate_hil.loop.tick import Bench, LoopState, initial_loop, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, tick
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -52,7 +52,7 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
 
 
 @compilable
-def many_ticks(bench: Bench, state: LoopState, count: int) -> LoopState:
+def many_ticks(bench: LoopConfig, state: LoopState, count: int) -> LoopState:
     """`count` whole ticks (receive, step, sense, encode) in one call, without system calls."""
     frames = empty(1)
     for _ in range(count):
@@ -76,9 +76,9 @@ frames_type = type(empty_frames(1))
 
 @compilable
 def hot_ticks(
-    bench: Bench,
+    bench: LoopConfig,
     start: LoopState,
-    course: Course,
+    params: RunParams,
     shared: Shared,
     room: Room,
     peer: Peer,
@@ -88,17 +88,17 @@ def hot_ticks(
     """Ticks one after the other as in `run_hard`, with a command to read every so many. Only they are timed, not
     what the other end does; their time [ns].
     """
-    bench, course, shared, room = borrowed((bench, course, shared, room))
+    bench, params, shared, room = borrowed((bench, params, shared, room))
     state = start
     total = 0
     for number in range(count):
         if number % every == 0:
             write_frames(peer.descriptor, peer.buffers, peer.command)
         begin = clock_ns(1, room)
-        frames = receive(shared, course, room)
+        frames = receive(shared, params, room)
         state, replies, snapshot = tick(bench, state, frames, 1, False)
         if replies.count > 0:
-            send(shared, course, room, replies)
+            send(shared, params, room, replies)
         note_frames(shared, frames, room.stamps, 0, begin)
         note_frames(shared, replies, room.stamps, 0, begin)
         note_snapshot(shared, snapshot)
@@ -124,7 +124,7 @@ def hot_tick(sent: int | None) -> float:
     """
     rig = session.rig_from("liftgate")
     bench = session.bench_of(
-        session.vehicle_from("suv"), rig, session.scenario_from(None).program, 1000.0, 0
+        session.vehicle_from("suv"), rig, session.scenario_from(None).timeline, 1000.0, 0
     )
     if sent is not None:
         others = len(bench.outputs.messages) - sent
@@ -151,7 +151,7 @@ def hot_tick(sent: int | None) -> float:
             nanoseconds = run(
                 bench,
                 state,
-                course,
+                params,
                 memory.shared,
                 make_room(),
                 peer,
@@ -161,7 +161,7 @@ def hot_tick(sent: int | None) -> float:
             rounds.append(nanoseconds * 1e-9 / 20_000)
 
     with ours, theirs:
-        course = Course(ours.fileno(), 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
+        params = RunParams(ours.fileno(), 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
         )
@@ -218,7 +218,7 @@ def measure() -> dict[str, float]:
     )
 
     scenario = session.scenario_from(None)
-    bench = session.bench_of(vehicle, rig, scenario.program, 1000.0, 0)
+    bench = session.bench_of(vehicle, rig, scenario.timeline, 1000.0, 0)
     loop_state = initial_loop(bench, initial_state(plant, 0.0, latched=True))
     ticks = compiled(many_ticks)
     ticks(bench, loop_state, 1)
@@ -256,9 +256,9 @@ def measure() -> dict[str, float]:
 
 
 def portable_tick(
-    one_tick: Callable[..., tuple[LoopState, object, object]], bench: Bench, state: LoopState
+    one_tick: Callable[..., tuple[LoopState, object, object]], bench: LoopConfig, state: LoopState
 ) -> Callable[[int], None]:
-    """The portable loop's work without waiting: receive, tick, send."""
+    """The Python loop's work without waiting: receive, tick, send."""
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
 
     def run(count: int) -> None:

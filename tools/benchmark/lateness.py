@@ -165,7 +165,7 @@ def load(is_on: bool) -> Iterator[None]:
 def our_run(condition: Condition, seconds: float) -> tuple[Times, RealtimeRun]:
     """The emulator's own loop, with commands that come and feedback that goes."""
     vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
-    bench = session.bench_of(vehicle, rig, session.scenario_from(None).program, condition.rate, 0)
+    bench = session.bench_of(vehicle, rig, session.scenario_from(None).timeline, condition.rate, 0)
     memory = memory_for(condition.rate)
     line = PairLine()
     run = RealtimeRun(

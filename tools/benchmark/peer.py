@@ -21,7 +21,7 @@ def main() -> None:
     """Until the other end is closed."""
     rig = session.rig_from("liftgate")
     message = rig.messages["DriveCommand"]
-    table = rig.input_layout().messages[0]
+    table = rig.input_config().messages[0]
     frames = empty_frames(1)
     wire = socket.socket(fileno=int(sys.argv[1]))
     wire.setblocking(False)

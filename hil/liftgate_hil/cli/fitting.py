@@ -115,7 +115,7 @@ def problem_of(
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {note}" for note in measurement.notes]
-        if each.thinning is not None:
+        if each.decimation is not None:
             said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
             said += [f"one in {args.decimate} after a low-pass"] if args.decimate > 1 else []
             counts = f"{len(each.times)} samples of {len(each.rows)} rows"
@@ -136,14 +136,14 @@ def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -
     from liftgate_hil.measurement.raster import thinned
 
     quantum = 1.0 / vehicle.sensors.hall_counts
-    result, faults = [], []
+    result, issues = [], []
     for each in data:
         try:
             result.append(thinned(each, args.resample, args.decimate, quantum))
         except ConfigError as error:
-            faults += error.faults
-    if faults:
-        raise ConfigError(faults)
+            issues += error.issues
+    if issues:
+        raise ConfigError(issues)
     return result
 
 
@@ -193,22 +193,22 @@ def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
     moving, still = _moving_and_still(data)
     measured = moving or still  # where nothing moves, who identifies says so
     kinds = list(KINDS) if wanted is None else [each.strip() for each in wanted.split(",")]
-    faults = []
+    issues = []
     found: list[str] = []
     for kind in kinds:
         if kind not in KINDS:
-            faults.append(f"--outputs {kind}: allowed: {', '.join(KINDS)}")
+            issues.append(f"--outputs {kind}: allowed: {', '.join(KINDS)}")
             continue
         own = [name for name in KINDS[kind] if name in measured and name not in found]
         if wanted is not None and not measured.intersection(KINDS[kind]):
             why = "never changes" if still.intersection(KINDS[kind]) else "not measured"
-            faults.append(
+            issues.append(
                 f"--outputs {kind}: {why}; allowed: {_measured_kinds(measured)}, or a file with "
                 f"{' or '.join(KINDS[kind])}"
             )
         found += own
-    if faults:
-        raise ConfigError(faults)
+    if issues:
+        raise ConfigError(issues)
     return found
 
 

@@ -150,47 +150,47 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
         raise ConfigError("--estimate: missing; allowed: keys of the vehicle file, or --preset")
     bounds = fitting.pairs(args.bounds, "--bounds", "KEY=LOW:HIGH, e.g. motor.resistance=0.1:5")
     priors = fitting.pairs(args.prior, "--prior", "KEY=MEAN:STD, e.g. motor.resistance=0.7:0.1")
-    faults = []
+    issues = []
     found: dict[str, Sought] = {}
     for name in wanted:
         try:
             parameter = find_parameter(vehicle, name)
         except ValueError as error:
-            faults.append(f"--estimate {name}: {error}")
+            issues.append(f"--estimate {name}: {error}")
             continue
         if name in found:
-            faults.append(f"--estimate {name}: twice")
+            issues.append(f"--estimate {name}: twice")
             continue
         part = name.partition(".")[2]
         if name.startswith(("left.", "right.")) and part in wanted:
-            faults.append(f"--estimate {name}: within {part}; allowed: one of them")
+            issues.append(f"--estimate {name}: within {part}; allowed: one of them")
         if not same_on_both_sides(vehicle, parameter):
-            faults.append(
+            issues.append(
                 f"--estimate {name}: differs between the drives; allowed: left.{name}, right.{name}"
             )
         initial, quantity = value_of(vehicle, parameter), parameter.quantity
         low, high = bounds.pop(name, (quantity.low, quantity.high))
         if not quantity.low <= low < high <= quantity.high:
-            faults.append(
+            issues.append(
                 f"--bounds {name}={low:g}:{high:g}: allowed: {quantity.low:g} to {quantity.high:g} "
                 f"{quantity.unit}, low before high"
             )
         elif not low <= initial <= high:
-            faults.append(
+            issues.append(
                 f"--bounds {name}={low:g}:{high:g}: the initial value {initial:g} is outside; allowed: around "
                 "it, or another one by --set"
             )
         is_known = name in priors
         mean, std = priors.pop(name, (math.nan, math.inf))
         if is_known and not (math.isfinite(mean) and 0.0 < std < math.inf):
-            faults.append(
+            issues.append(
                 f"--prior {name}={mean:g}:{std:g}: allowed: a finite mean, a standard deviation above 0"
             )
         found[name] = Sought(parameter, initial, low, high, mean, std)
-    faults += [f"--bounds {name}: not among --estimate" for name in bounds]
-    faults += [f"--prior {name}: not among --estimate" for name in priors]
-    if faults:
-        raise ConfigError(faults)
+    issues += [f"--bounds {name}: not among --estimate" for name in bounds]
+    issues += [f"--prior {name}: not among --estimate" for name in priors]
+    if issues:
+        raise ConfigError(issues)
     return list(found.values())
 
 
@@ -292,11 +292,11 @@ def _plan(args: argparse.Namespace) -> int:
     from liftgate_hil.identify.design import candidates, plan
     from liftgate_hil.report.plan import plan_json, plan_text
 
-    faults = ["--plan: needs no FILE; allowed: one or the other"] if args.files else []
+    issues = ["--plan: needs no FILE; allowed: one or the other"] if args.files else []
     unused = {"--html": args.html, "--save-vehicle": args.save_vehicle, "--profile": args.profile}
-    faults += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
-    if faults:
-        raise ConfigError(faults)
+    issues += [f"{flag}: not with --plan" for flag, value in unused.items() if value is not None]
+    if issues:
+        raise ConfigError(issues)
     vehicle, model, sought, outputs = _wanted(args)
     given = "current,position" if outputs is None else outputs
     kinds = list(dict.fromkeys(each.strip() for each in given.split(",")))

@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return int(module.run(args))
     except ConfigError as error:
-        for fault in error.faults:
+        for fault in error.issues:
             print(f"liftgate-hil: {fault}", file=sys.stderr)
         return 2
     except LiftgateError as error:

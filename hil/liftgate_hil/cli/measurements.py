@@ -90,7 +90,7 @@ def measurements_from(
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
     paths = [Path(name).resolve() for name in args.files]
-    faults = [
+    issues = [
         f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
         for k, name in enumerate(args.files)
         if paths[k] in paths[:k]
@@ -106,9 +106,9 @@ def measurements_from(
                 cut = _travel(vehicle)
             result.append(_conditioned(measurement, args, vehicle, cut))
         except ConfigError as error:
-            faults += [fault for fault in error.faults if fault not in faults]
-    if faults:
-        raise ConfigError(faults)
+            issues += [fault for fault in error.issues if fault not in issues]
+    if issues:
+        raise ConfigError(issues)
     return result
 
 
@@ -195,9 +195,9 @@ def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
     }
 
 
-def _raise_if_any(faults: list[str]) -> None:
-    if faults:
-        raise ConfigError(faults)
+def _raise_if_any(issues: list[str]) -> None:
+    if issues:
+        raise ConfigError(issues)
 
 
 def _angles(value: str) -> tuple[float, float]:

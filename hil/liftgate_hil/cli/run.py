@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.loop.python_loop import Peer
     from liftgate_hil.loop.statistics import Summary
-    from liftgate_hil.loop.tick import Bench, LoopState
+    from liftgate_hil.loop.tick import LoopConfig, LoopState
     from liftgate_hil.snapshot import Snapshot
     from liftgate_plant.vehicle import Vehicle
 
@@ -70,7 +70,7 @@ def emulate(
     records = [check_record(name) for name in args.record]
     if len({path.resolve() for path in records}) < len(records):
         raise ConfigError(f"--record {', '.join(args.record)}: allowed: a file once")
-    bench = session.bench_of(vehicle, rig, scenario.program, args.rate, args.seed)
+    bench = session.bench_of(vehicle, rig, scenario.timeline, args.rate, args.seed)
     state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
     duration = args.duration if args.duration is not None else scenario.duration
     ticks = None if duration is None else max(1, math.ceil(duration * args.rate - 1e-9))
@@ -96,7 +96,7 @@ class Emulation(NamedTuple):
     """What both kinds of loop need."""
 
     args: argparse.Namespace
-    bench: Bench
+    bench: LoopConfig
     state: LoopState
     rig: Rig
     drives: int
@@ -147,7 +147,7 @@ class Emulation(NamedTuple):
             return loop.summary(recorder.lost_rows if recorder is not None else 0)
 
     def portable(self, peers: Sequence[Peer], watch: Callable[[Snapshot], None] | None) -> Summary:
-        """On a clock that waits for nobody, or where the hard loop cannot be."""
+        """On a clock that waits for nobody, or where the real-time loop cannot be."""
         from liftgate_hil.loop.clock import RealtimeClock
         from liftgate_hil.loop.histogram import distribution
         from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free, run_lockstep

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     blocks = simulate(
         plant,
         vehicle.sensors,
-        scenario.program,
+        scenario.timeline,
         load_of(vehicle)._replace(latch_released=1.0),
         initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle)),
         samples,

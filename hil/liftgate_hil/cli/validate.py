@@ -73,18 +73,18 @@ def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
         raise ConfigError(f"--parameters {path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ConfigError(f"--parameters {path}: allowed: a result written by identify") from error
-    faults = []
+    issues = []
     for name, value in values.items():
         try:
             parameter = find_parameter(vehicle, name)
         except ValueError as error:
-            faults.append(f"--parameters {path}: {name}: {error}")
+            issues.append(f"--parameters {path}: {name}: {error}")
             continue
         low, high = parameter.quantity.low, parameter.quantity.high
         if low <= value <= high:
             vehicle = with_value(vehicle, parameter, value)
         else:
-            faults.append(f"--parameters {path}: {name}: {value:g}; allowed: {low:g} to {high:g}")
-    if faults:
-        raise ConfigError(faults)
+            issues.append(f"--parameters {path}: {name}: {value:g}; allowed: {low:g} to {high:g}")
+    if issues:
+        raise ConfigError(issues)
     return vehicle

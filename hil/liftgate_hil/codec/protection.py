@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -54,7 +54,10 @@ def place_of(signal: Signal) -> Place:
 
 
 def protection_row(
-    message: Message, options: MessageOptions, add_place: Callable[[Place], int], faults: Faults
+    message: Message,
+    options: MessageOptions,
+    add_place: Callable[[Place], int],
+    issues: ConfigIssues,
 ) -> dict[str, Any]:
     """Counter and checksum of a message, simple or of an E2E profile."""
     key = f"messages.{message.name}"
@@ -67,14 +70,14 @@ def protection_row(
         bits = {"e2e-p05": 8}.get(e2e.profile, 4) if e2e else 0
         if place.length > 32 or (e2e and place.length != bits):
             allowed = f"{bits} bits" if e2e else "up to 32 bits"
-            faults.add(f"{key}.counter", f"{options.counter}: allowed: a signal of {allowed}")
+            issues.add(f"{key}.counter", f"{options.counter}: allowed: a signal of {allowed}")
     if options.checksum is not None:
         place = place_of(message.get_signal_by_name(options.checksum))
         kind = checksum.PROFILES[e2e.profile] if e2e else checksum.KINDS[options.checksum_kind]
         checksum_byte = place.byte
         size = 2 if kind == checksum.E2E_P05 else 1
         if place.length != 8 * size or place.shift != 0 or (size == 2 and place.stride < 0):
-            faults.add(
+            issues.add(
                 f"{key}.checksum",
                 f"{options.checksum}: allowed: a signal that fills "
                 + ("two bytes, Intel byte order" if size == 2 else "one byte"),
@@ -83,12 +86,12 @@ def protection_row(
         return _protection(counter, modulus, kind, checksum_byte, nibble, EndToEnd("", (0,)), 0)
     for name in ("counter", "checksum"):
         if getattr(options, name) is None:
-            faults.add(f"{key}.{name}", f"missing; allowed: the signal of {e2e.profile}")
+            issues.add(f"{key}.{name}", f"missing; allowed: the signal of {e2e.profile}")
     if e2e.nibble is not None:
         place = place_of(message.get_signal_by_name(e2e.nibble))
         nibble = add_place(place)
         if place.length != 4:
-            faults.add(f"{key}.data_id_nibble", f"{e2e.nibble}: allowed: a signal of 4 bits")
+            issues.add(f"{key}.data_id_nibble", f"{e2e.nibble}: allowed: a signal of 4 bits")
     if kind == checksum.E2E_P01:
         modulus = 15
     return _protection(counter, modulus, kind, checksum_byte, nibble, e2e, e2e.window)

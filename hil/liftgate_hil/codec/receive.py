@@ -15,7 +15,7 @@ from liftgate_hil.codec.bits import extract, place_at, read_number
 from liftgate_hil.codec.checksum import checksum, checksum_in
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable
 
 
@@ -59,9 +59,9 @@ class Reception(NamedTuple):
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
 
 
-def nothing_received(layout: Layout, quantities: int) -> Reception:
+def nothing_received(bus: BusConfig, quantities: int) -> Reception:
     """Before the first frame."""
-    messages = len(layout.messages)
+    messages = len(bus.messages)
     return Reception(
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
@@ -79,19 +79,19 @@ def rejected(counts: Counts) -> int:
 
 
 @compilable
-def find_message(layout: Layout, identifier: int) -> int:
+def find_message(bus: BusConfig, identifier: int) -> int:
     """The message's row, or -1."""
-    for row in range(len(layout.messages)):
-        if layout.messages[row].identifier == identifier:
+    for row in range(len(bus.messages)):
+        if bus.messages[row].identifier == identifier:
             return row
     return -1
 
 
 @compilable
-def quantity_of(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> float:
+def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
     """A signal's value in our unit; NaN where it is not allowed."""
-    signal = layout.signals[row]
-    raw = read_number(data, frame, place_at(layout.places, signal.place))
+    signal = bus.signals[row]
+    raw = read_number(data, frame, place_at(bus.places, signal.place))
     physical = raw * signal.factor + signal.offset
     if not (signal.low <= physical <= signal.high):
         return np.nan
@@ -99,54 +99,54 @@ def quantity_of(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -
     if signal.names_count > 0:
         value = np.nan
         for name in range(signal.names_first, signal.names_first + signal.names_count):
-            if abs(layout.names[name].theirs - physical) <= 1e-9 * (1.0 + abs(physical)):
-                value = layout.names[name].ours
+            if abs(bus.names[name].theirs - physical) <= 1e-9 * (1.0 + abs(physical)):
+                value = bus.names[name].ours
     if signal.quantity_low <= value <= signal.quantity_high:
         return float(value)
     return np.nan
 
 
 @compilable
-def selected(layout: Layout, row: int, data: NDArray[np.uint8], frame: int) -> bool:
+def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether a multiplexed signal is in this frame."""
-    signal = layout.signals[row]
+    signal = bus.signals[row]
     for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
-        selector = layout.selectors[level]
-        if read_number(data, frame, place_at(layout.places, selector.place)) != selector.value:
+        selector = bus.selectors[level]
+        if read_number(data, frame, place_at(bus.places, selector.place)) != selector.value:
             return False
     return True
 
 
 @compilable
-def counter_of(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> int:
+def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
     """The alive counter in a frame."""
-    place = place_at(layout.places, layout.messages[message].counter)
+    place = place_at(bus.places, bus.messages[message].counter)
     return extract(data, frame, place.byte, place.shift, place.length, place.stride)
 
 
 @compilable
-def nibble_fits(layout: Layout, message: int, data: NDArray[np.uint8], frame: int) -> bool:
+def nibble_fits(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
-    table = layout.messages[message]
+    table = bus.messages[message]
     if table.nibble < 0:
         return True
-    sent = read_number(data, frame, place_at(layout.places, table.nibble))
+    sent = read_number(data, frame, place_at(bus.places, table.nibble))
     return bool(sent == (table.data_ids[0] >> 8) & 15)
 
 
 @compilable
 def check(
-    layout: Layout, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
+    bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
     """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
-    table = layout.messages[message]
+    table = bus.messages[message]
     memory = current.memory[message]
     counter = 0
     if table.counter >= 0:
-        counter = counter_of(layout, message, frames.data, frame)
+        counter = counter_of(bus, message, frames.data, frame)
     if table.kind and (
         checksum_in(table, frames.data, frame) != checksum(table, counter, frames.data, frame)
-        or not nibble_fits(layout, message, frames.data, frame)
+        or not nibble_fits(bus, message, frames.data, frame)
     ):
         if table.window > 0:
             check_state.next_state(table, memory, check_state.BAD_SUM)
@@ -174,7 +174,7 @@ def check(
 
 @compilable
 def judge(
-    layout: Layout,
+    bus: BusConfig,
     current: Reception,
     frames: Frames,
     frame: int,
@@ -187,32 +187,32 @@ def judge(
     identifier = int(frames.identifiers[frame]) & ~FD
     if identifier & ERROR:
         return ERROR_FRAME, -1, 0
-    message = find_message(layout, identifier & ~REMOTE)
+    message = find_message(bus, identifier & ~REMOTE)
     if message < 0:
         return FOREIGN, -1, 0
     if identifier & REMOTE:
         return REMOTE_FRAME, message, 0
-    table = layout.messages[message]
+    table = bus.messages[message]
     if frames.lengths[frame] != table.length:
         return WRONG_LENGTH, message, 0
-    cause, lost = check(layout, current, message, frames, frame, now_ns)
+    cause, lost = check(bus, current, message, frames, frame, now_ns)
     if cause == ACCEPTED:
         for row in range(table.first, table.first + table.count):
             read[row] = np.nan
-            if selected(layout, row, frames.data, frame):
-                read[row] = quantity_of(layout, row, frames.data, frame)
+            if selected(bus, row, frames.data, frame):
+                read[row] = quantity_of(bus, row, frames.data, frame)
                 if np.isnan(read[row]):
                     return OUT_OF_RANGE, message, lost
     return cause, message, lost
 
 
 @compilable
-def take(layout: Layout, current: Reception, message: int, read: NDArray[np.float64]) -> None:
+def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.float64]) -> None:
     """The quantities of a frame that was judged to be sound."""
-    table = layout.messages[message]
+    table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(read[row]):
-            current.values[layout.signals[row].quantity] = read[row]
+            current.values[bus.signals[row].quantity] = read[row]
 
 
 @compilable
@@ -234,18 +234,18 @@ def counted(counts: Counts, cause: int, lost: int) -> Counts:
 
 @compilable
 def receive(
-    layout: Layout, reception: Reception, counts: Counts, frames: Frames, now_ns: int
+    bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int
 ) -> tuple[Reception, Counts]:
     """Take in frames that have come by `now_ns`; neither argument is changed."""
     if frames.count == 0:
         return reception, counts
     current = copy_of(reception)
-    read = np.empty(len(layout.signals))
+    read = np.empty(len(bus.signals))
     for frame in range(frames.count):
-        cause, message, lost = judge(layout, current, frames, frame, now_ns, read)
+        cause, message, lost = judge(bus, current, frames, frame, now_ns, read)
         counts = counted(counts, cause, lost)
         if cause == ACCEPTED:
-            take(layout, current, message, read)
+            take(bus, current, message, read)
             current.seen_ns[message] = now_ns
     return current, counts
 
@@ -262,22 +262,22 @@ def copy_of(reception: Reception) -> Reception:
 
 
 @compilable
-def forget_stale(layout: Layout, reception: Reception, now_ns: int) -> tuple[Reception, int]:
+def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> tuple[Reception, int]:
     """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
     stale = 0
-    for message in range(len(layout.messages)):
-        limit = layout.messages[message].timeout_ns
+    for message in range(len(bus.messages)):
+        limit = bus.messages[message].timeout_ns
         if limit > 0 and 0 <= reception.seen_ns[message] <= now_ns - limit:
             stale += 1
     if stale == 0:
         return reception, 0
     after = copy_of(reception)
-    for message in range(len(layout.messages)):
-        table = layout.messages[message]
+    for message in range(len(bus.messages)):
+        table = bus.messages[message]
         if table.timeout_ns > 0 and 0 <= after.seen_ns[message] <= now_ns - table.timeout_ns:
             after.seen_ns[message] = -1
             after.counter[message] = -1
             check_state.forget(after.memory[message])
             for row in range(table.first, table.first + table.count):
-                after.values[layout.signals[row].quantity] = np.nan
+                after.values[bus.signals[row].quantity] = np.nan
     return after, stale

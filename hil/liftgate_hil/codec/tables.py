@@ -69,7 +69,7 @@ MESSAGE = np.dtype(
 )
 
 
-class Layout(NamedTuple):
+class BusConfig(NamedTuple):
     """All that is received, or all that is sent: m messages, n signals, ordered by message."""
 
     messages: Any  # (m,) MESSAGE

@@ -8,28 +8,28 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.bits import FLOAT32, insert, place_at, write_number
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import MAX_BYTES, Frames
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable
 
 
 @compilable
-def raw_of(layout: Layout, row: int, value: float) -> float:
+def raw_of(bus: BusConfig, row: int, value: float) -> float:
     """The raw value nearest to a quantity's value; out of range it is the nearest limit."""
-    signal = layout.signals[row]
+    signal = bus.signals[row]
     physical = (value - signal.bias) / signal.scale
     for name in range(signal.names_first, signal.names_first + signal.names_count):
-        if layout.names[name].ours == value:
-            physical = layout.names[name].theirs
+        if bus.names[name].ours == value:
+            physical = bus.names[name].theirs
     raw = (physical - signal.offset) / signal.factor
     raw = min(max(raw, signal.raw_low), signal.raw_high)
-    if layout.places[signal.place].kind < FLOAT32:
+    if bus.places[signal.place].kind < FLOAT32:
         raw = np.floor(raw + 0.5)
     return float(min(raw, signal.raw_high))
 
 
 @compilable
 def encode(
-    layout: Layout,
+    bus: BusConfig,
     message: int,
     values: NDArray[np.float64],
     counter: int,
@@ -37,41 +37,41 @@ def encode(
     row: int,
 ) -> None:
     """Write one message into a row of `frames`; a quantity that is NaN keeps its start value."""
-    table = layout.messages[message]
+    table = bus.messages[message]
     frames.identifiers[row] = table.identifier | table.fd
     frames.lengths[row] = table.length
     for i in range(table.length):
-        frames.data[row, i] = layout.start[message, i]
+        frames.data[row, i] = bus.start[message, i]
     for index in range(table.first, table.first + table.count):
-        signal = layout.signals[index]
+        signal = bus.signals[index]
         value = values[signal.quantity]
         if not np.isnan(value):
-            place = place_at(layout.places, signal.place)
-            write_number(frames.data, row, place, raw_of(layout, index, value))
+            place = place_at(bus.places, signal.place)
+            write_number(frames.data, row, place, raw_of(bus, index, value))
     turn = counter % table.modulus
     if table.counter >= 0:
-        place = place_at(layout.places, table.counter)
+        place = place_at(bus.places, table.counter)
         insert(frames.data, row, place.byte, place.shift, place.length, place.stride, turn)
     if table.nibble >= 0:
-        place = place_at(layout.places, table.nibble)
+        place = place_at(bus.places, table.nibble)
         write_number(frames.data, row, place, float((table.data_ids[0] >> 8) & 15))
     if table.kind:
         put_checksum(table, turn, frames.data, row)
 
 
 @compilable
-def is_there(layout: Layout, message: int, values: NDArray[np.float64]) -> bool:
+def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
     """Whether any quantity of a message is known."""
-    table = layout.messages[message]
+    table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
-        if not np.isnan(values[layout.signals[row].quantity]):
+        if not np.isnan(values[bus.signals[row].quantity]):
             return True
     return False
 
 
 @compilable
 def transmit(
-    layout: Layout,
+    bus: BusConfig,
     values: NDArray[np.float64],
     counters: NDArray[np.int64],
     since_ns: int,
@@ -83,7 +83,7 @@ def transmit(
     A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
     of which no quantity is there is not sent.
     """
-    capacity = len(layout.messages)
+    capacity = len(bus.messages)
     frames = Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
@@ -93,10 +93,10 @@ def transmit(
     after = counters.copy()
     count = 0
     for message in range(capacity):
-        cycle = layout.messages[message].cycle_ns
+        cycle = bus.messages[message].cycle_ns
         due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
-        if due and is_there(layout, message, values):
-            encode(layout, message, values, int(after[message]), frames, count)
+        if due and is_there(bus, message, values):
+            encode(bus, message, values, int(after[message]), frames, count)
             after[message] += 1
             count += 1
     return Frames(count, frames.identifiers, frames.lengths, frames.data), after

@@ -9,7 +9,7 @@ from liftgate_hil.codec.checksum import DATA_ID_MODES, KINDS, PROFILES
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -22,65 +22,67 @@ _E2E = (
 
 
 def message_options(
-    faults: Faults, raw: Table, messages: Mapping[str, Message]
+    issues: ConfigIssues, raw: Table, messages: Mapping[str, Message]
 ) -> dict[str, MessageOptions]:
     """What the tables [messages.*] say; faults are noted."""
-    section = table(faults, "messages", raw.get("messages", {}))
-    known_keys(faults, "messages", section, messages)
+    section = table(issues, "messages", raw.get("messages", {}))
+    known_keys(issues, "messages", section, messages)
     result = {}
     for name, value in section.items():
         if name not in messages:
             continue
         key = f"messages.{name}"
-        given = table(faults, key, value)
-        known_keys(faults, key, given, (*_OPTIONS, *_E2E))
+        given = table(issues, key, value)
+        known_keys(issues, key, given, (*_OPTIONS, *_E2E))
         signals = [each.name for each in messages[name].signals]
         cycle = given.get("cycle_ms")
         result[name] = MessageOptions(
             cycle_ms=None
             if cycle is None
-            else number(faults, f"{key}.cycle_ms", cycle, 0.1, 60_000.0, "ms"),
+            else number(issues, f"{key}.cycle_ms", cycle, 0.1, 60_000.0, "ms"),
             timeout_cycles=number(
-                faults, f"{key}.timeout_cycles", given.get("timeout_cycles", 3.0), 1.0, 1000.0
+                issues, f"{key}.timeout_cycles", given.get("timeout_cycles", 3.0), 1.0, 1000.0
             ),
-            counter=_own_signal(faults, f"{key}.counter", given.get("counter"), signals),
-            checksum=_own_signal(faults, f"{key}.checksum", given.get("checksum"), signals),
+            counter=_own_signal(issues, f"{key}.counter", given.get("counter"), signals),
+            checksum=_own_signal(issues, f"{key}.checksum", given.get("checksum"), signals),
             checksum_kind=text(
-                faults, f"{key}.checksum_kind", given.get("checksum_kind", "crc8-sae-j1850"), KINDS
+                issues, f"{key}.checksum_kind", given.get("checksum_kind", "crc8-sae-j1850"), KINDS
             )
             or "none",
-            e2e=_end_to_end(faults, key, given, signals),
+            e2e=_end_to_end(issues, key, given, signals),
         )
     return result
 
 
-def _end_to_end(faults: Faults, key: str, given: Table, signals: list[str]) -> EndToEnd | None:
+def _end_to_end(
+    issues: ConfigIssues, key: str, given: Table, signals: list[str]
+) -> EndToEnd | None:
     """The E2E profile of a message, if it has one."""
     choice = text(
-        faults, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES)
+        issues, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES)
     )
     if choice in ("", "simple"):
         for name in _E2E[1:]:
             if name in given and choice:
-                faults.add(f"{key}.{name}", f"allowed with protection = {', '.join(PROFILES)}")
+                issues.add(f"{key}.{name}", f"allowed with protection = {', '.join(PROFILES)}")
         return None
     if "checksum_kind" in given:
-        faults.add(f"{key}.checksum_kind", f"{choice} has its own; allowed: nothing")
+        issues.add(f"{key}.checksum_kind", f"{choice} has its own; allowed: nothing")
     top = {"e2e-p01": 14, "e2e-p02": 15, "e2e-p05": 255}[choice]
-    mode = text(faults, f"{key}.data_id_mode", given.get("data_id_mode", "both"), DATA_ID_MODES)
-    nibble = _own_signal(faults, f"{key}.data_id_nibble", given.get("data_id_nibble"), signals)
+    mode = text(issues, f"{key}.data_id_mode", given.get("data_id_mode", "both"), DATA_ID_MODES)
+    nibble = _own_signal(issues, f"{key}.data_id_nibble", given.get("data_id_nibble"), signals)
     if choice != "e2e-p01" and "data_id_mode" in given:
-        faults.add(f"{key}.data_id_mode", "allowed with protection = e2e-p01")
+        issues.add(f"{key}.data_id_mode", "allowed with protection = e2e-p01")
     if (mode == "nibble" and choice == "e2e-p01") != (nibble is not None):
-        faults.add(f"{key}.data_id_nibble", 'allowed: a signal with data_id_mode = "nibble"')
-    machine = table(faults, f"{key}.state_machine", given.get("state_machine", {}))
+        issues.add(f"{key}.data_id_nibble", 'allowed: a signal with data_id_mode = "nibble"')
+    machine = table(issues, f"{key}.state_machine", given.get("state_machine", {}))
     states = ("init", "valid", "invalid")
     names = [f"{what}_{state}" for what in ("min_ok", "max_error") for state in states]
-    known_keys(faults, f"{key}.state_machine", machine, ("window", *names))
-    window = _whole(faults, f"{key}.state_machine.window", machine.get("window", 1), 1, MAX_WINDOW)
+    known_keys(issues, f"{key}.state_machine", machine, ("window", *names))
+    window = _whole(issues, f"{key}.state_machine.window", machine.get("window", 1), 1, MAX_WINDOW)
     limits = [
         _whole(
-            faults,
+            issues,
             f"{key}.state_machine.{name}",
             machine.get(name, int(name.startswith("min_ok"))),
             0,
@@ -90,42 +92,42 @@ def _end_to_end(faults: Faults, key: str, given: Table, signals: list[str]) -> E
     ]
     return EndToEnd(
         choice,
-        _data_ids(faults, key, given, choice),
+        _data_ids(issues, key, given, choice),
         mode or "both",
         nibble,
-        _whole(faults, f"{key}.max_delta_counter", given.get("max_delta_counter", 1), 1, top),
-        _whole(faults, f"{key}.sync_counter", given.get("sync_counter", 0), 0, 255),
+        _whole(issues, f"{key}.max_delta_counter", given.get("max_delta_counter", 1), 1, top),
+        _whole(issues, f"{key}.sync_counter", given.get("sync_counter", 0), 0, 255),
         window,
         (limits[0], limits[1], limits[2]),
         (limits[3], limits[4], limits[5]),
     )
 
 
-def _data_ids(faults: Faults, key: str, given: Table, profile: str) -> tuple[int, ...]:
+def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tuple[int, ...]:
     """The data ID, or profile 2's list."""
     wanted, other = (
         ("data_id_list", "data_id") if profile == "e2e-p02" else ("data_id", "data_id_list")
     )
     if other in given:
-        faults.add(f"{key}.{other}", f"{profile} has none; allowed: {wanted}")
+        issues.add(f"{key}.{other}", f"{profile} has none; allowed: {wanted}")
     if wanted == "data_id":
-        return (_whole(faults, f"{key}.data_id", given.get("data_id"), 0, 0xFFFF),)
+        return (_whole(issues, f"{key}.data_id", given.get("data_id"), 0, 0xFFFF),)
     values = given.get("data_id_list")
     if not isinstance(values, list) or len(values) != 16:
-        faults.add(f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers of 0 to 255")
+        issues.add(f"{key}.data_id_list", f"{show(values)}; allowed: 16 whole numbers of 0 to 255")
         return (0,)
     return tuple(
-        _whole(faults, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values)
+        _whole(issues, f"{key}.data_id_list[{i}]", value, 0, 255) for i, value in enumerate(values)
     )
 
 
-def _whole(faults: Faults, key: str, value: object, low: int, high: int) -> int:
+def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -> int:
     """A whole number."""
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        faults.add(key, f"{show(value)}; allowed: a whole number of {low} to {high}")
+        issues.add(key, f"{show(value)}; allowed: a whole number of {low} to {high}")
         return low
     return value
 
 
-def _own_signal(faults: Faults, key: str, value: object, signals: list[str]) -> str | None:
-    return None if value is None else text(faults, key, value, signals) or None
+def _own_signal(issues: ConfigIssues, key: str, value: object, signals: list[str]) -> str | None:
+    return None if value is None else text(issues, key, value, signals) or None

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, needs_fd
 from liftgate_hil.codec.frames import EXTENDED
-from liftgate_hil.codec.layout import Wire, build_layout, needs_fd
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -33,27 +33,30 @@ class Rig:
     database: Path
     bitrate: float
     messages: Mapping[str, Message]
-    inputs: tuple[Wire, ...]
-    outputs: tuple[Wire, ...]
+    inputs: tuple[SignalMapping, ...]
+    outputs: tuple[SignalMapping, ...]
     options: Mapping[str, MessageOptions]
     is_fd: bool
     source: str
 
-    def input_layout(self, sending: bool = False) -> Layout:
+    def input_config(self, sending: bool = False) -> BusConfig:
         """The inputs' tables: received by the emulator, sent by an ECU."""
-        return self._layout(self.inputs, INPUTS, sending)
+        return self._bus_config(self.inputs, INPUTS, sending)
 
-    def output_layout(self, sending: bool = True) -> Layout:
+    def output_config(self, sending: bool = True) -> BusConfig:
         """The outputs' tables: sent by the emulator, received by an ECU."""
-        return self._layout(self.outputs, OUTPUTS, sending)
+        return self._bus_config(self.outputs, OUTPUTS, sending)
 
-    def _layout(
-        self, wires: tuple[Wire, ...], quantities: Mapping[str, BusQuantity], sending: bool
-    ) -> Layout:
-        faults = Faults(self.source)
-        layout = build_layout(self.messages, wires, self.options, quantities, faults, sending)
-        faults.raise_if_any()
-        return layout
+    def _bus_config(
+        self,
+        mappings: tuple[SignalMapping, ...],
+        quantities: Mapping[str, BusQuantity],
+        sending: bool,
+    ) -> BusConfig:
+        issues = ConfigIssues(self.source)
+        bus = build_bus_config(self.messages, mappings, self.options, quantities, issues, sending)
+        issues.raise_if_any()
+        return bus
 
     def command_message(self) -> str:
         """The message with the motor command."""
@@ -74,16 +77,16 @@ class Rig:
 def load_rig(path: Path) -> Rig:
     """The rig of a file. Raises ConfigError with all faults of the file."""
     raw = read_toml(path)
-    faults = Faults(str(path))
-    known_keys(faults, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
-    database = _find_database(faults, raw.get("dbc"), path.parent)
-    bitrate = number(faults, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
-    messages = _load_messages(faults, database) if database else {}
+    issues = ConfigIssues(str(path))
+    known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
+    database = _find_database(issues, raw.get("dbc"), path.parent)
+    bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
+    messages = _load_messages(issues, database) if database else {}
     if not messages:
-        faults.raise_if_any()
-    inputs = _wires(faults, raw, "inputs", INPUTS, messages)
-    outputs = _wires(faults, raw, "outputs", OUTPUTS, messages)
-    options = message_options(faults, raw, messages)
+        issues.raise_if_any()
+    inputs = _mappings(issues, raw, "inputs", INPUTS, messages)
+    outputs = _mappings(issues, raw, "outputs", OUTPUTS, messages)
+    options = message_options(issues, raw, messages)
     rig = Rig(
         database or Path(),
         bitrate,
@@ -94,31 +97,31 @@ def load_rig(path: Path) -> Rig:
         any(needs_fd(messages[wire.message]) for wire in (*inputs, *outputs)),
         str(path),
     )
-    _check_whole(faults, rig)
-    faults.raise_if_any()
-    for make in (rig.input_layout, rig.output_layout):
-        with _collecting(faults):
+    _check_whole(issues, rig)
+    issues.raise_if_any()
+    for make in (rig.input_config, rig.output_config):
+        with _collecting(issues):
             make()
-    faults.raise_if_any()
+    issues.raise_if_any()
     return rig
 
 
 @contextlib.contextmanager
-def _collecting(faults: Faults) -> Iterator[None]:
+def _collecting(issues: ConfigIssues) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        faults.lines += error.faults
+        issues.lines += error.issues
 
 
-def _find_database(faults: Faults, value: object, folder: Path) -> Path | None:
-    name = text(faults, "dbc", value)
+def _find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | None:
+    name = text(issues, "dbc", value)
     if not name:
         return None
     for path in (folder / name, data_root() / "dbc" / name):
         if path.is_file():
             return path
-    faults.add("dbc", f"{show(name)}: no such file beside the rig or among the shipped ones")
+    issues.add("dbc", f"{show(name)}: no such file beside the rig or among the shipped ones")
     return None
 
 
@@ -133,7 +136,7 @@ class _Collector(logging.Handler):
         self.records.append(record)
 
 
-def _load_messages(faults: Faults, path: Path) -> dict[str, Message]:
+def _load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     from liftgate_hil.python_can import cantools
 
     # cantools only logs what makes a database ambiguous; here that is a fault.
@@ -143,76 +146,76 @@ def _load_messages(faults: Faults, path: Path) -> dict[str, Message]:
     try:
         database = cantools.database.load_file(path)
     except (cantools.Error, ValueError, OSError, UnicodeError) as error:
-        faults.add("dbc", f"{path}: cannot be read: {' '.join(str(error).split())[:200]}")
+        issues.add("dbc", f"{path}: cannot be read: {' '.join(str(error).split())[:200]}")
         return {}
     finally:
         logger.removeHandler(handler)
     if not isinstance(database, cantools.database.can.Database):
-        faults.add("dbc", f"{path}: allowed: a CAN database")
+        issues.add("dbc", f"{path}: allowed: a CAN database")
         return {}
     for record in handler.records:
         if "Overwriting" in record.getMessage():
-            faults.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
+            issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
     return {message.name: message for message in database.messages}
 
 
-def _wires(
-    faults: Faults,
+def _mappings(
+    issues: ConfigIssues,
     raw: Table,
     section: str,
     quantities: Mapping[str, BusQuantity],
     messages: Mapping[str, Message],
-) -> list[Wire]:
-    given = table(faults, section, raw.get(section, {}))
-    known_keys(faults, section, given, quantities)
-    wires = []
+) -> list[SignalMapping]:
+    given = table(issues, section, raw.get(section, {}))
+    known_keys(issues, section, given, quantities)
+    mappings = []
     for quantity, value in given.items():
         if quantity in quantities:
-            wire = _wire(faults, f"{section}.{quantity}", quantity, value, messages)
+            wire = _mapping(issues, f"{section}.{quantity}", quantity, value, messages)
             if wire is not None:
-                wires.append(wire)
-    return wires
+                mappings.append(wire)
+    return mappings
 
 
-def _wire(
-    faults: Faults, key: str, quantity: str, value: object, messages: Mapping[str, Message]
-) -> Wire | None:
+def _mapping(
+    issues: ConfigIssues, key: str, quantity: str, value: object, messages: Mapping[str, Message]
+) -> SignalMapping | None:
     given: dict[str, Any] = value if isinstance(value, dict) else {"signal": value}
-    known_keys(faults, key, given, ("signal", "scale", "offset", "values"))
-    name = text(faults, f"{key}.signal", given.get("signal"))
+    known_keys(issues, key, given, ("signal", "scale", "offset", "values"))
+    name = text(issues, f"{key}.signal", given.get("signal"))
     if not name:
         return None
-    scale = number(faults, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
-    offset = number(faults, f"{key}.offset", given.get("offset", 0.0), -1e9, 1e9)
+    scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
+    offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e9, 1e9)
     if scale == 0.0:
-        faults.add(f"{key}.scale", "0; allowed: anything else")
+        issues.add(f"{key}.scale", "0; allowed: anything else")
     values = given.get("values")
     if values is not None:
-        values = table(faults, f"{key}.values", values)
+        values = table(issues, f"{key}.values", values)
         for label, each in values.items():
             if not isinstance(each, str):
-                number(faults, f"{key}.values.{label}", each, -1e15, 1e15)
+                number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
     message, dot, signal = name.partition(".")
     if not dot or message not in messages:
         allowed = ", ".join(sorted(messages)[:20])
-        faults.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {allowed}")
+        issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {allowed}")
         return None
     signals = [each.name for each in messages[message].signals]
     if signal not in signals:
-        faults.add(key, f"{show(name)}: no such signal; allowed: {', '.join(signals)}")
+        issues.add(key, f"{show(name)}: no such signal; allowed: {', '.join(signals)}")
         return None
-    return Wire(quantity, message, signal, scale, offset, values)
+    return SignalMapping(quantity, message, signal, scale, offset, values)
 
 
-def _check_whole(faults: Faults, rig: Rig) -> None:
+def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     """What no single line of the file shows."""
     mapped = {wire.quantity for wire in rig.inputs}
     if "left_duty" not in mapped:
-        faults.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
+        issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
     received = {wire.message for wire in rig.inputs}
     for wire in rig.outputs:
         if wire.message in received:
-            faults.add(
+            issues.add(
                 f"outputs.{wire.quantity}",
                 f"{wire.message} carries inputs too; allowed: a message that nobody else sends",
             )
@@ -221,7 +224,7 @@ def _check_whole(faults: Faults, rig: Rig) -> None:
     for name in sorted(cyclic):
         given = rig.options.get(name, MessageOptions()).cycle_ms
         if given is None and not rig.messages[name].cycle_time:
-            faults.add(
+            issues.add(
                 f"messages.{name}.cycle_ms",
                 "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
             )

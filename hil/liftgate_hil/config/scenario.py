@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.requests import REQUESTS, Request
-from liftgate_hil.stimuli.timeline import CHANNELS, Program, no_program, program_of
+from liftgate_hil.stimuli.timeline import CHANNELS, Timeline, no_timeline, timeline_of
 
 _RANGES = {
     "supply_voltage_v": (0.0, 60.0),
@@ -27,37 +27,37 @@ _RANGES = {
 class Scenario:
     """A scenario, checked."""
 
-    program: Program
+    timeline: Timeline
     requests: tuple[Request, ...] = ()
     duration: float | None = None
 
 
 def no_scenario() -> Scenario:
     """Nothing happens."""
-    return Scenario(no_program())
+    return Scenario(no_timeline())
 
 
 def load_scenario(path: Path) -> Scenario:
     """The scenario of a file. Raises ConfigError with all faults of the file."""
     raw = read_toml(path)
-    faults = Faults(str(path))
-    known_keys(faults, "", raw, ("description", "duration", "profile", "obstacle", "request"))
+    issues = ConfigIssues(str(path))
+    known_keys(issues, "", raw, ("description", "duration", "profile", "obstacle", "request"))
     duration = raw.get("duration")
     if duration is not None:
-        duration = number(faults, "duration", duration, 0.0, 1e6, "s")
+        duration = number(issues, "duration", duration, 0.0, 1e6, "s")
     profiles = [
-        _profile(faults, f"profile[{i}]", each) for i, each in _tables(faults, raw, "profile")
+        _profile(issues, f"profile[{i}]", each) for i, each in _tables(issues, raw, "profile")
     ]
     obstacles = [
-        _obstacle(faults, f"obstacle[{i}]", each) for i, each in _tables(faults, raw, "obstacle")
+        _obstacle(issues, f"obstacle[{i}]", each) for i, each in _tables(issues, raw, "obstacle")
     ]
     requests = [
-        _request(faults, f"request[{i}]", each) for i, each in _tables(faults, raw, "request")
+        _request(issues, f"request[{i}]", each) for i, each in _tables(issues, raw, "request")
     ]
     names = [name for name, _, _ in profiles]
     for name in sorted({name for name in names if name and names.count(name) > 1}):
-        faults.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
-    faults.raise_if_any()
+        issues.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
+    issues.raise_if_any()
     return Scenario(
         _program(profiles, obstacles),
         tuple(sorted(requests, key=lambda request: request.time)),
@@ -65,41 +65,41 @@ def load_scenario(path: Path) -> Scenario:
     )
 
 
-def _tables(faults: Faults, raw: Table, key: str) -> list[tuple[int, Table]]:
+def _tables(issues: ConfigIssues, raw: Table, key: str) -> list[tuple[int, Table]]:
     given = raw.get(key, [])
     if not isinstance(given, list):
-        faults.add(key, f"{show(given)}; allowed: [[{key}]] tables")
+        issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
         return []
-    return [(i, table(faults, f"{key}[{i}]", each)) for i, each in enumerate(given)]
+    return [(i, table(issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
 
 
 Profile = tuple[str, bool, list[tuple[float, float]]]
 
 
-def _profile(faults: Faults, key: str, given: Table) -> Profile:
-    known_keys(faults, key, given, ("quantity", "points", "interpolation"))
-    name = text(faults, f"{key}.quantity", given.get("quantity"), CHANNELS)
+def _profile(issues: ConfigIssues, key: str, given: Table) -> Profile:
+    known_keys(issues, key, given, ("quantity", "points", "interpolation"))
+    name = text(issues, f"{key}.quantity", given.get("quantity"), CHANNELS)
     how = text(
-        faults, f"{key}.interpolation", given.get("interpolation", "linear"), ("linear", "hold")
+        issues, f"{key}.interpolation", given.get("interpolation", "linear"), ("linear", "hold")
     )
     points: list[tuple[float, float]] = []
     raw_points = given.get("points")
     if not isinstance(raw_points, list) or not raw_points:
-        faults.add(f"{key}.points", f"{show(raw_points)}; allowed: [[time, value], …]")
+        issues.add(f"{key}.points", f"{show(raw_points)}; allowed: [[time, value], …]")
         return name, how == "linear", points
     low, high = _RANGES.get(name, (-math.inf, math.inf))
     for i, point in enumerate(raw_points):
         if not isinstance(point, list) or len(point) != 2:
-            faults.add(f"{key}.points[{i}]", f"{show(point)}; allowed: [time, value]")
+            issues.add(f"{key}.points[{i}]", f"{show(point)}; allowed: [time, value]")
             continue
-        time = number(faults, f"{key}.points[{i}][0]", point[0], 0.0, 1e6, "s")
-        points.append((time, number(faults, f"{key}.points[{i}][1]", point[1], low, high)))
+        time = number(issues, f"{key}.points[{i}][0]", point[0], 0.0, 1e6, "s")
+        points.append((time, number(issues, f"{key}.points[{i}][1]", point[1], low, high)))
         if len(points) > 1 and points[-1][0] <= points[-2][0]:
-            faults.add(f"{key}.points[{i}][0]", f"{time:g}; allowed: later than the point before")
+            issues.add(f"{key}.points[{i}][0]", f"{time:g}; allowed: later than the point before")
     return name, how == "linear", points
 
 
-def _obstacle(faults: Faults, key: str, given: Table) -> tuple[float, ...]:
+def _obstacle(issues: ConfigIssues, key: str, given: Table) -> tuple[float, ...]:
     ranges = {
         "start": (0.0, 0.0, 1e6, "s"),
         "end": (math.inf, 0.0, 1e6, "s"),
@@ -109,19 +109,19 @@ def _obstacle(faults: Faults, key: str, given: Table) -> tuple[float, ...]:
         "damping": (0.0, 0.0, 1e6, "N s/m"),
         "gap": (0.0, -1.0, 1.0, "m"),
     }
-    known_keys(faults, key, given, [*ranges, "meets"])
-    meets = text(faults, f"{key}.meets", given.get("meets", "closing"), ("closing", "opening"))
+    known_keys(issues, key, given, [*ranges, "meets"])
+    meets = text(issues, f"{key}.meets", given.get("meets", "closing"), ("closing", "opening"))
     values: dict[str, Any] = {}
     for name, (default, low, high, unit) in ranges.items():
         if name in given:
-            values[name] = number(faults, f"{key}.{name}", given[name], low, high, unit)
+            values[name] = number(issues, f"{key}.{name}", given[name], low, high, unit)
         elif default is None:
-            faults.add(f"{key}.{name}", f"missing; allowed: {low:g} to {high:g} {unit}")
+            issues.add(f"{key}.{name}", f"missing; allowed: {low:g} to {high:g} {unit}")
             values[name] = math.nan
         else:
             values[name] = default
     if values["end"] <= values["start"]:
-        faults.add(f"{key}.end", f"{values['end']:g}; allowed: later than start")
+        issues.add(f"{key}.end", f"{values['end']:g}; allowed: later than start")
     return (
         values["start"],
         values["end"],
@@ -134,18 +134,18 @@ def _obstacle(faults: Faults, key: str, given: Table) -> tuple[float, ...]:
     )
 
 
-def _request(faults: Faults, key: str, given: Table) -> Request:
-    known_keys(faults, key, given, ("time", "action"))
+def _request(issues: ConfigIssues, key: str, given: Table) -> Request:
+    known_keys(issues, key, given, ("time", "action"))
     return Request(
-        number(faults, f"{key}.time", given.get("time"), 0.0, 1e6, "s"),
-        text(faults, f"{key}.action", given.get("action"), REQUESTS),
+        number(issues, f"{key}.time", given.get("time"), 0.0, 1e6, "s"),
+        text(issues, f"{key}.action", given.get("action"), REQUESTS),
     )
 
 
-def _program(profiles: list[Profile], obstacles: list[tuple[float, ...]]) -> Program:
+def _program(profiles: list[Profile], obstacles: list[tuple[float, ...]]) -> Timeline:
     channels = [(0, 0, 0)] * len(CHANNELS)
     knots: list[tuple[float, float]] = []
     for name, is_linear, points in profiles:
         channels[list(CHANNELS).index(name)] = (len(knots), len(points), int(is_linear))
         knots += [(time, value * CHANNELS[name]) for time, value in points]
-    return program_of(channels, knots, obstacles)
+    return timeline_of(channels, knots, obstacles)

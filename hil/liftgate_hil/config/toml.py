@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 
 Table = dict[str, Any]
 
@@ -26,44 +26,46 @@ def read_toml(path: Path) -> Table:
 
 
 def number(
-    faults: Faults, key: str, value: object, low: float, high: float, unit: str = ""
+    issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = ""
 ) -> float:
     """`value` as a float within [low, high]; a fault and NaN where it is not."""
     allowed = f"{low:g} to {high:g}{' ' + unit if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, int | float):
-        faults.add(key, f"{show(value)} is not a number; allowed: {allowed}")
+        issues.add(key, f"{show(value)} is not a number; allowed: {allowed}")
         return math.nan
     if not low <= value <= high:  # NaN is not; whole numbers may be too large for a float
-        faults.add(key, f"{show(value)} is out of range; allowed: {allowed}")
+        issues.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)
 
 
-def text(faults: Faults, key: str, value: object, allowed: Iterable[str] = ()) -> str:
+def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] = ()) -> str:
     """`value` as a string, one of `allowed` where that is given; a fault and "" where it is not."""
     choices = list(allowed)
     if not isinstance(value, str) or not value or (choices and value not in choices):
         said = f"one of {', '.join(choices)}" if choices else "a text"
-        faults.add(key, f"{show(value)}; allowed: {said}")
+        issues.add(key, f"{show(value)}; allowed: {said}")
         return ""
     return value
 
 
-def table(faults: Faults, key: str, value: object) -> Table:
+def table(issues: ConfigIssues, key: str, value: object) -> Table:
     """`value` as a table; a fault and an empty one where it is not."""
     if not isinstance(value, dict):
-        faults.add(key, f"{show(value)} is not a table")
+        issues.add(key, f"{show(value)} is not a table")
         return {}
     return value
 
 
-def known_keys(faults: Faults, prefix: str, given: Mapping[str, Any], known: Iterable[str]) -> None:
+def known_keys(
+    issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]
+) -> None:
     """A fault for each key that does not exist."""
     names = list(known)
     for key, value in given.items():
         if key not in names:
             dotted = f"{prefix}.{key}" if prefix else key
-            faults.add(dotted, f"{show(value)}: unknown key; allowed: {', '.join(names)}")
+            issues.add(dotted, f"{show(value)}: unknown key; allowed: {', '.join(names)}")
 
 
 def show(value: object) -> str:

@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 from liftgate_plant import gate as gate_body
 from liftgate_plant.bridge import Bridge
 from liftgate_plant.environment import Environment
@@ -55,31 +55,31 @@ def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
 
 def vehicle_of(raw: Table, source: str) -> Vehicle:
     """The vehicle of a file's content; `source` names it in messages."""
-    faults = Faults(source)
+    issues = ConfigIssues(source)
     # Where values were estimated, the file says how; nothing here depends on it.
-    known_keys(faults, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
+    known_keys(issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
         said = "missing" if drives is None else show(drives)
-        faults.add("drives", f"{said}; allowed: 1 (left only) or 2")
+        issues.add("drives", f"{said}; allowed: 1 (left only) or 2")
     if drives == 1 and "right" in raw:
-        faults.add("right", "this gate has drives = 1, the left one; allowed: no such table")
-    left = _drive_tables(faults, raw, "left")
+        issues.add("right", "this gate has drives = 1, the left one; allowed: no such table")
+    left = _drive_tables(issues, raw, "left")
     # The right drive of a gate that has none gets the left one's constants, and is never stepped.
-    right = _drive_tables(faults, raw, "right") if drives == 2 else left
+    right = _drive_tables(issues, raw, "right") if drives == 2 else left
     parts = {
-        name: _fields(faults, name, table(faults, name, raw.get(name, {})), kind)
+        name: _fields(issues, name, table(issues, name, raw.get(name, {})), kind)
         for name, kind in BODY_TABLES.items()
     }
-    faults.raise_if_any()
+    issues.raise_if_any()
     vehicle = Vehicle(
         drives=int(raw["drives"]),
         left=DriveTables(**{name: kind(**left[name]) for name, kind in DRIVE_TABLES.items()}),
         right=DriveTables(**{name: kind(**right[name]) for name, kind in DRIVE_TABLES.items()}),
         **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
     )
-    _check_geometry(faults, vehicle.gate)
-    faults.raise_if_any()
+    _check_geometry(issues, vehicle.gate)
+    issues.raise_if_any()
     return vehicle
 
 
@@ -109,18 +109,18 @@ def _plain_number(text: str) -> float | str:
     return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
-def _drive_tables(faults: Faults, raw: Table, side: str) -> dict[str, dict[str, Any]]:
+def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict[str, Any]]:
     own = raw.get(side, {})
     if side in raw:
-        own = table(faults, side, own)
-        known_keys(faults, side, own, DRIVE_TABLES)
+        own = table(issues, side, own)
+        known_keys(issues, side, own, DRIVE_TABLES)
     result = {}
     for name, kind in DRIVE_TABLES.items():
-        shared = table(faults, name, raw.get(name, {})) if side == "left" else raw.get(name, {})
-        mine = table(faults, f"{side}.{name}", own.get(name, {}))
+        shared = table(issues, name, raw.get(name, {})) if side == "left" else raw.get(name, {})
+        mine = table(issues, f"{side}.{name}", own.get(name, {}))
         shared = shared if isinstance(shared, dict) else {}
         # Faults of the shared table are told once, with the left drive.
-        silent = Faults(faults.source) if side == "right" and not mine else faults
+        silent = ConfigIssues(issues.source) if side == "right" and not mine else issues
         result[name] = _fields(silent, name, {**shared, **mine}, kind, side, mine)
     return result
 
@@ -131,7 +131,12 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _fields(
-    faults: Faults, prefix: str, given: Table, kind: type, side: str = "", own: Table | None = None
+    issues: ConfigIssues,
+    prefix: str,
+    given: Table,
+    kind: type,
+    side: str = "",
+    own: Table | None = None,
 ) -> dict[str, Any]:
     """The fields of one table, converted to SI and radians; keys in `own` were given for one side."""
     hints = _hints(kind)
@@ -140,8 +145,8 @@ def _fields(
     for field, hint in hints.items():
         quantity: Quantity = hint.__metadata__[0]
         keys[field + quantity.suffix] = (field, quantity, hint.__origin__)
-    known_keys(faults, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
-    known_keys(faults, f"{side}.{prefix}", own or {}, keys)
+    known_keys(issues, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
+    known_keys(issues, f"{side}.{prefix}", own or {}, keys)
     result: dict[str, Any] = {}
     for key, (field, quantity, origin) in keys.items():
         dotted = f"{side}.{prefix}.{key}" if own and key in own else f"{prefix}.{key}"
@@ -149,22 +154,22 @@ def _fields(
             if field in defaults:
                 result[field] = defaults[field]
             else:
-                faults.add(dotted, f"missing; {quantity.meaning}, {_allowed(quantity)}")
+                issues.add(dotted, f"missing; {quantity.meaning}, {_allowed(quantity)}")
             continue
-        result[field] = _value(faults, dotted, given[key], quantity, origin)
+        result[field] = _value(issues, dotted, given[key], quantity, origin)
     return result
 
 
-def _value(faults: Faults, key: str, value: object, quantity: Quantity, origin: type) -> Any:
+def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, origin: type) -> Any:
     if origin is float:
         return quantity.scale * number(
-            faults, key, value, quantity.low, quantity.high, quantity.unit
+            issues, key, value, quantity.low, quantity.high, quantity.unit
         )
     if not isinstance(value, list) or len(value) != 2:
-        faults.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
+        issues.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
         return (0.0, 0.0)
     return tuple(
-        number(faults, f"{key}[{i}]", each, quantity.low, quantity.high, quantity.unit)
+        number(issues, f"{key}[{i}]", each, quantity.low, quantity.high, quantity.unit)
         for i, each in enumerate(value)
     )
 
@@ -173,15 +178,15 @@ def _allowed(quantity: Quantity) -> str:
     return f"allowed: {quantity.low:g} to {quantity.high:g} {quantity.unit}"
 
 
-def _check_geometry(faults: Faults, gate: Gate) -> None:
+def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:
     """The actuator must get longer all the way from closed to open."""
     link = gate_body.linkage(gate)
     if min(link.body_radius, link.gate_radius) < 1e-6:
-        faults.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")
+        issues.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")
         return
     levers = [gate_body.lever(link, gate.open_angle * i / 100.0) for i in range(101)]
     if min(levers) <= 1e-4:
-        faults.add(
+        issues.add(
             "gate",
             f"the actuator's lever arm falls to {min(levers):.4g} m between 0 and "
             f"open_angle_deg; allowed: hinge, gate_point and body_point that keep it above 0.0001 m",

@@ -16,15 +16,13 @@ _SLOW_CLOCKS = ("acpi_pm", "hpet", "jiffies", "pit", "refined-jiffies")
 
 
 def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byteorder) -> Check:
-    """Whether the hard loop can be at all."""
+    """Whether the real-time loop can be at all."""
     bits = bits or (64 if sys.maxsize > 2**32 else 32)
     found = f"{name}, {bits} bit, {byte_order}-endian"
     fit = name == "linux" and bits == 64 and byte_order == "little"
     return judged(
         "platform",
-        found
-        if fit
-        else f"{found}: only the portable loop runs here, which keeps no hard deadlines",
+        found if fit else f"{found}: only the Python loop runs here, which keeps no hard deadlines",
         "" if fit else "use 64-bit little-endian Linux (x86-64 or arm64)",
         "problem",
     )

@@ -1,4 +1,4 @@
-"""How well this machine keeps time, measured with the hard loop's own code."""
+"""How well this machine keeps time, measured with the real-time loop's own code."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
 
     scenario = session.scenario_from(None)
     bench = session.bench_of(
-        session.vehicle_from("suv"), session.rig_from("liftgate"), scenario.program, rate, 0
+        session.vehicle_from("suv"), session.rig_from("liftgate"), scenario.timeline, rate, 0
     )
     memory = memory_for(rate)
     shared, room = memory.shared, realtime_loop.make_room()
@@ -66,7 +66,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     state = state._replace(timing=shared.timing)
     code = compiled(realtime_loop.run_hard)
     # No descriptor: what is read and sent fails at once.
-    nothing = realtime_loop.Course(-1, 0, 2**62, 0, np.zeros(0, dtype=np.int64))
+    nothing = realtime_loop.RunParams(-1, 0, 2**62, 0, np.zeros(0, dtype=np.int64))
     code(bench, state, nothing, shared, room)  # reads the cache before time counts
     shared.control[:] = np.zeros(1, shared.control.dtype)
     ticks = max(1, round(rate * _TICK_TIME))

@@ -10,7 +10,7 @@ import numpy as np
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.codec.quantities import INPUT_INDEX, INPUTS, OUTPUT_INDEX, OUTPUTS
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.ecu.controller import Controller, DriveCommand, Feedback
@@ -38,8 +38,8 @@ class EcuNode:
         self._transport = transport
         self._sides = _SIDES[:drives]
         self._requests = list(requests)
-        self._inputs: Layout = rig.output_layout(sending=False)
-        self._outputs: Layout = rig.input_layout(sending=False)
+        self._inputs: BusConfig = rig.output_config(sending=False)
+        self._outputs: BusConfig = rig.input_config(sending=False)
         self._has_latch = "latch_state" in {wire.quantity for wire in rig.outputs}
         self._signed = "left_direction" not in {wire.quantity for wire in rig.inputs}
         self._commands = _command_rows(rig, self._outputs)
@@ -110,7 +110,7 @@ class EcuNode:
         self._transport.send(frames._replace(count=len(self._commands)))
 
 
-def _command_rows(rig: Rig, layout: Layout) -> list[int]:
+def _command_rows(rig: Rig, bus: BusConfig) -> list[int]:
     """The messages that an ECU sends; the test bench's are not its own."""
     names = list(dict.fromkeys(wire.message for wire in rig.inputs))
     ours = {wire.message for wire in rig.inputs if wire.quantity in (*COMMANDS, "latch_release")}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
-from liftgate_hil.identify.thinning import Thinning
+from liftgate_hil.identify.decimation import Decimation
 from liftgate_hil.identify.trajectory import INPUTS, REST, Start
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
@@ -52,18 +52,18 @@ class Data:
     through_sensors: bool = (
         False  # a bus log: sensors' readings, inputs at the stamps of their frames
     )
-    thinning: Thinning | None = None  # how the outputs come from those in all rows
+    decimation: Decimation | None = None  # how the outputs come from those in all rows
     whole: Data | None = None  # before it was thinned out
     after_motion: bool = False  # whether it is told to begin in a pause
 
     @property
     def rows(self) -> Floats:
         """(N,) s: the rows of the inputs, and of the outputs before they were thinned out."""
-        return self.times if self.thinning is None else self.thinning.rows
+        return self.times if self.decimation is None else self.decimation.rows
 
     def thinned(self, name: str, values: Floats) -> Floats:
         """An output's values (N,) in all rows as its samples (n,) show them."""
-        return values if self.thinning is None else self.thinning.of(name, values)
+        return values if self.decimation is None else self.decimation.of(name, values)
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Beginning:
+class InitialCondition:
     """How an experiment begins: what is known, and what is not."""
 
     start: Start
@@ -91,7 +91,7 @@ def without_end(data: Data, seconds: float) -> Data:
     """The data without the samples of their last `seconds`, nor those that look there: what drove these need not
     be among the inputs.
     """
-    reach = 0.0 if data.thinning is None else data.thinning.reach
+    reach = 0.0 if data.decimation is None else data.decimation.reach
     late = data.times > data.times[-1] - seconds - reach
     outputs = {name: np.where(late, np.nan, values) for name, values in data.outputs.items()}
     return replace(data, outputs=outputs)
@@ -103,7 +103,7 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
     """
     outputs = {name: own[first:last] - zeros.get(name, 0.0) for name, own in data.outputs.items()}
     times, rows = data.times[first:last], data.rows
-    if data.thinning is None:
+    if data.decimation is None:
         inputs = data.inputs[first:last]
         return replace(data, times=times, inputs=inputs, outputs=outputs)
     begin, end = np.searchsorted(rows, [times[0], times[-1]], side="right")
@@ -112,8 +112,10 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
     if own[-1] < times[-1]:
         own = np.append(own, times[-1])
     inputs = data.inputs[np.arange(begin - 1, begin - 1 + len(own)).clip(max=end - 1)]
-    thinning = Thinning(own, times)
-    return replace(data, times=times, inputs=inputs, outputs=outputs, thinning=thinning, whole=None)
+    decimation = Decimation(own, times)
+    return replace(
+        data, times=times, inputs=inputs, outputs=outputs, decimation=decimation, whole=None
+    )
 
 
 def changes_of(data: Data) -> NDArray[np.intp]:
@@ -211,7 +213,7 @@ def _is_driven(data: Data) -> bool:
 
 def beginning_of(
     vehicle: Vehicle, data: Data, experiment: int, angle_deg: float | None, full: bool
-) -> Beginning:
+) -> InitialCondition:
     """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle, or in motion
     there where only a speed was measured.
 
@@ -269,11 +271,13 @@ def _position(data: Data) -> Floats | None:
     return None
 
 
-def _at_rest(plant: Plant, data: Data, experiment: int, angle: float, quantum: float) -> Beginning:
+def _at_rest(
+    plant: Plant, data: Data, experiment: int, angle: float, quantum: float
+) -> InitialCondition:
     """A gate that has been at rest for long at a known angle [rad]."""
     start = REST._replace(angle=angle, latched=_latched(data, math.degrees(angle)))
     place = gate.extension(plant.link, angle) / plant.left.travel
-    return Beginning(start, tuple(_offsets(data, experiment, place, quantum)))
+    return InitialCondition(start, tuple(_offsets(data, experiment, place, quantum)))
 
 
 def _latched(data: Data, angle_deg: float) -> float:
@@ -322,7 +326,7 @@ def _midway(
     full: bool,
     moves: bool,
     angle_deg: float | None,
-) -> Beginning:
+) -> InitialCondition:
     """A gate in motion, or at rest after one."""
     plant = plant_of(vehicle)
     if not moves and _is_stalled(vehicle, data):
@@ -365,7 +369,7 @@ def _midway(
         for name, std in (("warmth", _SPREAD_K), ("housing_warmth", _SPREAD_HOUSING_K)):
             unknowns.append(Unknown(experiment, name, 0.0, std, -_SPREAD_K, _HOTTEST_K))
     offsets = _offsets(data, experiment, place, 1.0 / vehicle.sensors.hall_counts)
-    return Beginning(start, (*unknowns, *offsets), not moves)
+    return InitialCondition(start, (*unknowns, *offsets), not moves)
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from liftgate_hil.identify import statistics
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.jitter import jitter_of
-from liftgate_hil.identify.pieces import in_pieces, is_far_off
+from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identify.problem import ALL, Problem
 from liftgate_hil.identify.profile import profile
 from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
@@ -177,11 +177,11 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
         first = search(problem, report, given_std)
         if not is_far_off(problem, first.errors, _NEAR_PERCENT):
             return first
-    pieces = in_pieces(problem)
-    if pieces is None:
+    segments = in_segments(problem)
+    if segments is None:
         return first or search(problem, report, given_std)
-    rough = search(pieces, report, given_std, rounds=_ROUGH_ROUNDS)
-    problem.evaluations += pieces.evaluations
+    rough = search(segments, report, given_std, rounds=_ROUGH_ROUNDS)
+    problem.evaluations += segments.evaluations
     count = len(problem.sought)
     begin[:count] = rough.point[:count]
     if problem.is_delay_sought:

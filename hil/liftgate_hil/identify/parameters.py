@@ -17,7 +17,7 @@ SIDES = ("left", "right")
 _NAME = re.compile(r"(?:(left|right)\.)?(\w+)\.(\w+?)(?:\[([01])\])?")
 
 
-class Parameter(NamedTuple):
+class FreeParameter(NamedTuple):
     """Where a name leads to."""
 
     name: str
@@ -28,7 +28,7 @@ class Parameter(NamedTuple):
     quantity: Quantity
 
 
-def find_parameter(vehicle: Vehicle, name: str) -> Parameter:
+def find_parameter(vehicle: Vehicle, name: str) -> FreeParameter:
     """The parameter of a name. Raises ValueError, which says what is allowed."""
     match = _NAME.fullmatch(name)
     known = {each.name: each for each in all_parameters(vehicle.drives)}
@@ -42,10 +42,10 @@ def find_parameter(vehicle: Vehicle, name: str) -> Parameter:
 
 
 @functools.cache
-def all_parameters(drives: int) -> tuple[Parameter, ...]:
+def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
     """All parameters of a vehicle with so many drives."""
     active = SIDES[:drives]
-    found: list[Parameter] = []
+    found: list[FreeParameter] = []
     drive_tables: dict[str, Any] = get_type_hints(DriveTables)
     for table, kind in drive_tables.items():
         found += _fields(table, kind, active)
@@ -62,18 +62,18 @@ def all_parameters(drives: int) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[Parameter]:
+def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParameter]:
     for field, hint in get_type_hints(kind, include_extras=True).items():
         quantity: Quantity = hint.__metadata__[0]
         key = f"{table}.{field}{quantity.suffix}"
         if hint.__origin__ is float:
-            yield Parameter(key, sides, table, field, -1, quantity)
+            yield FreeParameter(key, sides, table, field, -1, quantity)
         else:
             for place in (0, 1):
-                yield Parameter(f"{key}[{place}]", sides, table, field, place, quantity)
+                yield FreeParameter(f"{key}[{place}]", sides, table, field, place, quantity)
 
 
-def value_of(vehicle: Vehicle, parameter: Parameter) -> float:
+def value_of(vehicle: Vehicle, parameter: FreeParameter) -> float:
     """Its value; of both drives the left one's."""
     tables: Any = getattr(vehicle, parameter.sides[0]) if parameter.sides else vehicle
     value = getattr(getattr(tables, parameter.table), parameter.field)
@@ -81,7 +81,7 @@ def value_of(vehicle: Vehicle, parameter: Parameter) -> float:
     return float(number) / parameter.quantity.scale
 
 
-def with_value(vehicle: Vehicle, parameter: Parameter, value: float) -> Vehicle:
+def with_value(vehicle: Vehicle, parameter: FreeParameter, value: float) -> Vehicle:
     """The vehicle with another value."""
     number = value * parameter.quantity.scale
 
@@ -100,7 +100,7 @@ def with_value(vehicle: Vehicle, parameter: Parameter, value: float) -> Vehicle:
 
 
 def with_values(
-    vehicle: Vehicle, parameters: Sequence[Parameter], values: Sequence[float]
+    vehicle: Vehicle, parameters: Sequence[FreeParameter], values: Sequence[float]
 ) -> Vehicle:
     """The vehicle with several other values."""
     for parameter, value in zip(parameters, values, strict=True):
@@ -108,7 +108,7 @@ def with_values(
     return vehicle
 
 
-def same_on_both_sides(vehicle: Vehicle, parameter: Parameter) -> bool:
+def same_on_both_sides(vehicle: Vehicle, parameter: FreeParameter) -> bool:
     """Whether all drives that it stands for have the same value now."""
     values = {value_of(vehicle, parameter._replace(sides=(side,))) for side in parameter.sides}
     return len(values) <= 1

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify.data import (
-    Beginning,
     Data,
+    InitialCondition,
     Unknown,
     beginning_of,
     changes_of,
     is_count,
     without_end,
 )
-from liftgate_hil.identify.parameters import Parameter, with_values
+from liftgate_hil.identify.parameters import FreeParameter, with_values
 from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
 from liftgate_plant.dynamics import Load, Plant
 from liftgate_plant.sensors import Sensors
@@ -38,7 +38,7 @@ ALL = -1  # experiment of an unknown that all share
 class Sought:
     """A parameter to estimate; values in the file's unit."""
 
-    parameter: Parameter
+    parameter: FreeParameter
     initial: float
     low: float
     high: float
@@ -62,7 +62,7 @@ class Problem:
     speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
     longest: float = 1e-3  # s, of a step
     evaluations: int = 0
-    beginnings: Sequence[Beginning] = ()  # default: as the data say
+    beginnings: Sequence[InitialCondition] = ()  # default: as the data say
     unknowns: list[Unknown] = field(init=False)
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
@@ -194,7 +194,7 @@ class Problem:
         """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
         columns = [OUTPUTS.index(name) for name in names]
         data = self.data[number]
-        if data.thinning is None:
+        if data.decimation is None:
             return rows[:, columns]
         shown = zip(names, columns, strict=True)
         return np.column_stack([data.thinned(name, rows[:, column]) for name, column in shown])

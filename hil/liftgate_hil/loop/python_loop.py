@@ -1,4 +1,4 @@
-"""The portable loop: a clock, transports and recorders around `tick`."""
+"""The Python loop: a clock, transports and recorders around `tick`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
-from liftgate_hil.loop.tick import Bench, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compiled
@@ -29,7 +29,7 @@ class Peer(Protocol):
 class Loop:
     """A loop about to run; `state` moves on with it."""
 
-    bench: Bench
+    bench: LoopConfig
     state: LoopState
     transport: Transport
     recorders: Sequence[Recorder] = ()

@@ -1,4 +1,4 @@
-"""The hard loop: waits, receives, ticks, sends, without the interpreter lock from the first tick to the last.
+"""The real-time loop: waits, receives, ticks, sends, without the interpreter lock from the first tick to the last.
 
 It owns a thread of its own; what is outside steers it and reads it through `Shared` alone. The tick is the same
 one that every other loop calls.
@@ -16,7 +16,7 @@ from liftgate_hil.codec.frames import ERROR, FD, Frames, bits_of, empty_frames
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared
-from liftgate_hil.loop.tick import Bench, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.snapshot import Snapshot
 from liftgate_plant.compiler import System, borrowed, compilable
 
@@ -30,7 +30,7 @@ _clock_gettime = System("clock_gettime", "i", "il")
 _clock_nanosleep = System("clock_nanosleep", "i", "iill")
 
 
-class Course(NamedTuple):
+class RunParams(NamedTuple):
     """What a run is to do."""
 
     descriptor: int  # of the wire
@@ -154,9 +154,9 @@ def is_sound(snapshot: Snapshot) -> bool:
 
 
 @compilable
-def send(shared: Shared, course: Course, room: Room, replies: Frames) -> int:
+def send(shared: Shared, params: RunParams, room: Room, replies: Frames) -> int:
     """Send, count and log; how many the wire did not take."""
-    written = write_frames(course.descriptor, room.writing, replies)
+    written = write_frames(params.descriptor, room.writing, replies)
     control = shared.control[0]
     control.sent += written.sent
     missed = written.full + written.failed
@@ -168,7 +168,7 @@ def send(shared: Shared, course: Course, room: Room, replies: Frames) -> int:
 
 
 @compilable
-def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> int:
+def send_surely(shared: Shared, params: RunParams, room: Room, replies: Frames) -> int:
     """The same for the last frames: what a full queue does not take is tried again for 100 ms."""
     end = clock_ns(_MONOTONIC, room) + 100_000_000
     one = Frames(1, room.identifiers, room.lengths, room.data)
@@ -179,7 +179,7 @@ def send_surely(shared: Shared, course: Course, room: Room, replies: Frames) -> 
         for k in range(replies.lengths[i]):
             one.data[0, k] = replies.data[i, k]
         while True:
-            written = write_frames(course.descriptor, room.writing, one)
+            written = write_frames(params.descriptor, room.writing, one)
             now = clock_ns(_MONOTONIC, room)
             if written.full == 0 or now >= end:
                 break
@@ -208,10 +208,10 @@ def note_errors(shared: Shared, frames: Frames) -> None:
 
 
 @compilable
-def receive(shared: Shared, course: Course, room: Room) -> Frames:
+def receive(shared: Shared, params: RunParams, room: Room) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
-    reading = read_frames(course.descriptor, room.reading, frames, room.stamps)
+    reading = read_frames(params.descriptor, room.reading, frames, room.stamps)
     now_ns = clock_ns(_MONOTONIC, room)
     control = shared.control[0]
     if reading.error != 0:
@@ -246,13 +246,13 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 @compilable
 def run_hard(
-    bench: Bench, start: LoopState, course: Course, shared: Shared, room: Room
+    bench: LoopConfig, start: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
 
     The state, and ENDED, OVERRUN or DIVERGED.
     """
-    bench, course, shared, room = borrowed((bench, course, shared, room))
+    bench, params, shared, room = borrowed((bench, params, shared, room))
     state = start
     control = shared.control[0]
     outcome = ENDED
@@ -265,7 +265,7 @@ def run_hard(
     room.drained[0] = start_ns
     stopping = False
     while not stopping:
-        stopping = control.stop != 0 or state.tick >= course.ticks or outcome != ENDED
+        stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
         frames, steps = none, 1
         woken = clock_ns(_MONOTONIC, room)
         if not stopping:
@@ -273,24 +273,24 @@ def run_hard(
             woken = wait_until(deadline, room)
             late = woken - deadline
             note(shared.histograms[LATENESS], late)
-            if late > course.limit_ns:
+            if late > params.limit_ns:
                 outcome = OVERRUN
                 continue
-            steps = min(1 + late // bench.step_ns, course.ticks - state.tick)
-            frames = receive(shared, course, room)
+            steps = min(1 + late // bench.step_ns, params.ticks - state.tick)
+            frames = receive(shared, params, room)
 
         accepted = state.counts.accepted
         state, replies, snapshot = tick(bench, state, frames, steps, stopping)
         if state.counts.accepted > accepted and waiting_since == 0:
-            waiting_since = first_arrival(frames, room.stamps, course.command)
+            waiting_since = first_arrival(frames, room.stamps, params.command)
         note_frames(shared, frames, room.stamps, start_ns, woken)
         missed = 0
         if stopping:
-            missed = send_surely(shared, course, room, replies)
+            missed = send_surely(shared, params, room, replies)
         elif replies.count > 0:
-            missed = send(shared, course, room, replies)
+            missed = send(shared, params, room, replies)
         done = clock_ns(_MONOTONIC, room)
-        if waiting_since != 0 and missed == 0 and is_among(replies, course.feedback):
+        if waiting_since != 0 and missed == 0 and is_among(replies, params.feedback):
             note(shared.histograms[DELAY], done - waiting_since)
             waiting_since = 0
 

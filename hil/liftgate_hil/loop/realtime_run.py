@@ -1,4 +1,4 @@
-"""A real-time run: the hard loop in a thread of its own, and what looks after it in this one.
+"""A real-time run: the real-time loop in a thread of its own, and what looks after it in this one.
 
 This thread watches the wire, tells what happened, keeps the figures that go onto the bus, and gives the peers of
 an in-process bus their turns. None of it can hold up a tick.
@@ -23,7 +23,7 @@ from liftgate_hil.loop.priority import Realtime, sharp_timers
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
-from liftgate_hil.loop.tick import Bench, LoopState
+from liftgate_hil.loop.tick import LoopConfig, LoopState
 from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.transport.base import Line
 from liftgate_plant.compiler import compiled
@@ -53,7 +53,7 @@ def feedback_identifiers(rig: Rig) -> list[int]:
 class RealtimeRun:
     """A run about to begin; `begin`, then `run`."""
 
-    bench: Bench
+    bench: LoopConfig
     state: LoopState
     line: Line
     memory: Memory
@@ -86,7 +86,9 @@ class RealtimeRun:
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
         """Run to the end. Raises OverrunError, PlantDivergedError."""
         thread = threading.Thread(
-            target=self._in_thread, args=(_FOREVER if ticks is None else ticks,), name="hard loop"
+            target=self._in_thread,
+            args=(_FOREVER if ticks is None else ticks,),
+            name="real-time loop",
         )
         control = self.memory.shared.control[0]
         thread.start()
@@ -146,8 +148,8 @@ class RealtimeRun:
             recording_lost_rows=lost_rows,
         )
 
-    def _course(self, ticks: int) -> realtime_loop.Course:
-        return realtime_loop.Course(
+    def _course(self, ticks: int) -> realtime_loop.RunParams:
+        return realtime_loop.RunParams(
             self.line.descriptor,
             ticks,
             self.limit_ns,
@@ -161,8 +163,8 @@ class RealtimeRun:
             if self.realtime is not None:
                 self.realtime.enter()
             self._entered.set()
-            course, shared = self._course(ticks), self.memory.shared
-            self.state, self.outcome = self._run(self.bench, self.state, course, shared, self._room)
+            params, shared = self._course(ticks), self.memory.shared
+            self.state, self.outcome = self._run(self.bench, self.state, params, shared, self._room)
         except BaseException as error:  # told by the thread that can tell
             self._failure = error
         finally:

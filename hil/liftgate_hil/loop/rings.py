@@ -1,4 +1,4 @@
-"""Memory that the hard loop, the rest of this process and other processes see at once.
+"""Memory that the real-time loop, the rest of this process and other processes see at once.
 
 The loop writes and never waits: rings hold the last few seconds, and a reader that is too slow finds out that it
 lost rows. Nothing here is locked; each word has one writer.

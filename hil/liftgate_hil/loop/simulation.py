@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.stimuli.samples import ROWS, Samples
-from liftgate_hil.stimuli.timeline import NOT_PRESENT, Presence, Program, load_at, present
+from liftgate_hil.stimuli.timeline import NOT_ARMED, ObstacleArming, Timeline, load_at, present
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
@@ -44,10 +44,10 @@ _BLOCK = 20_000
 
 @compilable
 def inputs_at(
-    rows: Floats, k: int, program: Program, base: Load, time: float
+    rows: Floats, k: int, timeline: Timeline, base: Load, time: float
 ) -> tuple[DriveInput, DriveInput, Load]:
     """The inputs of step k; what the file leaves out (NaN) comes from scenario and vehicle."""
-    load = load_at(program, base, time)
+    load = load_at(timeline, base, time)
     supply = load.source_voltage if np.isnan(rows[k, 4]) else float(rows[k, 4])
     slope = load.road_slope if np.isnan(rows[k, 5]) else float(rows[k, 5])
     hand = load.hand_force if np.isnan(rows[k, 6]) else float(rows[k, 6])
@@ -104,34 +104,34 @@ def write_row(
 def block(
     plant: Plant,
     sensor: Sensors,
-    program: Program,
+    timeline: Timeline,
     base: Load,
     state: State,
-    presence: Presence,
+    arming: ObstacleArming,
     rows: Floats,
     first: int,
     every: int,
     step: float,
     out: Floats,
-) -> tuple[State, Presence, int]:
+) -> tuple[State, ObstacleArming, int]:
     """Step through `rows`, writing every so many states before their step; how many were written."""
     written = 0
     for k in range(rows.shape[0]):
         time = (first + k) * step
-        left, right, load = inputs_at(rows, k, program, base, time)
-        presence, obstacle = present(presence, load.obstacle, state.gate_angle)
+        left, right, load = inputs_at(rows, k, timeline, base, time)
+        arming, obstacle = present(arming, load.obstacle, state.gate_angle)
         inputs = Inputs(left, right, dynamics.with_obstacle(load, obstacle))
         if (first + k) % every == 0:
             write_row(out, written, time, sensor, plant, state, inputs)
             written += 1
         state = integrate.step(plant, state, inputs, step)
-    return state, presence, written
+    return state, arming, written
 
 
 def simulate(
     plant: Plant,
     sensor: Sensors,
-    program: Program,
+    timeline: Timeline,
     base: Load,
     state: State,
     samples: Samples,
@@ -144,15 +144,15 @@ def simulate(
     Raises PlantDivergedError.
     """
     run = compiled(block)
-    presence = NOT_PRESENT
+    arming = NOT_ARMED
     for first in range(0, steps + 1, _BLOCK):
         count = min(_BLOCK, steps + 1 - first)
         # A sample holds from its time on: half a nanosecond of slack for times like 3 * 0.001.
         times = (first + np.arange(count, dtype=np.float64)) * np.float64(step) + 0.5e-9
         rows = np.column_stack([samples.at(times, row) for row in ROWS])
         out = np.empty((count // every + 1, len(COLUMNS)))
-        state, presence, written = run(
-            plant, sensor, program, base, state, presence, rows, first, every, step, out
+        state, arming, written = run(
+            plant, sensor, timeline, base, state, arming, rows, first, every, step, out
         )
         if not np.all(np.isfinite(out[:written])):
             bad = int(np.argmin(np.isfinite(out[:written]).all(axis=1)))

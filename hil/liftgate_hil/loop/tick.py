@@ -27,10 +27,10 @@ from liftgate_hil.codec.receive import (
     receive,
     rejected,
 )
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.snapshot import Snapshot
-from liftgate_hil.stimuli.timeline import NOT_PRESENT, Presence, Program, load_at, present
+from liftgate_hil.stimuli.timeline import NOT_ARMED, ObstacleArming, Timeline, load_at, present
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from liftgate_plant.compiler import compilable
@@ -45,15 +45,15 @@ OBSTACLE_ANGLE, OBSTACLE_RATE, ROAD_SLOPE, SUPPLY_VOLTAGE, HAND_FORCE = 5, 6, 7,
 WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
 
-class Bench(NamedTuple):
+class LoopConfig(NamedTuple):
     """All that does not change while the loop runs."""
 
     plant: Plant
     sensors: Sensors
     load: Load  # as the vehicle file has it
-    program: Program  # what the scenario does to it
-    inputs: Layout
-    outputs: Layout
+    timeline: Timeline  # what the scenario does to it
+    inputs: BusConfig
+    outputs: BusConfig
     signed_left: int  # 1: the duty's sign is the direction
     signed_right: int
     latch_mapped: int  # 0: nobody releases the latch, so opening drives do
@@ -68,7 +68,7 @@ class LoopState(NamedTuple):
 
     plant: State
     sensors: SensorState
-    presence: Presence  # of the obstacle
+    arming: ObstacleArming  # of the obstacle
     reception: Reception
     counts: Counts
     sent: NDArray[np.int64]  # frames sent, per message
@@ -80,12 +80,12 @@ class LoopState(NamedTuple):
     ]  # what the clock around the tick says of itself, as in quantities.TIMING
 
 
-def initial_loop(bench: Bench, plant_state: State) -> LoopState:
+def initial_loop(bench: LoopConfig, plant_state: State) -> LoopState:
     """Before the first tick."""
     return LoopState(
         plant_state,
         sensors.initial_sensors(bench.sensors, plant_state),
-        NOT_PRESENT,
+        NOT_ARMED,
         nothing_received(bench.inputs, len(INPUTS)),
         NO_COUNTS,
         np.zeros(len(bench.outputs.messages), dtype=np.int64),
@@ -112,15 +112,15 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 @compilable
 def surroundings(
-    bench: Bench,
+    bench: LoopConfig,
     values: NDArray[np.float64],
     opening: bool,
     time: float,
-    presence: Presence,
+    arming: ObstacleArming,
     angle: float,
-) -> tuple[Presence, Load]:
+) -> tuple[ObstacleArming, Load]:
     """The scenario's surroundings, replaced by what a test bench's panel says."""
-    load = load_at(bench.program, bench.load, time)
+    load = load_at(bench.timeline, bench.load, time)
     obstacle = load.obstacle
     if not np.isnan(values[OBSTACLE_RATE]) and not np.isnan(values[OBSTACLE_ANGLE]):
         obstacle = Obstacle(
@@ -137,8 +137,8 @@ def surroundings(
     released = values[LATCH_RELEASE]
     if bench.latch_mapped == 0:
         released = 1.0 if opening else 0.0
-    presence, obstacle = present(presence, obstacle, angle)
-    return presence, Load(
+    arming, obstacle = present(arming, obstacle, angle)
+    return arming, Load(
         load.source_voltage if np.isnan(voltage) else float(voltage),
         load.road_slope if np.isnan(slope) else math.radians(slope),
         load.ambient_temperature,
@@ -152,7 +152,9 @@ def surroundings(
 
 
 @compilable
-def command(bench: Bench, values: NDArray[np.float64], stop: bool) -> tuple[DriveInput, DriveInput]:
+def command(
+    bench: LoopConfig, values: NDArray[np.float64], stop: bool
+) -> tuple[DriveInput, DriveInput]:
     """What both motors get."""
     if stop:
         return drive_input(COAST, 0.0), drive_input(COAST, 0.0)
@@ -227,7 +229,7 @@ def bus_values(
 
 @compilable
 def snapshot_of(
-    bench: Bench, time: float, state: State, inputs: Inputs, shown: Outputs
+    bench: LoopConfig, time: float, state: State, inputs: Inputs, shown: Outputs
 ) -> Snapshot:
     """The row of a recording."""
     degrees = 180.0 / math.pi
@@ -265,7 +267,7 @@ def snapshot_of(
 
 @compilable
 def tick(
-    bench: Bench, state: LoopState, frames: Frames, steps: int, stop: bool
+    bench: LoopConfig, state: LoopState, frames: Frames, steps: int, stop: bool
 ) -> tuple[LoopState, Frames, Snapshot]:
     """Advance by `steps` plant steps with the frames that have come; `stop` turns the motors off and
     sends every message once more.
@@ -273,7 +275,7 @@ def tick(
     since_ns = state.tick * bench.step_ns
     reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
     timeouts = state.timeouts
-    plant_state, memory, presence = state.plant, state.sensors, state.presence
+    plant_state, memory, arming = state.plant, state.sensors, state.arming
     done = state.tick
     while True:
         reception, stale = forget_stale(bench.inputs, reception, done * bench.step_ns)
@@ -282,7 +284,7 @@ def tick(
         opening = left.duty > 0.0 or right.duty > 0.0
         angle = plant_state.gate_angle
         time = done * bench.step
-        presence, load = surroundings(bench, reception.values, opening, time, presence, angle)
+        arming, load = surroundings(bench, reception.values, opening, time, arming, angle)
         inputs = Inputs(left, right, load)
         plant_state = integrate.step(bench.plant, plant_state, inputs, bench.step)
         done += 1
@@ -309,7 +311,7 @@ def tick(
     after = LoopState(
         plant_state,
         memory,
-        presence,
+        arming,
         reception,
         counts,
         sent,

@@ -1,4 +1,4 @@
-"""How late this machine wakes the hard loop: its own way to wait, without the work in between."""
+"""How late this machine wakes the real-time loop: its own way to wait, without the work in between."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Result = TypeVar("Result")
 def note_wakeups(
     period_ns: int, count: int, histogram: NDArray[np.int64], stop: NDArray[np.int64], room: Room
 ) -> int:
-    """Wake up for `count` periods on absolute deadlines, as the hard loop does; returns those skipped."""
+    """Wake up for `count` periods on absolute deadlines, as the real-time loop does; returns those skipped."""
     start = clock_ns(_MONOTONIC, room) + _HEAD_START
     done, missed = 0, 0
     while done < count and stop[0] == 0:
@@ -62,7 +62,7 @@ def measure_wakeups(
 def in_own_thread(
     action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None
 ) -> Result:
-    """What `action` gives, in a thread such as the hard loop's; `end` makes it return early, for Ctrl-C."""
+    """What `action` gives, in a thread such as the real-time loop's; `end` makes it return early, for Ctrl-C."""
     results: list[Result] = []
     failures: list[BaseException] = []
 

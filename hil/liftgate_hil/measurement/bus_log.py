@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec import quantities
+from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.codec.frames import Frames
-from liftgate_hil.codec.layout import Wire
 from liftgate_hil.codec.receive import Counts, rejected
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import bridge_command
@@ -75,9 +75,9 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)
-    given, counts = _tracks(rig.input_layout(), quantities.INPUTS, frames, times)
+    given, counts = _tracks(rig.input_config(), quantities.INPUTS, frames, times)
     sensed, sensor_counts = _tracks(
-        rig.output_layout(sending=False), quantities.OUTPUTS, frames, times
+        rig.output_config(sending=False), quantities.OUTPUTS, frames, times
     )
     sensed = {name: track.without_stale() for name, track in sensed.items()}
     _check_content(path, rig, given, sensed, _add(counts, sensor_counts))
@@ -108,7 +108,7 @@ def unwrapped(values: Floats, span: float) -> Floats:
     return result
 
 
-def _wrap(rig: Rig, wire: Wire) -> float:
+def _wrap(rig: Rig, wire: SignalMapping) -> float:
     """What a counter's bits hold, in our unit."""
     signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
     if signal.is_float or signal.length > 48:
@@ -134,7 +134,7 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
 
 
 def _tracks(
-    layout: Layout,
+    layout: BusConfig,
     names: Mapping[str, quantities.BusQuantity],
     frames: Frames,
     times: NDArray[np.int64],
@@ -188,7 +188,7 @@ def _check_content(
     counts: Counts,
 ) -> None:
     """There must be commands, and something sensed."""
-    faults = []
+    issues = []
     why = "; ".join(_refusals(counts))
     why = f" ({why})" if why else ""
     for what, found, wires in (
@@ -199,23 +199,23 @@ def _check_content(
             names = list(
                 dict.fromkeys(wire.message for wire in wires if wire.quantity not in _PANEL)
             )
-            faults.append(f"{path}: no sound {what} frame{why}; allowed: {_called(rig, names)}")
-    if faults:
-        raise ConfigError(faults)
+            issues.append(f"{path}: no sound {what} frame{why}; allowed: {_called(rig, names)}")
+    if issues:
+        raise ConfigError(issues)
 
 
 def _check_ranges(path: Path, columns: Mapping[str, Floats]) -> None:
-    faults = []
+    issues = []
     for name, values in columns.items():
         low, high = {**INPUTS, **OUTPUTS}[name]
         bad = np.flatnonzero((values < low) | (values > high))
         if len(bad):
-            faults.append(
+            issues.append(
                 f"{path}: {name}: {values[bad[0]]:.9g} in the frame of row {bad[0] + 1}; "
                 f"allowed: {low:g} to {high:g}"
             )
-    if faults:
-        raise ConfigError(faults)
+    if issues:
+        raise ConfigError(issues)
 
 
 def _inputs(

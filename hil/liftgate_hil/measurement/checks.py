@@ -39,38 +39,38 @@ class Expected:
 def check(measurement: Measurement, expected: Expected | None = None) -> list[str]:
     """All faults, a line each."""
     known = expected or Expected()
-    faults = _soundness(measurement)
-    if not faults:
-        faults += _raster(measurement)
-    if not faults:
+    issues = _soundness(measurement)
+    if not issues:
+        issues += _raster(measurement)
+    if not issues:
         for side in ("left", "right"):
-            faults += _position_and_speed(measurement, side, known)
-            faults += _count_and_position(measurement, side, known)
-            faults += _angle_and_position(measurement, side, known)
-            faults += _current(measurement, side, known)
-            faults += _voltage(measurement, side, known)
-    return [f"{measurement.source}: {fault}" for fault in faults]
+            issues += _position_and_speed(measurement, side, known)
+            issues += _count_and_position(measurement, side, known)
+            issues += _angle_and_position(measurement, side, known)
+            issues += _current(measurement, side, known)
+            issues += _voltage(measurement, side, known)
+    return [f"{measurement.source}: {fault}" for fault in issues]
 
 
 def _soundness(measurement: Measurement) -> list[str]:
     """What the reader should have seen to; conditioning may leave less."""
-    faults = []
+    issues = []
     rows = len(measurement.times)
     if rows < MIN_ROWS:
-        faults.append(f"{rows} rows; allowed: {MIN_ROWS} or more")
+        issues.append(f"{rows} rows; allowed: {MIN_ROWS} or more")
     if not np.all(np.isfinite(measurement.times)) or np.any(np.diff(measurement.times) <= 0.0):
         row = int(np.argmin(np.append(np.diff(measurement.times) > 0.0, False))) + 2
-        faults.append(f"time_s: row {row}; allowed: finite and rising")
+        issues.append(f"time_s: row {row}; allowed: finite and rising")
     for name, values in measurement.columns.items():
         low, high = {**INPUTS, **OUTPUTS}[name]
         bad = ~np.isfinite(values) if name in INPUTS else np.isinf(values)
         if np.any(bad):
             row = int(np.argmax(bad))
-            faults.append(f"{name}: {values[row]} in row {row + 1}; allowed: {low:g} to {high:g}")
+            issues.append(f"{name}: {values[row]} in row {row + 1}; allowed: {low:g} to {high:g}")
         samples = int(np.sum(np.isfinite(values)))
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
-            faults.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
-    return faults
+            issues.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")
+    return issues
 
 
 def _raster(measurement: Measurement) -> list[str]:
@@ -90,8 +90,8 @@ def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
         return math.nan
     marks = at[np.unique(np.linspace(0, len(at) - 1, min(50, len(at))).astype(int))]
     clock, rate = times[moving], speed[moving]
-    pieces = np.diff(clock) * (rate[1:] + rate[:-1]) / 2.0
-    travelled = np.concatenate([np.zeros(1), np.cumsum(pieces)])
+    multiple_shooting = np.diff(clock) * (rate[1:] + rate[:-1]) / 2.0
+    travelled = np.concatenate([np.zeros(1), np.cumsum(multiple_shooting)])
     by_speed = np.diff(np.interp(times[marks], clock, travelled))
     by_position = np.diff(position[marks])
     inside = (times[marks][:-1] >= clock[0]) & (times[marks][1:] <= clock[-1])
@@ -201,14 +201,14 @@ def _current(measurement: Measurement, side: str, known: Expected) -> list[str]:
 def _voltage(measurement: Measurement, side: str, known: Expected) -> list[str]:
     if known.supply_voltage is None:
         return []
-    faults = []
+    issues = []
     names = [f"{side}_voltage_v"] + (["supply_voltage_v"] if side == "left" else [])
     for name in names:
         values = measurement.columns.get(name)
         if values is not None:
             limit = 5.0 * max(known.supply_voltage, 1.0)
-            faults += _too_large(name, values, limit, "V", "mV")
-    return faults
+            issues += _too_large(name, values, limit, "V", "mV")
+    return issues
 
 
 def _too_large(name: str, values: Floats, limit: float, unit: str, rather: str) -> list[str]:

@@ -29,14 +29,14 @@ class CsvFile:
     lines: Sequence[str]  # without the header and without blank ones
     sample: str = "row"
 
-    def read(self, wanted: Sequence[str], faults: list[str]) -> dict[str, Series]:
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """See Columns."""
         if not self.lines:
-            faults.append(f"{self.path}: no rows; allowed: rows below the header")
+            issues.append(f"{self.path}: no rows; allowed: rows below the header")
             return {}
         columns = self._fast(wanted)
         if columns is None:
-            columns = self._slow(wanted, faults)
+            columns = self._slow(wanted, issues)
         return {name: Series(values) for name, values in columns.items()}
 
     def _fast(self, wanted: Sequence[str]) -> dict[str, Floats] | None:
@@ -55,18 +55,18 @@ class CsvFile:
             return None
         return {name: np.ascontiguousarray(numbers[:, i]) for i, name in enumerate(wanted)}
 
-    def _slow(self, wanted: Sequence[str], faults: list[str]) -> dict[str, Floats]:
+    def _slow(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Floats]:
         """Cell by cell, so that it can be told which one is wrong."""
         try:
             rows = list(csv.reader(self.lines, delimiter=self.delimiter))
         except csv.Error as error:
-            faults.append(f"{self.path}: cannot be read: {error}")
+            issues.append(f"{self.path}: cannot be read: {error}")
             return {}
         width = len(self.names)
         for number, row in enumerate(rows):
             if len(row) < width or any(cell.strip() for cell in row[width:]):
                 comma = "" if self.delimiter != "," else " (is it a decimal comma?)"
-                faults.append(
+                issues.append(
                     f"{self.path}: row {number + 1}: {len(row)} cells{comma}; "
                     f"allowed: {width}, as in the header"
                 )
@@ -77,7 +77,7 @@ class CsvFile:
             values = np.array([_number(row[place]) for row in rows])
             bad = np.flatnonzero(np.isinf(values))
             if len(bad):
-                faults.append(_fault(self.path, name, rows[bad[0]][place].strip(), bad))
+                issues.append(_fault(self.path, name, rows[bad[0]][place].strip(), bad))
             else:
                 result[name] = values
         return result

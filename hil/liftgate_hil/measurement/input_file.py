@@ -9,7 +9,7 @@ import numpy as np
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.read import open_columns
-from liftgate_hil.measurement.table import time_fault
+from liftgate_hil.measurement.table import time_issue
 from liftgate_hil.stimuli.samples import Floats, Samples
 
 # Column of an input file, the rows of the step's inputs that it fills, and its allowed range.
@@ -30,29 +30,29 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
 def read_samples(path: Path) -> Samples:
     """The samples of a CSV or MF4 file. Raises ConfigError with all faults."""
     file = open_columns(path)
-    faults: list[str] = []
+    issues: list[str] = []
     # A recording of ours is an input too; its output columns are not for us.
     used = [name for name in file.names if name in _COLUMNS]
     by_rows = file.sample == "row"
     if by_rows and "time_s" not in file.names:
-        faults.append(f"{path}: time_s: missing; allowed: a column of seconds")
+        issues.append(f"{path}: time_s: missing; allowed: a column of seconds")
     if not used:
-        faults.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_COLUMNS])}")
-    faults += _clashes(path, used)
+        issues.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_COLUMNS])}")
+    issues += _clashes(path, used)
     wanted = [
         name for name in ("time_s", *used) if name in file.names and (by_rows or name in used)
     ]
-    series = file.read(wanted, faults)
+    series = file.read(wanted, issues)
     for name in used:
         if name in series:
-            faults += _range_faults(path, name, series[name].values, file.sample)
+            issues += _range_issues(path, name, series[name].values, file.sample)
     if by_rows and "time_s" in series:
-        fault = time_fault(series["time_s"].values, "row")
-        faults += [f"{path}: time_s: {fault}"] if fault else []
-    if not faults and not all(len(each.values) for each in series.values()):
-        faults.append(f"{path}: no rows")
-    if faults:
-        raise ConfigError(faults)
+        fault = time_issue(series["time_s"].values, "row")
+        issues += [f"{path}: time_s: {fault}"] if fault else []
+    if not issues and not all(len(each.values) for each in series.values()):
+        issues.append(f"{path}: no rows")
+    if issues:
+        raise ConfigError(issues)
     own = [each.times for each in series.values() if each.times is not None]
     times = series["time_s"].values if by_rows else np.unique(np.concatenate(own))
     values: dict[str, Floats] = {}
@@ -69,16 +69,16 @@ def read_samples(path: Path) -> Samples:
 
 def _clashes(path: Path, used: Sequence[str]) -> list[str]:
     """Drives that are told two things at once."""
-    faults = []
+    issues = []
     for side in ("left", "right"):
         own, duty = f"{side}_voltage_v", f"{side}_duty"
         for pair in (("voltage_v", own), ("voltage_v", duty), (own, duty)):
             if pair[0] in used and pair[1] in used:
-                faults.append(f"{path}: {pair[0]} and {pair[1]}: allowed: one or the other")
-    return faults
+                issues.append(f"{path}: {pair[0]} and {pair[1]}: allowed: one or the other")
+    return issues
 
 
-def _range_faults(path: Path, name: str, values: Floats, word: str) -> list[str]:
+def _range_issues(path: Path, name: str, values: Floats, word: str) -> list[str]:
     _, low, high = _COLUMNS[name]
     bad = np.flatnonzero(~((values >= low) & (values <= high)))
     if len(bad) == 0:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_hil.measurement.units import allowed_units, conversion
 
@@ -45,26 +45,26 @@ def parse_maps(given: Sequence[str]) -> ColumnMap:
     lines: list[str] = []
     for value in given:
         is_file = value.endswith(".toml") and (Path(value).is_file() or "=" not in value)
-        faults = Faults(value if is_file else f"--map {value}")
+        issues = ConfigIssues(value if is_file else f"--map {value}")
         try:
-            found = _from_file(Path(value), faults) if is_file else _from_text(value, faults)
+            found = _from_file(Path(value), issues) if is_file else _from_text(value, issues)
         except ConfigError as error:
-            lines += error.faults
+            lines += error.issues
             continue
         for ours in found:
             if ours in result:
-                faults.add(ours, "mapped twice; allowed: once")
+                issues.add(ours, "mapped twice; allowed: once")
         result |= found
-        lines += faults.lines
+        lines += issues.lines
     if lines:
         raise ConfigError(lines)
     return result
 
 
-def _from_text(value: str, faults: Faults) -> ColumnMap:
+def _from_text(value: str, issues: ConfigIssues) -> ColumnMap:
     ours, equals, theirs = (part.strip() for part in value.partition("="))
     if not equals or not ours or not theirs:
-        raise ConfigError(f"{faults.source}: allowed: {_FORM}")
+        raise ConfigError(f"{issues.source}: allowed: {_FORM}")
     parts = _WITH_UNIT.fullmatch(theirs)
     scale = 1.0
     if parts and parts["scale"]:
@@ -73,36 +73,36 @@ def _from_text(value: str, faults: Faults) -> ColumnMap:
         except ValueError:
             scale = math.nan
         if not math.isfinite(scale) or scale == 0.0:
-            faults.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
+            issues.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
     column = Theirs(parts["name"], parts["unit"], scale) if parts else Theirs(theirs)
-    return _checked(ours, column, faults)
+    return _checked(ours, column, issues)
 
 
-def _from_file(path: Path, faults: Faults) -> ColumnMap:
+def _from_file(path: Path, issues: ConfigIssues) -> ColumnMap:
     raw = read_toml(path)
-    known_keys(faults, "", raw, ("columns",))
+    known_keys(issues, "", raw, ("columns",))
     result: ColumnMap = {}
-    for ours, value in table(faults, "columns", raw.get("columns", {})).items():
+    for ours, value in table(issues, "columns", raw.get("columns", {})).items():
         key = f"columns.{ours}"
-        given = {"name": value} if isinstance(value, str) else table(faults, key, value)
-        known_keys(faults, key, given, ("name", "unit", "scale", "offset"))
-        name = text(faults, f"{key}.name", given.get("name"))
+        given = {"name": value} if isinstance(value, str) else table(issues, key, value)
+        known_keys(issues, key, given, ("name", "unit", "scale", "offset"))
+        name = text(issues, f"{key}.name", given.get("name"))
         unit = given.get("unit")
         if unit is not None and not isinstance(unit, str):
-            faults.add(f"{key}.unit", f"{show(unit)}; allowed: a text")
+            issues.add(f"{key}.unit", f"{show(unit)}; allowed: a text")
             unit = None
-        scale = number(faults, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
+        scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
         if scale == 0.0:
-            faults.add(f"{key}.scale", "0; allowed: anything else")
-        offset = number(faults, f"{key}.offset", given.get("offset", 0.0), -1e12, 1e12)
-        result |= _checked(ours, Theirs(name, unit, scale, offset), faults)
+            issues.add(f"{key}.scale", "0; allowed: anything else")
+        offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e12, 1e12)
+        result |= _checked(ours, Theirs(name, unit, scale, offset), issues)
     return result
 
 
-def _checked(ours: str, theirs: Theirs, faults: Faults) -> ColumnMap:
+def _checked(ours: str, theirs: Theirs, issues: ConfigIssues) -> ColumnMap:
     if ours not in KNOWN:
-        faults.add(ours, f"no such column of ours; allowed: {', '.join(KNOWN)}")
+        issues.add(ours, f"no such column of ours; allowed: {', '.join(KNOWN)}")
         return {}
     if theirs.unit is not None and conversion(ours, theirs.unit) is None:
-        faults.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours)}")
+        issues.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours)}")
     return {ours: theirs}

@@ -26,25 +26,25 @@ class Mf4File:
     names: Sequence[str]
     sample: str = "sample"
 
-    def read(self, wanted: Sequence[str], faults: list[str]) -> dict[str, Series]:
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """See Columns."""
         result = {}
         with _opened(self.path) as measurement:
             for name in wanted:
                 where = measurement.channels_db[name]
                 if len(where) > 1:
-                    faults.append(f"{self.path}: {name}: in {len(where)} groups; allowed: in one")
+                    issues.append(f"{self.path}: {name}: in {len(where)} groups; allowed: in one")
                     continue
                 signal = measurement.get(name).validate()
                 if np.asarray(signal.samples).dtype.kind not in "fiub":  # a conversion to text
                     signal = measurement.get(name, raw=True).validate()
                 samples = np.asarray(signal.samples)
                 if samples.dtype.kind not in "fiub" or samples.ndim != 1:
-                    faults.append(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+                    issues.append(f"{self.path}: {name}: no numbers; allowed: one number a sample")
                     continue
                 times = np.asarray(signal.timestamps, dtype=np.float64)
                 values = samples.astype(np.float64)
-                if _is_sound(self.path, name, times, values, faults):
+                if _is_sound(self.path, name, times, values, issues):
                     result[name] = Series(values, times, signal.unit or None)
         return result
 
@@ -95,16 +95,16 @@ def _frames(samples: Any) -> Frames:
     return frames._replace(count=len(samples))
 
 
-def _is_sound(path: Path, name: str, times: Floats, values: Floats, faults: list[str]) -> bool:
+def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list[str]) -> bool:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         more = f" ({len(bad)} such samples)" if len(bad) > 1 else ""
         said = f"{values[bad[0]]} in sample {bad[0] + 1}{more}"
-        faults.append(f"{path}: {name}: {said}; allowed: a finite number")
+        issues.append(f"{path}: {name}: {said}; allowed: a finite number")
         return False
     late = np.flatnonzero(~(np.diff(times) > 0.0))
     if len(late):
-        faults.append(
+        issues.append(
             f"{path}: {name}: its time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} does not "
             "come after the one before; allowed: finite and rising"
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.identify.data import Data, is_count
-from liftgate_hil.identify.thinning import Thinning
+from liftgate_hil.identify.decimation import Decimation
 from liftgate_hil.measurement.checks import check
 from liftgate_hil.measurement.measurement import Floats, Measurement
 
@@ -67,7 +67,7 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
             "allowed: with --resample HZ"
         )
     there = {name: np.isfinite(values) for name, values in data.outputs.items()}
-    thinning = Thinning(
+    decimation = Decimation(
         rows,
         raster,
         factor,
@@ -80,16 +80,16 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
     )
     outputs = {}
     for name, values in data.outputs.items():
-        kept = thinning.of(name, values)
-        if name in thinning.counts:
+        kept = decimation.of(name, values)
+        if name in decimation.counts:
             kept = np.rint(kept / quantum) * quantum
-        outputs[name] = np.where(_unknown(name, values, thinning), np.nan, kept)
-    few = Measurement(data.name, thinning.times, outputs, data.through_sensors)
-    faults = check(few)
-    if faults:
-        raise ConfigError(faults)
+        outputs[name] = np.where(_unknown(name, values, decimation), np.nan, kept)
+    few = Measurement(data.name, decimation.times, outputs, data.through_sensors)
+    issues = check(few)
+    if issues:
+        raise ConfigError(issues)
     return dataclasses.replace(
-        data, times=few.times, outputs=outputs, thinning=thinning, whole=data
+        data, times=few.times, outputs=outputs, decimation=decimation, whole=data
     )
 
 
@@ -105,18 +105,18 @@ def _raster(data: Data, rate: float) -> Floats:
     return raster
 
 
-def _unknown(name: str, values: Floats, thinning: Thinning) -> NDArray[np.bool_]:
+def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
     """Which samples there are not: in a gap, or so near to one that the filter would rather show the line across
     it.
     """
-    rows = thinning.rows
-    gap = in_gap(rows, values, rows if thinning.raster is None else thinning.raster)
-    if thinning.factor == 1 or name in thinning.counts:
-        return gap[:: thinning.factor]
+    rows = decimation.rows
+    gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
+    if decimation.factor == 1 or name in decimation.counts:
+        return gap[:: decimation.factor]
     before = np.concatenate([np.zeros(1), np.cumsum(gap)])
-    at = np.arange(0, len(gap), thinning.factor)
-    low = np.maximum(at - thinning.factor, 0)
-    high = np.minimum(at + thinning.factor + 1, len(gap))
+    at = np.arange(0, len(gap), decimation.factor)
+    low = np.maximum(at - decimation.factor, 0)
+    high = np.minimum(at + decimation.factor + 1, len(gap))
     result: NDArray[np.bool_] = (before[high] - before[low]) / (high - low) > _MOSTLY
     # At its ends a filter that goes on point-mirrored shows the first and last value with all their noise.
     result[[0, -1]] = True

@@ -29,5 +29,5 @@ class Columns(Protocol):
     def sample(self) -> str:
         """What one of its samples is called: "row", or "sample" where each column has its own times."""
 
-    def read(self, wanted: Sequence[str], faults: list[str]) -> dict[str, Series]:
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """These columns; one that holds anything but finite numbers is left out, and noted."""

@@ -37,15 +37,15 @@ class _Reading:
     file: Columns
     names: dict[str, str]  # ours: theirs
     recorded: bool
-    faults: list[str]
+    issues: list[str]
 
 
 def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     """The measurement in a file of columns. Raises ConfigError with all faults."""
     reading = _resolve(path, file, mapping)
-    faults = reading.faults
+    issues = reading.issues
     wanted = list(dict.fromkeys(reading.names.values()))
-    raw = file.read(wanted, faults)
+    raw = file.read(wanted, issues)
     series = {
         ours: _converted(reading, ours, raw[theirs], mapping)
         for ours, theirs in reading.names.items()
@@ -54,8 +54,8 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     for ours, each in series.items():
         _check_range(reading, ours, each)
     shared = _shared_times(reading, series)
-    if faults:
-        raise ConfigError(faults)
+    if issues:
+        raise ConfigError(issues)
     series.pop("time_s", None)
     own = {name: _own_samples(each, shared) for name, each in series.items()}
     own = {name: each for name, each in own.items() if len(each[0])}
@@ -69,13 +69,13 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
 
 def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
     """Which column is which."""
-    faults: list[str] = []
+    issues: list[str] = []
     names: dict[str, str] = {}
     for ours, theirs in mapping.items():
         found = theirs.found_in(file.names)
         if found is None:
             known = ", ".join([name for name in file.names if name][:20])
-            faults.append(f"{path}: {ours}: no column {theirs.name!r}; allowed: {known}")
+            issues.append(f"{path}: {ours}: no column {theirs.name!r}; allowed: {known}")
         else:
             names[ours] = found
     for name in KNOWN:
@@ -85,53 +85,53 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
     if recorded:
         names = {ours: theirs for ours, theirs in names.items() if ours not in _VOLTAGES}
         names.setdefault("latch_released", "latched")
-    faults += _other_units(file, names, path)
+    issues += _other_units(file, names, path)
     by_rows = file.sample == "row"
     if not by_rows:
         names.pop("time_s", "")
     if "time_s" in mapping and not by_rows:
-        faults.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
+        issues.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
     if "time_s" not in (*names, *mapping) and by_rows:
-        faults.append(f"{path}: time_s: missing; allowed: a column of seconds, or --map time_s=...")
+        issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or --map time_s=...")
     for what, columns in _KINDS:
         if not any(column in (*names, *mapping) for column in columns):
-            faults.append(
+            issues.append(
                 f"{path}: no {what} column; allowed: {', '.join(columns)}, others by --map"
             )
     told = {*names, *mapping}
     if told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
-        faults.append(
+        issues.append(
             f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
             "others by --map"
         )
-    faults += _clashes(path, names)
-    return _Reading(path, file, names, recorded, faults)
+    issues += _clashes(path, names)
+    return _Reading(path, file, names, recorded, issues)
 
 
 def _other_units(file: Columns, names: dict[str, str], path: Path) -> list[str]:
     """Headers like left_current_ma; each counts as its column, so that it is told once only."""
-    faults = []
+    issues = []
     for name in file.names:
         meant = near_miss(name, KNOWN)
         if meant is None or meant[0] in names or name in names.values():
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
-            faults.append(f"{path}: {name}: not our unit; allowed: --map '{ours}={name}[{unit}]'")
+            issues.append(f"{path}: {name}: not our unit; allowed: --map '{ours}={name}[{unit}]'")
             names[ours] = name
-    return faults
+    return issues
 
 
 def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
     """Drives that are said to get two things at once."""
-    faults = []
+    issues = []
     for side in SIDES:
         given = [
             name for name in ("voltage_v", f"{side}_voltage_v", f"{side}_duty") if name in names
         ]
         if len(given) > 1:
-            faults.append(f"{path}: {' and '.join(given)}: allowed: one of them")
-    return faults
+            issues.append(f"{path}: {' and '.join(given)}: allowed: one of them")
+    return issues
 
 
 def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
@@ -146,7 +146,7 @@ def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap)
         name = reading.names[ours]
         called = ours if name == ours else f"{ours} ({name})"
         hint = f"; or --map '{ours}={name}[unit]'" if theirs is None else ""
-        reading.faults.append(
+        reading.issues.append(
             f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}"
         )
         factors = (1.0, 0.0)
@@ -171,7 +171,7 @@ def _check_range(reading: _Reading, ours: str, series: Series) -> None:
         factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
         if rather and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
             hint = f"; is it {rather}? --map '{ours}={theirs}[{rather}]'"
-        reading.faults.append(
+        reading.issues.append(
             f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "
             f"allowed: {low:g} to {high:g}{hint}"
         )
@@ -184,13 +184,13 @@ def _shared_times(reading: _Reading, series: Mapping[str, Series]) -> Floats | N
     if "time_s" not in series:
         return np.zeros(0)
     times = series["time_s"].values
-    fault = time_fault(times, "row")
+    fault = time_issue(times, "row")
     if fault:
-        reading.faults.append(f"{reading.path}: time_s: {fault}")
+        reading.issues.append(f"{reading.path}: time_s: {fault}")
     return times
 
 
-def time_fault(times: Floats, word: str) -> str:
+def time_issue(times: Floats, word: str) -> str:
     """What is wrong with times, if anything."""
     empty = np.flatnonzero(np.isnan(times))
     if len(empty):
@@ -231,7 +231,7 @@ def _measurement(
             continue
         if by_rows and not _is_slower_raster(times, at):
             row = int(np.argmin(np.isin(times, at))) + 1
-            reading.faults.append(
+            reading.issues.append(
                 f"{reading.path}: {name}: empty cell in row {row}; allowed: an input has a value in "
                 "every row, or in evenly spaced ones"
             )
@@ -242,12 +242,12 @@ def _measurement(
             columns[name] = 1.0 - columns[name]
         if np.isnan(columns[name][0]):
             start = max(start, float(at[0]))
-    told = bool(reading.faults)
+    told = bool(reading.issues)
     for what, names in _KINDS:
         if not told and not any(name in columns for name in names):
-            reading.faults.append(f"{reading.path}: no sample of any {what} column")
-    if reading.faults:
-        raise ConfigError(reading.faults)
+            reading.issues.append(f"{reading.path}: no sample of any {what} column")
+    if reading.issues:
+        raise ConfigError(reading.issues)
     if reading.recorded:
         _shift_inputs(columns)
         notes.append("a recording of the emulator: each input taken from the row after")

@@ -17,7 +17,7 @@ from liftgate_hil.codec.receive import (
     nothing_received,
     take,
 )
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_plant.compiler import compilable, compiled
 
@@ -25,7 +25,7 @@ Integers = NDArray[np.int64]
 
 
 def events_in(
-    layout: Layout, frames: Frames, times: Integers, quantities: int
+    layout: BusConfig, frames: Frames, times: Integers, quantities: int
 ) -> tuple[Integers, Integers, Floats, Counts]:
     """(time [ns], quantity, value) of each event, in the order of time, and what became of the frames.
 
@@ -45,7 +45,7 @@ def events_in(
 
 @compilable
 def walk(
-    layout: Layout,
+    layout: BusConfig,
     current: Reception,
     frames: Frames,
     times: Integers,
@@ -82,7 +82,7 @@ def walk(
 
 @compilable
 def note_stale(
-    layout: Layout,
+    layout: BusConfig,
     current: Reception,
     now: int,
     at: Integers,

@@ -13,7 +13,7 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
     """Raise ConfigError with all faults of the files that flags name, where they are given: none could be written
     twice, none is one that is read (`sources`).
     """
-    faults: list[str] = []
+    issues: list[str] = []
     taken = {_place(each): "it is read" for each in sources}
     for flag, path in targets.items():
         if path is None:
@@ -21,13 +21,13 @@ def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> 
         try:
             check_target(path, flag)
         except ConfigError as error:
-            faults += error.faults
+            issues += error.issues
             continue
         if _place(path) in taken:
-            faults.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a file of its own")
+            issues.append(f"{flag} {path}: {taken[_place(path)]}; allowed: a file of its own")
         taken.setdefault(_place(path), f"{flag} writes it")
-    if faults:
-        raise ConfigError(faults)
+    if issues:
+        raise ConfigError(issues)
 
 
 def _place(path: str) -> str:

@@ -34,7 +34,7 @@ CHANNEL = np.dtype(
 )
 
 
-class Program(NamedTuple):
+class Timeline(NamedTuple):
     """Profiles, a row a channel, and obstacles; SI, times in seconds."""
 
     channels: Any  # (channels,) CHANNEL
@@ -42,31 +42,31 @@ class Program(NamedTuple):
     obstacles: NDArray[np.float64]  # (obstacles, 8): start, end, then Obstacle's fields
 
 
-def program_of(
+def timeline_of(
     channels: Sequence[tuple[int, int, int]],
     knots: Sequence[tuple[float, float]],
     obstacles: Sequence[Sequence[float]],
-) -> Program:
+) -> Timeline:
     """The tables of these rows."""
-    return Program(
+    return Timeline(
         np.array(channels, dtype=CHANNEL).view(np.recarray),
         np.array(knots, dtype=np.float64).reshape(-1, 2),
         np.array(obstacles, dtype=np.float64).reshape(-1, 8),
     )
 
 
-def no_program() -> Program:
+def no_timeline() -> Timeline:
     """Nothing moves."""
-    return program_of([(0, 0, 0)] * len(CHANNELS), [], [])
+    return timeline_of([(0, 0, 0)] * len(CHANNELS), [], [])
 
 
 @compilable
-def value_at(program: Program, channel: int, default: float, time: float) -> float:
+def value_at(timeline: Timeline, channel: int, default: float, time: float) -> float:
     """A channel's value; before its first knot the default, after its last knot the last value."""
-    profile = program.channels[channel]
+    profile = timeline.channels[channel]
     if profile.count == 0:
         return default
-    knots = program.knots
+    knots = timeline.knots
     low, high = profile.first, profile.first + profile.count - 1
     if time < knots[low, 0]:
         return default
@@ -85,9 +85,9 @@ def value_at(program: Program, channel: int, default: float, time: float) -> flo
 
 
 @compilable
-def obstacle_at(program: Program, default: Obstacle, time: float) -> Obstacle:
+def obstacle_at(timeline: Timeline, default: Obstacle, time: float) -> Obstacle:
     """The obstacle that is there; of several, the first in the file."""
-    table = program.obstacles
+    table = timeline.obstacles
     for row in range(table.shape[0]):
         if table[row, 0] <= time < table[row, 1]:
             return Obstacle(
@@ -101,14 +101,14 @@ def obstacle_at(program: Program, default: Obstacle, time: float) -> Obstacle:
     return default
 
 
-class Presence(NamedTuple):
+class ObstacleArming(NamedTuple):
     """The obstacle as it was last, and whether the gate has been clear of it since it was put there."""
 
     obstacle: Obstacle
     clear: float
 
 
-NOT_PRESENT = Presence(NO_OBSTACLE, 0.0)
+NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
 
 
 @compilable
@@ -124,31 +124,33 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
 
 
 @compilable
-def present(presence: Presence, obstacle: Obstacle, angle: float) -> tuple[Presence, Obstacle]:
+def present(
+    arming: ObstacleArming, obstacle: Obstacle, angle: float
+) -> tuple[ObstacleArming, Obstacle]:
     """The obstacle as the gate can meet it: one that is put where the gate already is (a rod under the
     closed gate) is not in the way before the gate has been clear of it.
     """
     if obstacle.stiffness == 0.0:
-        return Presence(obstacle, 0.0), obstacle
-    clear = presence.clear if is_same_place(presence.obstacle, obstacle) else 0.0
+        return ObstacleArming(obstacle, 0.0), obstacle
+    clear = arming.clear if is_same_place(arming.obstacle, obstacle) else 0.0
     if depth(obstacle, angle) <= 0.0:
         clear = 1.0
     if clear == 0.0:
-        return Presence(obstacle, 0.0), NO_OBSTACLE
-    return Presence(obstacle, 1.0), obstacle
+        return ObstacleArming(obstacle, 0.0), NO_OBSTACLE
+    return ObstacleArming(obstacle, 1.0), obstacle
 
 
 @compilable
-def load_at(program: Program, base: Load, time: float) -> Load:
+def load_at(timeline: Timeline, base: Load, time: float) -> Load:
     """The surroundings at a time [s]."""
     return Load(
-        value_at(program, 0, base.source_voltage, time),
-        value_at(program, 1, base.road_slope, time),
-        value_at(program, 2, base.ambient_temperature, time),
-        value_at(program, 3, base.wind_pressure, time),
-        value_at(program, 4, base.snow_mass, time),
-        value_at(program, 5, base.hand_force, time),
-        value_at(program, 6, base.measured_torque, time),
+        value_at(timeline, 0, base.source_voltage, time),
+        value_at(timeline, 1, base.road_slope, time),
+        value_at(timeline, 2, base.ambient_temperature, time),
+        value_at(timeline, 3, base.wind_pressure, time),
+        value_at(timeline, 4, base.snow_mass, time),
+        value_at(timeline, 5, base.hand_force, time),
+        value_at(timeline, 6, base.measured_torque, time),
         base.latch_released,
-        obstacle_at(program, base.obstacle, time),
+        obstacle_at(timeline, base.obstacle, time),
     )

@@ -49,7 +49,7 @@ class Transport(Protocol):
 
 
 class Line(Protocol):
-    """A wire as the hard loop has it: a socket that carries the kernel's CAN frames (`loop.datagrams`). The
+    """A wire as the real-time loop has it: a socket that carries the kernel's CAN frames (`loop.datagrams`). The
     descriptor's number stays the same as long as the line is open, whatever becomes of the wire.
     """
 

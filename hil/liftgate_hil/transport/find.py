@@ -57,7 +57,7 @@ def open_transport(way: Way) -> Transport:
 
 
 def open_line(way: Way) -> Line:
-    """The wire for the hard loop. Raises ConfigError, TransportError."""
+    """The wire for the real-time loop. Raises ConfigError, TransportError."""
     if way.can is not None and way.is_interface("socketcan"):
         from liftgate_hil.transport.socketcan import SocketCan
 
@@ -70,14 +70,14 @@ def open_line(way: Way) -> Line:
 def check_serial(rig: Rig) -> None:
     """Raises ConfigError where a rig has messages that a serial line cannot carry."""
     names = dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs))
-    faults = [
+    issues = [
         f"{rig.source}: {name} has the 29-bit identifier {rig.messages[name].frame_id:#x}; allowed on a "
         "serial line: 11-bit identifiers"
         for name in names
         if rig.messages[name].is_extended_frame
     ]
-    if faults:
-        raise ConfigError(faults)
+    if issues:
+        raise ConfigError(issues)
 
 
 def bus_arguments(

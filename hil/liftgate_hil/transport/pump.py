@@ -1,4 +1,4 @@
-"""Any transport as a line for the hard loop: two threads carry its frames to and from a pair of sockets."""
+"""Any transport as a line for the real-time loop: two threads carry its frames to and from a pair of sockets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SocketCAN: a raw socket for the hard loop, which outlives its interface.
+"""SocketCAN: a raw socket for the real-time loop, which outlives its interface.
 
 A raw socket whose interface was taken down works again once that is up; one whose interface was deleted never
 does. So the kernel is listened to (rtnetlink), and a new socket is put under the old descriptor when there is a

@@ -80,13 +80,13 @@ def test_faults_of_all_files_come_at_once(drive: Path, tmp_path: Path) -> None:
     bad.write_text("time_s,voltage_v\n0,1\n")
     with pytest.raises(ConfigError) as caught:
         measure(few, drive, bad, tmp_path / "none.blf")
-    assert caught.value.faults[0] == f"{few}: 2 rows; allowed: 20 or more"
-    assert caught.value.faults[1].startswith(f"{bad}: no output column; allowed: left_current_a, ")
+    assert caught.value.issues[0] == f"{few}: 2 rows; allowed: 20 or more"
+    assert caught.value.issues[1].startswith(f"{bad}: no output column; allowed: left_current_a, ")
     assert (
-        caught.value.faults[2]
+        caught.value.issues[2]
         == f"{tmp_path / 'none.blf'}: cannot be read: No such file or directory"
     )
-    assert len(caught.value.faults) == 3
+    assert len(caught.value.issues) == 3
 
 
 def test_a_cut_that_leaves_too_little_is_a_fault(drive: Path) -> None:
@@ -97,7 +97,7 @@ def test_a_cut_that_leaves_too_little_is_a_fault(drive: Path) -> None:
 def test_units_are_held_against_the_vehicle(drive: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         measure(drive, "--map", "left_current_a=left_current_a[A]*100")
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         f"{drive}: left_current_a: 8000 in row 1001: is it mA? "
         "allowed: up to 169.5 A with this vehicle"
     ]

@@ -16,14 +16,14 @@ from hil_support import CALM, FREE, frames_of, rig_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VALID
-from liftgate_hil.codec.layout import Wire, build_layout
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.tick import initial_loop, tick
 from liftgate_plant.compiler import compiled
 
@@ -49,9 +49,9 @@ def message_of(profile: str, length: int = 8) -> Message:
     return Message(0x123, "M", length, signals, cycle_time=10)
 
 
-def layout_of(
+def bus_config_of(
     profile: str, sending: bool = False, length: int = 8, timeout_cycles: float = 3.0, **more: Any
-) -> Layout:
+) -> BusConfig:
     message = message_of(profile, length)
     ids = LIST if profile == "e2e-p02" else (0x1A2B,)
     nibble = "Nibble" if more.get("data_id_mode") == "nibble" else None
@@ -61,12 +61,17 @@ def layout_of(
         checksum="Crc",
         e2e=EndToEnd(profile, ids, nibble=nibble, **more),
     )
-    faults = Faults("test")
-    layout = build_layout(
-        {"M": message}, [Wire("v", "M", "Value")], {"M": options}, {"v": FREE}, faults, sending
+    issues = ConfigIssues("test")
+    bus = build_bus_config(
+        {"M": message},
+        [SignalMapping("v", "M", "Value")],
+        {"M": options},
+        {"v": FREE},
+        issues,
+        sending,
     )
-    faults.raise_if_any()
-    return layout
+    issues.raise_if_any()
+    return bus
 
 
 def theirs(profile: str, mode: str = "both", length: int = 8) -> Sender:
@@ -118,26 +123,26 @@ def test_what_is_sent_is_what_the_package_makes(
     codec: tuple[Any, Any], profile: str, mode: str, length: int
 ):
     more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    layout = layout_of(profile, sending=True, length=length, **more)
+    bus = bus_config_of(profile, sending=True, length=length, **more)
     their = theirs(profile, mode, length)
     modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
     sent = np.zeros(1, dtype=np.int64)
     for number in range(2 * modulus + 3):
         value = (number * 977) % 65536
-        frames, sent = codec[1](layout, np.array([float(value)]), sent, 0, 0, True)
+        frames, sent = codec[1](bus, np.array([float(value)]), sent, 0, 0, True)
         assert frames.data[0, :length].tobytes() == their(number % modulus, value)
 
 
 @pytest.mark.parametrize(("profile", "mode"), VARIANTS)
 def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, mode: str):
     more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    layout = layout_of(profile, **more)
+    bus = bus_config_of(profile, **more)
     their = theirs(profile, mode)
     modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
-    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number in range(40):
         frame = frames_of([(0x123, their(number % modulus, 100 + number))])
-        reception, counts = codec[0](layout, reception, counts, frame, number * CYCLE)
+        reception, counts = codec[0](bus, reception, counts, frame, number * CYCLE)
     # The first shows that there is data, the second is the first of the window.
     assert counts == NO_COUNTS._replace(accepted=39, unqualified=1)
     assert reception.values[0] == 139.0
@@ -148,19 +153,19 @@ def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, m
 @given(st.integers(0, 63), st.integers(0, 14))
 def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: int):
     more = {"data_id_mode": mode} if profile == "e2e-p01" else {}
-    layout = layout_of(profile, **more)
+    bus = bus_config_of(profile, **more)
     payload = bytearray(theirs(profile, mode)(counter, 0x1234))
     payload[bit // 8] ^= 1 << bit % 8
-    reception = nothing_received(layout, 1)
-    _, counts = receive(layout, reception, NO_COUNTS, frames_of([(0x123, bytes(payload))]), 0)
+    reception = nothing_received(bus, 1)
+    _, counts = receive(bus, reception, NO_COUNTS, frames_of([(0x123, bytes(payload))]), 0)
     assert counts == NO_COUNTS._replace(checksum=1)
 
 
 def test_another_data_id_is_seen():
-    layout = layout_of("e2e-p05")
-    layout.messages.data_ids[0][:] = 0x1A2C
+    bus = bus_config_of("e2e-p05")
+    bus.messages.data_ids[0][:] = 0x1A2C
     frame = frames_of([(0x123, theirs("e2e-p05")(0, 1))])
-    _, counts = receive(layout, nothing_received(layout, 1), NO_COUNTS, frame, 0)
+    _, counts = receive(bus, nothing_received(bus, 1), NO_COUNTS, frame, 0)
     assert counts.checksum == 1
 
 
@@ -169,21 +174,21 @@ def test_another_data_id_is_seen():
 Step = int | str | None
 
 
-def run(layout: Layout, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
+def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[list[str], list[int]]:
     """What became of each frame, and the state after each step."""
     their = theirs(profile)
-    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    reception, counts = nothing_received(bus, 1), NO_COUNTS
     causes, states = [], []
     for number, step in enumerate(steps):
         now = number * CYCLE
-        reception, _ = forget_stale(layout, reception, now)
+        reception, _ = forget_stale(bus, reception, now)
         before = counts
         if step is not None:
             payload = bytearray(their(0 if isinstance(step, str) else step, number))
             if isinstance(step, str):
                 payload[7] ^= 1
             frame = frames_of([(0x123, bytes(payload))])
-            reception, counts = receive(layout, reception, counts, frame, now)
+            reception, counts = receive(bus, reception, counts, frame, now)
         causes.append(cause_of(before, counts))
         states.append(int(reception.memory[0, STATE]))
     return causes, states
@@ -199,7 +204,7 @@ def cause_of(before: Counts, after: Counts) -> str:
 
 
 def test_a_frame_that_comes_twice_is_refused():
-    causes, _ = run(layout_of("e2e-p01"), [0, 1, 1, 2, 2, 3])
+    causes, _ = run(bus_config_of("e2e-p01"), [0, 1, 1, 2, 2, 3])
     assert causes == [
         "unqualified", "accepted", "counter", "accepted", "counter", "accepted",
     ]  # fmt: skip
@@ -208,20 +213,20 @@ def test_a_frame_that_comes_twice_is_refused():
 @pytest.mark.parametrize("allowed", [1, 2, 3])
 @pytest.mark.parametrize("step", [1, 2, 3, 4])
 def test_so_many_lost_frames_are_tolerated_as_the_rig_says(allowed: int, step: int):
-    layout = layout_of("e2e-p05", max_delta=allowed)
-    causes, _ = run(layout, [250, 251, (251 + step) % 256], "e2e-p05")
+    bus = bus_config_of("e2e-p05", max_delta=allowed)
+    causes, _ = run(bus, [250, 251, (251 + step) % 256], "e2e-p05")
     # The step is made within one cycle, so nothing excuses it.
     assert causes[2] == ("accepted" if step <= allowed else "counter")
 
 
 def test_after_a_wrong_sequence_the_next_frame_counts_from_there():
-    causes, states = run(layout_of("e2e-p01"), [0, 1, 9, 10, 11])
+    causes, states = run(bus_config_of("e2e-p01"), [0, 1, 9, 10, 11])
     assert causes == ["unqualified", "accepted", "counter", "accepted", "accepted"]
     assert states == [INIT, VALID, INVALID, VALID, VALID]
 
 
 def test_synchronisation_takes_as_many_frames_as_the_rig_says():
-    causes, _ = run(layout_of("e2e-p01", sync=2), [0, 1, 9, 10, 11, 12])
+    causes, _ = run(bus_config_of("e2e-p01", sync=2), [0, 1, 9, 10, 11, 12])
     assert causes == [
         "unqualified",
         "accepted",
@@ -233,29 +238,29 @@ def test_synchronisation_takes_as_many_frames_as_the_rig_says():
 
 
 def test_each_cycle_without_a_frame_tolerates_one_more():
-    layout = layout_of("e2e-p01")
-    assert run(layout, [0, 1, 3])[0][-1] == "counter"
-    assert run(layout, [0, 1, None, 3])[0][-1] == "accepted"
-    assert run(layout, [0, 1, None, 4])[0][-1] == "counter"
+    bus = bus_config_of("e2e-p01")
+    assert run(bus, [0, 1, 3])[0][-1] == "counter"
+    assert run(bus, [0, 1, None, 3])[0][-1] == "accepted"
+    assert run(bus, [0, 1, None, 4])[0][-1] == "counter"
 
 
 def test_lost_frames_are_counted():
-    layout = layout_of("e2e-p01", max_delta=3)
-    reception, counts = nothing_received(layout, 1), NO_COUNTS
+    bus = bus_config_of("e2e-p01", max_delta=3)
+    reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number, counter in enumerate((13, 14, 2, 3)):
         frame = frames_of([(0x123, theirs("e2e-p01")(counter, 0))])
-        reception, counts = receive(layout, reception, counts, frame, number * CYCLE)
+        reception, counts = receive(bus, reception, counts, frame, number * CYCLE)
     assert counts == NO_COUNTS._replace(accepted=3, unqualified=1, lost=2)
 
 
 def test_profile_1_has_no_counter_15():
-    causes, _ = run(layout_of("e2e-p01"), [13, 14, 15, 0])
+    causes, _ = run(bus_config_of("e2e-p01"), [13, 14, 15, 0])
     assert causes == ["unqualified", "accepted", "checksum", "accepted"]
 
 
 def test_a_time_out_starts_again_from_nothing():
-    layout = layout_of("e2e-p01")
-    causes, states = run(layout, [0, 1, None, None, None, 7, 8])
+    bus = bus_config_of("e2e-p01")
+    causes, states = run(bus, [0, 1, None, None, None, 7, 8])
     assert states == [INIT, VALID, VALID, VALID, NODATA, INIT, VALID]
     assert causes[-2:] == ["unqualified", "accepted"]
 
@@ -295,7 +300,7 @@ LIMITS = st.tuples(*[st.integers(0, 6)] * 3)
 def test_the_state_machine_is_the_specifications(
     kinds: list[str], window: int, min_ok: tuple[int, int, int], max_error: tuple[int, int, int]
 ):
-    layout = layout_of("e2e-p05", window=window, min_ok=min_ok, max_error=max_error)
+    bus = bus_config_of("e2e-p05", window=window, min_ok=min_ok, max_error=max_error)
     counter, steps, real = 0, [], []
     for number, kind in enumerate(kinds):
         if kind == "error":
@@ -310,21 +315,21 @@ def test_the_state_machine_is_the_specifications(
         assert len(steps) == number + 1
     # All within one cycle: no time-out comes in between.
     their = theirs("e2e-p05")
-    reception, counts, states = nothing_received(layout, 1), NO_COUNTS, []
+    reception, counts, states = nothing_received(bus, 1), NO_COUNTS, []
     for step in steps:
         payload = bytearray(their(0 if isinstance(step, str) else step, 0))
         if isinstance(step, str):
             payload[7] ^= 1
         frame = frames_of([(0x123, bytes(payload))])
-        reception, counts = receive(layout, reception, counts, frame, 0)
+        reception, counts = receive(bus, reception, counts, frame, 0)
         states.append(int(reception.memory[0, STATE]))
     assert states == reference_states(real, window, min_ok, max_error)
 
 
 def test_only_a_valid_state_lets_data_through():
     limits = {"min_ok": (3, 2, 4), "max_error": (0, 1, 0)}
-    layout = layout_of("e2e-p01", window=4, timeout_cycles=100.0, **limits)
-    causes, states = run(layout, [0, 1, 2, 3, "x", "x", 4, 5, 6, 7, 8])
+    bus = bus_config_of("e2e-p01", window=4, timeout_cycles=100.0, **limits)
+    causes, states = run(bus, [0, 1, 2, 3, "x", "x", 4, 5, 6, 7, 8])
     assert states == [INIT, INIT, INIT, VALID, VALID, INVALID, *[INVALID] * 3, VALID, VALID]
     accepted = [number for number, cause in enumerate(causes) if cause == "accepted"]
     assert accepted == [3, 9, 10]
@@ -376,11 +381,11 @@ data_id = 0xBEEF
 
 def test_a_rig_protects_both_ways(tmp_path: Path):
     from liftgate_hil import session
-    from liftgate_hil.stimuli.timeline import no_program
+    from liftgate_hil.stimuli.timeline import no_timeline
     from liftgate_plant.dynamics import initial_state
 
     rig = rig_of(tmp_path, DATABASE, RIG)
-    bench = session.bench_of(session.vehicle_from("suv"), rig, no_program(), 1000.0, 0)
+    bench = session.bench_of(session.vehicle_from("suv"), rig, no_timeline(), 1000.0, 0)
     state = initial_loop(bench, initial_state(bench.plant))
     replies = []
     for number in range(60):

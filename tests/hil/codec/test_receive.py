@@ -32,30 +32,30 @@ from liftgate_hil.codec.receive import (
     receive,
     rejected,
 )
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
 
 MS = 1_000_000
 
 
 @pytest.fixture
-def layout(rig: Rig) -> Layout:
-    return rig.input_layout()
+def bus(rig: Rig) -> BusConfig:
+    return rig.input_config()
 
 
 @pytest.fixture
-def fresh(layout: Layout) -> Reception:
-    return nothing_received(layout, len(INPUTS))
+def fresh(bus: BusConfig) -> Reception:
+    return nothing_received(bus, len(INPUTS))
 
 
 def take(
-    layout: Layout,
+    bus: BusConfig,
     reception: Reception,
     *rows: tuple[int, bytes],
     counts: Counts = NO_COUNTS,
     now: int = 0,
 ) -> tuple[Reception, Counts]:
-    return receive(layout, reception, counts, frames_of(rows), now)
+    return receive(bus, reception, counts, frames_of(rows), now)
 
 
 def value(reception: Reception, name: str) -> float:
@@ -69,11 +69,11 @@ def same(first: Reception, second: Reception) -> bool:
     )
 
 
-def test_a_sound_command_is_taken(rig: Rig, layout: Layout, fresh: Reception):
+def test_a_sound_command_is_taken(rig: Rig, bus: BusConfig, fresh: Reception):
     frame = command_frame(
         rig, 3, LeftDuty=12.3, RightDuty=100.0, LeftDirection=1, RightDirection=2, LatchRelease=1
     )
-    reception, counts = take(layout, fresh, frame)
+    reception, counts = take(bus, fresh, frame)
     assert counts == NO_COUNTS._replace(accepted=1)
     assert value(reception, "left_duty") == pytest.approx(12.3)
     assert value(reception, "right_duty") == 100.0
@@ -83,12 +83,12 @@ def test_a_sound_command_is_taken(rig: Rig, layout: Layout, fresh: Reception):
     assert np.isnan(value(reception, "hand_force"))
 
 
-def test_the_panels_values_are_taken(rig: Rig, layout: Layout, fresh: Reception):
+def test_the_panels_values_are_taken(rig: Rig, bus: BusConfig, fresh: Reception):
     frame = panel_frame(
         rig, ObstacleAngle=35.0, ObstacleRate=10.0, RoadSlope=-12.0, SupplyVoltage=9.5,
         HandForce=-200.0,
     )  # fmt: skip
-    reception, counts = take(layout, fresh, frame)
+    reception, counts = take(bus, fresh, frame)
     assert counts.accepted == 1
     expected = {
         "obstacle_angle": 35.0,
@@ -154,11 +154,11 @@ def refusals(rig: Rig) -> dict[str, tuple[str, tuple[int, bytes]]]:
     ],
 )
 def test_a_refused_frame_counts_once_and_changes_nothing(
-    rig: Rig, layout: Layout, fresh: Reception, case: str
+    rig: Rig, bus: BusConfig, fresh: Reception, case: str
 ):
     cause, frame = refusals(rig)[case]
-    before, counts = take(layout, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
-    after, total = take(layout, before, frame, counts=counts, now=5 * MS)
+    before, counts = take(bus, fresh, command_frame(rig, 3, **both(50.0, OPEN)))
+    after, total = take(bus, before, frame, counts=counts, now=5 * MS)
     assert total == counts._replace(**{cause: 1})
     assert sum(total[:8]) == 2
     # A frame that came in whole moves the alive counter on; nothing else of it is taken.
@@ -168,10 +168,10 @@ def test_a_refused_frame_counts_once_and_changes_nothing(
 
 
 def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
-    rig: Rig, layout: Layout, fresh: Reception
+    rig: Rig, bus: BusConfig, fresh: Reception
 ):
     reception, counts = take(
-        layout,
+        bus,
         fresh,
         (0x400, bytes(8)),
         command_frame(rig, 1, LeftDuty=102.3),
@@ -189,20 +189,20 @@ def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
     assert value(reception, "hand_force") == pytest.approx(30.0)
 
 
-def test_arguments_are_not_changed(rig: Rig, layout: Layout, fresh: Reception):
-    before, counts = take(layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
+def test_arguments_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
+    before, counts = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     kept = copy.deepcopy(before)
     frames = frames_of([command_frame(rig, 2, **both(70.0, OPEN)), panel_frame(rig)])
     kept_data = frames.data.copy()
-    receive(layout, before, counts, frames, 10 * MS)
-    forget_stale(layout, before, 1000 * MS)
+    receive(bus, before, counts, frames, 10 * MS)
+    forget_stale(bus, before, 1000 * MS)
     assert same(before, kept)
     assert np.array_equal(frames.data, kept_data)
 
 
-def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, layout: Layout, fresh: Reception):
+def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
-        layout,
+        bus,
         fresh,
         command_frame(rig, 15, **both(40.0, OPEN)),
         command_frame(rig, 0, **both(60.0, OPEN)),
@@ -211,9 +211,9 @@ def test_of_two_commands_in_one_read_the_later_holds(rig: Rig, layout: Layout, f
     assert value(reception, "left_duty") == pytest.approx(60.0)
 
 
-def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, layout: Layout, fresh: Reception):
+def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(
-        layout,
+        bus,
         fresh,
         command_frame(rig, 5, **both(40.0, OPEN)),
         command_frame(rig, 5, **both(60.0, OPEN)),
@@ -226,17 +226,17 @@ def test_a_repeated_counter_in_one_read_is_refused(rig: Rig, layout: Layout, fre
     ("last", "now", "lost"), [(0, 1, 0), (15, 0, 0), (3, 6, 2), (14, 1, 2), (5, 4, 14)]
 )
 def test_frames_missing_between_two_counters_are_lost(
-    rig: Rig, layout: Layout, fresh: Reception, last: int, now: int, lost: int
+    rig: Rig, bus: BusConfig, fresh: Reception, last: int, now: int, lost: int
 ):
-    reception, counts = take(layout, fresh, command_frame(rig, last))
+    reception, counts = take(bus, fresh, command_frame(rig, last))
     assert counts.lost == 0
-    _, counts = take(layout, reception, command_frame(rig, now), counts=counts)
+    _, counts = take(bus, reception, command_frame(rig, now), counts=counts)
     assert counts == NO_COUNTS._replace(accepted=2, lost=lost)
 
 
-def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, layout: Layout, fresh: Reception):
+def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, bus: BusConfig, fresh: Reception):
     _, counts = take(
-        layout,
+        bus,
         fresh,
         command_frame(rig, 1),
         command_frame(rig, 2, LeftDuty=102.3),
@@ -245,9 +245,9 @@ def test_a_refused_frame_that_did_come_in_is_not_lost(rig: Rig, layout: Layout, 
     assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1)
 
 
-def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, layout: Layout, fresh: Reception):
+def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, bus: BusConfig, fresh: Reception):
     _, counts = take(
-        layout,
+        bus,
         fresh,
         command_frame(rig, 1),
         command_frame(rig, 4, LeftDuty=102.3),  # 2 and 3 never came
@@ -256,28 +256,28 @@ def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, layout: Layout, fre
     assert counts == NO_COUNTS._replace(accepted=2, out_of_range=1, lost=2)
 
 
-def test_after_a_time_out_any_counter_is_welcome(rig: Rig, layout: Layout, fresh: Reception):
-    reception, counts = take(layout, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
-    reception, stale = forget_stale(layout, reception, 30 * MS)
+def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh: Reception):
+    reception, counts = take(bus, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
+    reception, stale = forget_stale(bus, reception, 30 * MS)
     assert stale == 1
     reception, counts = take(
-        layout, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS
+        bus, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS
     )
     assert counts == NO_COUNTS._replace(accepted=2)
     assert value(reception, "left_duty") == pytest.approx(50.0)
-    _, counts = take(layout, reception, command_frame(rig, 7), counts=counts, now=50 * MS)
+    _, counts = take(bus, reception, command_frame(rig, 7), counts=counts, now=50 * MS)
     assert counts.counter == 1
 
 
-def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, layout: Layout, fresh: Reception):
+def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig, fresh: Reception):
     start = 17 * MS
     reception, _ = take(
-        layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
+        bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
     )
-    young, stale = forget_stale(layout, reception, start + 30 * MS - 1)
+    young, stale = forget_stale(bus, reception, start + 30 * MS - 1)
     assert stale == 0
     assert same(young, reception)
-    old, stale = forget_stale(layout, reception, start + 30 * MS)
+    old, stale = forget_stale(bus, reception, start + 30 * MS)
     assert stale == 1
     for name in INPUTS:
         if name in (
@@ -290,21 +290,21 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, layout: Layout
             assert np.isnan(value(old, name)), name
         else:
             assert value(old, name) == value(reception, name), name
-    assert forget_stale(layout, old, start + 60 * MS)[1] == 0
+    assert forget_stale(bus, old, start + 60 * MS)[1] == 0
 
 
-def test_a_panels_value_never_goes_stale(rig: Rig, layout: Layout, fresh: Reception):
-    reception, _ = take(layout, fresh, panel_frame(rig, HandForce=100.0))
-    reception, stale = forget_stale(layout, reception, 10**15)
+def test_a_panels_value_never_goes_stale(rig: Rig, bus: BusConfig, fresh: Reception):
+    reception, _ = take(bus, fresh, panel_frame(rig, HandForce=100.0))
+    reception, stale = forget_stale(bus, reception, 10**15)
     assert stale == 0
     assert value(reception, "hand_force") == pytest.approx(100.0)
 
 
-def test_refused_frames_do_not_keep_a_command_alive(rig: Rig, layout: Layout, fresh: Reception):
-    reception, _ = take(layout, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
+def test_refused_frames_do_not_keep_a_command_alive(rig: Rig, bus: BusConfig, fresh: Reception):
+    reception, _ = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     for now in (10 * MS, 20 * MS):
-        reception, _ = take(layout, reception, command_frame(rig, 1, **both(40.0, OPEN)), now=now)
-    assert forget_stale(layout, reception, 30 * MS)[1] == 1
+        reception, _ = take(bus, reception, command_frame(rig, 1, **both(40.0, OPEN)), now=now)
+    assert forget_stale(bus, reception, 30 * MS)[1] == 1
 
 
 DATABASE = """VERSION ""
@@ -335,15 +335,15 @@ right_duty = { signal = "Antrieb.Tastgrad", scale = -100 }
 left_current = { signal = "Heraus.Strom", scale = 0.001 }
 """
     rig = rig_of(tmp_path, DATABASE, text)
-    layout = rig.input_layout()
+    bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": -0.25, "Richtung": 3, "Zaehler": 0})
-    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
     assert counts.accepted == 1
     assert value(reception, "left_duty") == pytest.approx(-25.0)
     assert value(reception, "right_duty") == pytest.approx(25.0)
     # In their range, but over 100 % in ours.
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 1.1, "Richtung": 3, "Zaehler": 0})
-    _, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    _, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
     assert counts.out_of_range == 1
 
 
@@ -365,9 +365,9 @@ timeout_cycles = 2
 @pytest.mark.parametrize(("raw", "ours"), [(9, 1.0), (5, 2.0), (0, 0.0), (3, 3.0)])
 def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw: int, ours: float):
     rig = rig_of(tmp_path, DATABASE, LABELS)
-    layout = rig.input_layout()
+    bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
     assert counts.accepted == 1
     assert value(reception, "left_direction") == ours
 
@@ -375,23 +375,23 @@ def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw
 @pytest.mark.parametrize("raw", [1, 2, 12, 15])
 def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw: int):
     rig = rig_of(tmp_path, DATABASE, LABELS)
-    layout = rig.input_layout()
+    bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(layout, nothing_received(layout, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
     assert counts == NO_COUNTS._replace(out_of_range=1)
     assert np.isnan(reception.values).all()
 
 
 def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, LABELS)
-    layout = rig.input_layout()
-    reception = nothing_received(layout, len(INPUTS))
+    bus = rig.input_config()
+    reception = nothing_received(bus, len(INPUTS))
     counts = NO_COUNTS
     for now, counter in ((0, 3), (20, 0), (40, 3)):
         payload = rig.messages["Antrieb"].encode(
             {"Tastgrad": 0.5, "Richtung": 9, "Zaehler": counter}
         )
-        reception, counts = take(layout, reception, (THEIRS, payload), counts=counts, now=now * MS)
+        reception, counts = take(bus, reception, (THEIRS, payload), counts=counts, now=now * MS)
     assert counts == NO_COUNTS._replace(accepted=3, lost=2)
-    assert forget_stale(layout, reception, 80 * MS - 1)[1] == 0
-    assert forget_stale(layout, reception, 80 * MS)[1] == 1
+    assert forget_stale(bus, reception, 80 * MS - 1)[1] == 0
+    assert forget_stale(bus, reception, 80 * MS)[1] == 1

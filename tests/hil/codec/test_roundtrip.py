@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
-from hil_support import CALM, FREE, frames_of, j1850, layout_of
+from hil_support import CALM, FREE, bus_config_of, frames_of, j1850
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from liftgate_hil.codec.bus_config import SignalMapping, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
-from liftgate_hil.codec.layout import Wire, raw_range
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.quantities import BusQuantity
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
-from liftgate_hil.codec.tables import Layout
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode, transmit
 from liftgate_plant.compiler import compiled
 
@@ -41,12 +41,12 @@ def codec(request: pytest.FixtureRequest) -> Codec:
     return Codec(compiled(receive), compiled(transmit))
 
 
-def take(codec: Codec, layout: Layout, identifier: int, payload: bytes) -> tuple[Any, Counts]:
+def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple[Any, Counts]:
     """The values of one frame."""
-    quantities = 1 + int(max(layout.signals.quantity, default=0))
+    quantities = 1 + int(max(bus.signals.quantity, default=0))
     reception, counts = codec.receive(
-        layout,
-        nothing_received(layout, quantities),
+        bus,
+        nothing_received(bus, quantities),
         NO_COUNTS,
         frames_of([(identifier, payload)]),
         0,
@@ -54,10 +54,10 @@ def take(codec: Codec, layout: Layout, identifier: int, payload: bytes) -> tuple
     return reception.values, counts
 
 
-def put(codec: Codec, layout: Layout, values: list[float]) -> bytes:
+def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
     """The payload of the only message."""
     sent = np.zeros(1, dtype=np.int64)
-    frames, _ = codec.transmit(layout, np.array(values, dtype=np.float64), sent, 0, 0, True)
+    frames, _ = codec.transmit(bus, np.array(values, dtype=np.float64), sent, 0, 0, True)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
 
@@ -121,9 +121,9 @@ def identifier_of(message: Message) -> int:
     return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
 
 
-def layout_for(message: Message, sending: bool = False) -> Layout:
-    wires = [Wire(signal.name, "M", signal.name) for signal in message.signals]
-    return layout_of({"M": message}, wires, sending=sending)
+def layout_for(message: Message, sending: bool = False) -> BusConfig:
+    mappings = [SignalMapping(signal.name, "M", signal.name) for signal in message.signals]
+    return bus_config_of({"M": message}, mappings, sending=sending)
 
 
 def slack(signal: Signal, raw: float) -> float:
@@ -188,13 +188,13 @@ def test_what_is_sent_is_what_cantools_encodes(codec: Codec, message: Message, d
 def test_a_value_comes_back_within_half_a_quantum(
     codec: Codec, message: Message, data: st.DataObject
 ):
-    layout = layout_for(message, sending=True)
+    bus = layout_for(message, sending=True)
     values = []
     for signal in message.signals:
         low, high = raw_range(signal)
         raw = data.draw(st.floats(max(low, -1e6), min(high, 1e6)))
         values.append(raw * signal.scale + signal.offset)
-    payload = put(codec, layout, values)
+    payload = put(codec, bus, values)
     back, counts = take(codec, layout_for(message), identifier_of(message), payload)
     assert counts.accepted == 1
     decoded = message.decode(payload, decode_choices=False)
@@ -218,8 +218,8 @@ EXTREMES = (1e3, 1e10, 9e15, 1e18, 1e19, 4e19, 1e30, 1e200, math.inf)
 def test_a_value_out_of_range_is_sent_as_the_nearest_limit(
     codec: Codec, message: Message, size: float, sign: float
 ):
-    layout = layout_for(message, sending=True)
-    payload = put(codec, layout, [sign * size] * len(message.signals))
+    bus = layout_for(message, sending=True)
+    payload = put(codec, bus, [sign * size] * len(message.signals))
     got = message.decode(payload, decode_choices=False, scaling=False)
     for signal in message.signals:
         if signal.is_float:
@@ -265,16 +265,16 @@ def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
     first = Signal("S0", 0, 16, "little_endian", raw_initial=1234)
     second = Signal("S1", 23, 16, "big_endian", is_signed=True, raw_initial=-5)
     message = Message(1, "M", 8, [first, second])
-    layout = layout_for(message, sending=True)
-    assert message.decode(put(codec, layout, [7.0, NAN])) == {"S0": 7, "S1": -5}
-    assert message.decode(put(codec, layout, [NAN, 7.0])) == {"S0": 1234, "S1": 7}
+    bus = layout_for(message, sending=True)
+    assert message.decode(put(codec, bus, [7.0, NAN])) == {"S0": 7, "S1": -5}
+    assert message.decode(put(codec, bus, [NAN, 7.0])) == {"S0": 1234, "S1": 7}
 
 
 def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
     message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
     sent = np.zeros(1, dtype=np.int64)
-    layout = layout_for(message, sending=True)
-    frames, after = codec.transmit(layout, np.array([NAN]), sent, 0, 0, True)
+    bus = layout_for(message, sending=True)
+    frames, after = codec.transmit(bus, np.array([NAN]), sent, 0, 0, True)
     assert (frames.count, after.tolist()) == (0, [0])
 
 
@@ -304,11 +304,11 @@ def test_a_long_signals_range_is_kept_to_the_last_quantum(codec: Codec, length: 
     low = -limit if signed else 0
     signal = Signal("S0", 0, length, "little_endian", is_signed=signed, minimum=low, maximum=limit)
     message = Message(1, "M", 8, [signal])
-    layout = layout_for(message, sending=True)
-    assert message.decode(put(codec, layout, [1e15]))["S0"] == limit
-    assert message.decode(put(codec, layout, [-1e15]))["S0"] == low
+    bus = layout_for(message, sending=True)
+    assert message.decode(put(codec, bus, [1e15]))["S0"] == limit
+    assert message.decode(put(codec, bus, [-1e15]))["S0"] == low
     # What is sent, a receiver with the same database takes.
-    assert take(codec, layout_for(message), 1, put(codec, layout, [1e15]))[1].accepted == 1
+    assert take(codec, layout_for(message), 1, put(codec, bus, [1e15]))[1].accepted == 1
 
 
 @pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
@@ -327,40 +327,40 @@ def test_scale_and_offset_bring_their_unit_to_ours_and_back(codec: Codec):
         "S0", 7, 16, "big_endian", conversion=BaseConversion.factory(scale=0.5, offset=-100)
     )
     message = Message(1, "M", 8, [signal])
-    wire = Wire("q", "M", "S0", scale=-0.2, offset=3.0)
-    layout = layout_of({"M": message}, [wire], sending=True)
-    payload = put(codec, layout, [3.0 - 0.2 * 60.0])
+    wire = SignalMapping("q", "M", "S0", scale=-0.2, offset=3.0)
+    bus = bus_config_of({"M": message}, [wire], sending=True)
+    payload = put(codec, bus, [3.0 - 0.2 * 60.0])
     assert message.decode(payload)["S0"] == 60.0
-    values, _ = take(codec, layout, 1, payload)
+    values, _ = take(codec, bus, 1, payload)
     assert values[0] == pytest.approx(3.0 - 0.2 * 60.0)
 
 
 COLOURS = BusQuantity("", 0.0, 3.0, "colour", ("red", "green", "blue", "none"))
 
 
-def colour_layout(values: dict[str, float | str]) -> tuple[Message, Layout]:
+def colour_layout(values: dict[str, float | str]) -> tuple[Message, BusConfig]:
     signal = Signal(
         "S0", 0, 8, "little_endian",
         conversion=BaseConversion.factory(scale=2, offset=10, choices={3: "Rot", 7: "Blau"}),
     )  # fmt: skip
     message = Message(1, "M", 8, [signal])
-    wire = Wire("colour", "M", "S0", values=values)
-    return message, layout_of({"M": message}, [wire], quantities={"colour": COLOURS})
+    wire = SignalMapping("colour", "M", "S0", values=values)
+    return message, bus_config_of({"M": message}, [wire], quantities={"colour": COLOURS})
 
 
 def test_enumerations_are_mapped_by_label_and_by_physical_number(codec: Codec):
-    _message, layout = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
+    _message, bus = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
     for raw, ours in ((3, 0.0), (7, 2.0), (20, 3.0)):
-        values, counts = take(codec, layout, 1, bytes([raw, *bytes(7)]))
+        values, counts = take(codec, bus, 1, bytes([raw, *bytes(7)]))
         assert counts.accepted == 1
         assert values[0] == ours
-        assert put(codec, layout, [ours])[0] == raw
+        assert put(codec, bus, [ours])[0] == raw
 
 
 @pytest.mark.parametrize("raw", [0, 1, 2, 4, 8, 21, 255])
 def test_a_number_outside_the_mapped_enumeration_is_refused(codec: Codec, raw: int):
-    _, layout = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
-    assert take(codec, layout, 1, bytes([raw, *bytes(7)]))[1].out_of_range == 1
+    _, bus = colour_layout({"red": "Rot", "blue": "Blau", "none": 50})
+    assert take(codec, bus, 1, bytes([raw, *bytes(7)]))[1].out_of_range == 1
 
 
 def multiplexed() -> Message:
@@ -384,9 +384,9 @@ def multiplexed() -> Message:
 @given(st.binary(min_size=8, max_size=8))
 def test_multiplexed_signals_are_read_only_under_their_own_values(codec: Codec, payload: bytes):
     message = multiplexed()
-    wires = [Wire(name, "M", name) for name in ("A", "B", "C")]
-    layout = layout_of({"M": message}, wires)
-    values, counts = take(codec, layout, identifier_of(message), payload)
+    mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
+    bus = bus_config_of({"M": message}, mappings)
+    values, counts = take(codec, bus, identifier_of(message), payload)
     assert counts.accepted == 1
     try:
         expected = message.decode(payload)
@@ -402,8 +402,10 @@ def test_multiplexed_signals_are_read_only_under_their_own_values(codec: Codec, 
 @pytest.mark.parametrize(("name", "value"), [("B", -77.0), ("C", 4000.0)])
 def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: str, value: float):
     message = multiplexed()
-    layout = layout_of({"M": message}, [Wire("B", "M", "B"), Wire("C", "M", "C")], sending=True)
-    payload = put(codec, layout, [value if each == name else 0.0 for each in ("B", "C")])
+    bus = bus_config_of(
+        {"M": message}, [SignalMapping("B", "M", "B"), SignalMapping("C", "M", "C")], sending=True
+    )
+    payload = put(codec, bus, [value if each == name else 0.0 for each in ("B", "C")])
     decoded = message.decode(payload)
     assert decoded["Mux"] == 3
     assert decoded[name] == value
@@ -426,19 +428,19 @@ SG_MUL_VAL_ 100 Other Outer 3-3;
 
 def test_a_signal_under_two_multiplexers_needs_both(codec: Codec):
     message = cantools.database.load_string(NESTED).messages[0]
-    layout = layout_of({"M": message}, [Wire("Deep", "M", "Deep")])
+    bus = bus_config_of({"M": message}, [SignalMapping("Deep", "M", "Deep")])
     there = message.encode({"Outer": 1, "Inner": 2, "Deep": 777})
-    assert take(codec, layout, 100, there)[0][0] == 777
+    assert take(codec, bus, 100, there)[0][0] == 777
     # The bits of `Inner` belong to another signal here.
     elsewhere = message.encode({"Outer": 3, "Other": 0x123402})
     assert message.decode(elsewhere) == {"Outer": 3, "Other": 0x123402}
-    assert np.isnan(take(codec, layout, 100, elsewhere)[0][0])
+    assert np.isnan(take(codec, bus, 100, elsewhere)[0][0])
 
 
 def test_a_signal_under_two_multiplexers_is_sent_with_both(codec: Codec):
     message = cantools.database.load_string(NESTED).messages[0]
-    layout = layout_of({"M": message}, [Wire("Deep", "M", "Deep")], sending=True)
-    assert message.decode(put(codec, layout, [777.0])) == {"Outer": 1, "Inner": 2, "Deep": 777}
+    bus = bus_config_of({"M": message}, [SignalMapping("Deep", "M", "Deep")], sending=True)
+    assert message.decode(put(codec, bus, [777.0])) == {"Outer": 1, "Inner": 2, "Deep": 777}
 
 
 def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checksum():
@@ -449,9 +451,11 @@ def test_a_message_of_64_bytes_with_a_29_bit_identifier_keeps_counter_and_checks
         is_extended_frame=True, is_fd=True,
     )  # fmt: skip
     options = {"M": MessageOptions(counter="Alive", checksum="Sum")}
-    layout = layout_of({"M": message}, [Wire("Value", "M", "Value")], options, {"Value": FREE})
+    bus = bus_config_of(
+        {"M": message}, [SignalMapping("Value", "M", "Value")], options, {"Value": FREE}
+    )
     frames = empty_frames(1)
-    encode(layout, 0, np.array([513.0]), 35, frames, 0)
+    encode(bus, 0, np.array([513.0]), 35, frames, 0)
     payload = frames.data[0].tobytes()
     assert frames.identifiers[0] == 0x1ABCDEF0 | EXTENDED | FD
     assert frames.lengths[0] == 64

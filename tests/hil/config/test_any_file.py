@@ -91,9 +91,9 @@ def test_a_mangled_file_is_told_or_taken(
     known: dict[Path, Any] = {}
     read = rig_file._load_messages
 
-    def once(faults: Any, path: Path) -> Any:
+    def once(issues: Any, path: Path) -> Any:
         if path not in known:
-            known[path] = read(faults, path)
+            known[path] = read(issues, path)
         return known[path]
 
     monkeypatch.setattr(rig_file, "_load_messages", once)
@@ -108,7 +108,7 @@ def test_a_mangled_file_is_told_or_taken(
             load(path)
         except ConfigError as error:
             refused += 1
-            for fault in error.faults:
+            for fault in error.issues:
                 assert fault.startswith(str(path))
                 assert "\n" not in fault
     assert refused > 200

@@ -52,14 +52,14 @@ RIG = 'dbc = "their.dbc"\n' + INPUTS + OUTPUTS
 def faults_of(folder: Path, text: str, database: str = DATABASE) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         load_rig(write_rig(folder, database, text))
-    for fault in caught.value.faults:
+    for fault in caught.value.issues:
         assert fault.startswith(str(folder / "their.toml"))
         assert "\n" not in fault
-    return caught.value.faults
+    return caught.value.issues
 
 
-def keys_of(faults: list[str]) -> list[str]:
-    return [fault.split(": ")[1] for fault in faults]
+def keys_of(issues: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in issues]
 
 
 def test_the_shipped_rig_wires_everything_there_is():
@@ -74,10 +74,10 @@ def test_a_foreign_database_needs_nothing_but_names(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, RIG)
     assert rig.command_message() == "Cmd"
     assert rig.command_cycle_ms() == 20.0
-    messages = rig.output_layout().messages
+    messages = rig.output_config().messages
     assert messages.identifier.tolist() == [2566844672 & 0x1FFFFFFF | EXTENDED]
     assert messages.cycle_ns.tolist() == [10_000_000]
-    assert rig.input_layout().messages.timeout_ns.tolist() == [60_000_000]
+    assert rig.input_config().messages.timeout_ns.tolist() == [60_000_000]
 
 
 def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
@@ -86,8 +86,8 @@ def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
     )
     rig = rig_of(tmp_path, DATABASE, text)
     assert rig.command_cycle_ms() == 2.5
-    assert rig.input_layout().messages.timeout_ns.tolist() == [10_000_000]
-    assert rig.output_layout().messages.cycle_ns.tolist() == [7_000_000]
+    assert rig.input_config().messages.timeout_ns.tolist() == [10_000_000]
+    assert rig.output_config().messages.cycle_ns.tolist() == [7_000_000]
 
 
 def test_an_extended_commands_identifier_carries_its_flag(tmp_path: Path):
@@ -214,8 +214,8 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
 def test_each_fault_names_its_key_and_what_is_allowed(
     tmp_path: Path, text: str, key: str, said: str
 ):
-    faults = faults_of(tmp_path, text)
-    assert any(key in fault.split(": ")[1] and said in fault for fault in faults), faults
+    issues = faults_of(tmp_path, text)
+    assert any(key in fault.split(": ")[1] and said in fault for fault in issues), issues
 
 
 def test_a_table_name_that_is_too_large_a_number_is_a_fault(tmp_path: Path):
@@ -249,8 +249,8 @@ def test_a_database_that_is_none_is_a_fault_of_dbc(tmp_path: Path, database: str
 )  # fmt: skip
 def test_an_ambiguous_database_is_a_fault(tmp_path: Path, extra: str):
     database = DATABASE.replace("BO_ 768 Slow", extra + "BO_ 768 Slow")
-    faults = faults_of(tmp_path, RIG, database)
-    assert any("ambiguous" in fault for fault in faults)
+    issues = faults_of(tmp_path, RIG, database)
+    assert any("ambiguous" in fault for fault in issues)
 
 
 @pytest.mark.parametrize("name", ["Cmd", "Out"])
@@ -260,8 +260,8 @@ def test_a_message_longer_than_any_frame_is_a_fault(tmp_path: Path, name: str, l
     database = DATABASE.replace(f" {name}: 8 ", f" {name}: {length} ")
     if name == "Out":
         database = database.replace("7|16@0- (0.01,0)", "511|16@0- (0.01,0)")
-    faults = faults_of(tmp_path, RIG, database)
-    assert any(name in fault and "64" in fault for fault in faults)
+    issues = faults_of(tmp_path, RIG, database)
+    assert any(name in fault and "64" in fault for fault in issues)
 
 
 def test_a_message_longer_than_any_frame_that_nobody_wires_is_none_of_our_business(
@@ -278,24 +278,24 @@ def test_a_message_too_long_for_a_classic_frame_is_can_fd_or_a_fault(tmp_path: P
         assert "Out" in str(error)  # noqa: PT017
     else:
         assert rig.is_fd
-        assert rig.output_layout().messages.fd.tolist() == [FD]
+        assert rig.output_config().messages.fd.tolist() == [FD]
 
 
 def test_a_factor_of_zero_is_a_fault(tmp_path: Path):
     database = DATABASE.replace("0|16@1- (0.01,0)", "0|16@1- (0,0)")
-    faults = faults_of(tmp_path, RIG, database)
-    assert any("DutyL" in fault for fault in faults)
+    issues = faults_of(tmp_path, RIG, database)
+    assert any("DutyL" in fault for fault in issues)
 
 
 def test_a_float_of_16_bits_is_a_fault_of_its_wire(tmp_path: Path):
     database = DATABASE + "SIG_VALTYPE_ 2566844672 Current : 1;\n"
-    faults = faults_of(tmp_path, RIG, database)
-    assert any("left_current" in fault or "Current" in fault for fault in faults)
+    issues = faults_of(tmp_path, RIG, database)
+    assert any("left_current" in fault or "Current" in fault for fault in issues)
 
 
 def test_two_outputs_on_the_same_bits_are_a_fault(tmp_path: Path):
-    faults = faults_of(tmp_path, RIG + 'right_current = "Out.Current"\n')
-    assert any("Out.Current" in fault for fault in faults)
+    issues = faults_of(tmp_path, RIG + 'right_current = "Out.Current"\n')
+    assert any("Out.Current" in fault for fault in issues)
 
 
 @pytest.mark.parametrize("option", ["counter", "checksum"])
@@ -308,8 +308,8 @@ def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option:
         'left_hall_speed = "Panel.Eight"\n'
         f'[messages.Panel]\ncycle_ms = 10\n{option} = "Eight"\n'
     )
-    faults = faults_of(tmp_path, text, database)
-    assert any("Eight" in fault for fault in faults)
+    issues = faults_of(tmp_path, text, database)
+    assert any("Eight" in fault for fault in issues)
 
 
 def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):

@@ -23,19 +23,19 @@ def load(tmp_path: Path, text: str) -> Scenario:
 def faults_of(tmp_path: Path, text: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, text)
-    for fault in caught.value.faults:
+    for fault in caught.value.issues:
         assert fault.startswith(str(tmp_path / "scene.toml"))
-    return caught.value.faults
+    return caught.value.issues
 
 
-def keys_of(faults: list[str]) -> list[str]:
-    return [fault.split(": ")[1] for fault in faults]
+def keys_of(issues: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in issues]
 
 
 def test_the_demo_asks_open_close_open_close_around_an_obstacle():
     scenario = session.scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
-    assert scenario.program.obstacles.shape == (1, 8)
+    assert scenario.timeline.obstacles.shape == (1, 8)
     assert scenario.duration is not None
 
 
@@ -150,7 +150,7 @@ points = [[1, 10], [2, -10]]
     volts, slope = names.index("supply_voltage_v"), names.index("road_slope_deg")
 
     def at(channel: int, time: float) -> float:
-        return value_at(scenario.program, channel, 99.0, time)
+        return value_at(scenario.timeline, channel, 99.0, time)
 
     assert [at(volts, time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)] == (
         pytest.approx([99.0, 99.0, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0])
@@ -170,11 +170,11 @@ def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
     for index in range(points - 1):
         for share in (0.0, 0.25, 0.75):
             expected = index**2 + share * ((index + 1) ** 2 - index**2)
-            assert value_at(scenario.program, row, -1.0, index + share) == pytest.approx(expected)
+            assert value_at(scenario.timeline, row, -1.0, index + share) == pytest.approx(expected)
 
 
 def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
     scenario = load(tmp_path, "[[obstacle]]\nstart = 1\nend = 2\nangle_deg = 30\n")
     for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
-        found = obstacle_at(scenario.program, NO_OBSTACLE, time)
+        found = obstacle_at(scenario.timeline, NO_OBSTACLE, time)
         assert (found.stiffness > 0.0) is there

@@ -13,7 +13,7 @@ from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.toml import known_keys, number, show, text
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import Faults
+from liftgate_hil.issues import ConfigIssues
 
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 
@@ -39,9 +39,9 @@ def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
         load(path)
-    assert len(caught.value.faults) == 1
-    assert str(path) in caught.value.faults[0]
-    assert "\n" not in caught.value.faults[0]
+    assert len(caught.value.issues) == 1
+    assert str(path) in caught.value.issues[0]
+    assert "\n" not in caught.value.issues[0]
 
 
 @pytest.mark.parametrize("load", LOADERS)
@@ -77,38 +77,38 @@ HUGE = 10**400
     ],
 )
 def test_what_is_no_number_in_range_is_a_fault_that_says_the_range(value: object):
-    faults = Faults("file")
-    number(faults, "key", value, 0.0, 10.0, "V")
-    assert len(faults.lines) == 1
-    assert faults.lines[0].startswith("file: key: ")
-    assert "0 to 10 V" in faults.lines[0]
+    issues = ConfigIssues("file")
+    number(issues, "key", value, 0.0, 10.0, "V")
+    assert len(issues.lines) == 1
+    assert issues.lines[0].startswith("file: key: ")
+    assert "0 to 10 V" in issues.lines[0]
 
 
 @pytest.mark.parametrize("value", [0, 0.0, 10, 10.0, 3])
 def test_a_range_holds_its_ends(value: float):
-    faults = Faults("file")
-    assert number(faults, "key", value, 0.0, 10.0) == value
-    assert faults.lines == []
+    issues = ConfigIssues("file")
+    assert number(issues, "key", value, 0.0, 10.0) == value
+    assert issues.lines == []
 
 
 @pytest.mark.parametrize("value", [1, None, ["a"], "c", ""])
 def test_what_is_no_allowed_text_is_a_fault_that_says_what_is(value: object):
-    faults = Faults("file")
-    assert text(faults, "key", value, ("a", "b")) == ""
-    assert "a, b" in faults.lines[0]
+    issues = ConfigIssues("file")
+    assert text(issues, "key", value, ("a", "b")) == ""
+    assert "a, b" in issues.lines[0]
 
 
 def test_an_empty_text_where_any_is_allowed_is_a_fault_too():
-    faults = Faults("file")
-    text(faults, "key", "")
-    assert faults.lines
+    issues = ConfigIssues("file")
+    text(issues, "key", "")
+    assert issues.lines
 
 
 def test_unknown_keys_are_all_told():
-    faults = Faults("file")
-    known_keys(faults, "t", {"a": 1, "b": 2, "c": 3}, ("a", "d"))
-    assert [line.split(": ")[1] for line in faults.lines] == ["t.b", "t.c"]
-    assert "allowed: a, d" in faults.lines[0]
+    issues = ConfigIssues("file")
+    known_keys(issues, "t", {"a": 1, "b": 2, "c": 3}, ("a", "d"))
+    assert [line.split(": ")[1] for line in issues.lines] == ["t.b", "t.c"]
+    assert "allowed: a, d" in issues.lines[0]
 
 
 @pytest.mark.parametrize("value", ["x" * 1000, "a\nb", list(range(1000))])

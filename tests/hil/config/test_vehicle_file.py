@@ -26,7 +26,7 @@ def load(tmp_path: Path, text: str, *settings: str) -> Vehicle:
 def faults_of(tmp_path: Path, text: str, *settings: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, text, *settings)
-    return caught.value.faults
+    return caught.value.issues
 
 
 def changed(old: str, new: str) -> str:
@@ -34,8 +34,8 @@ def changed(old: str, new: str) -> str:
     return SUV.replace(old, new)
 
 
-def keys_of(faults: list[str]) -> list[str]:
-    return [fault.split(": ")[1] for fault in faults]
+def keys_of(issues: list[str]) -> list[str]:
+    return [fault.split(": ")[1] for fault in issues]
 
 
 def test_the_shipped_vehicle_holds_what_its_file_says():
@@ -71,8 +71,8 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
     ):
         assert old in text
         text = text.replace(old, new, 1)
-    faults = faults_of(tmp_path, text)
-    keys = keys_of(faults)
+    issues = faults_of(tmp_path, text)
+    keys = keys_of(issues)
     for key in (
         "drives",
         "motor.resistance",
@@ -86,8 +86,8 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         "gate.gate_point[1]",
         "environment.road_slope_deg",
     ):
-        assert keys.count(key) == 1, (key, faults)
-    for fault in faults:
+        assert keys.count(key) == 1, (key, issues)
+    for fault in issues:
         assert fault.startswith(str(tmp_path / "gate.toml"))
         assert "allowed" in fault
 
@@ -131,8 +131,8 @@ def test_a_number_in_the_place_of_a_table_is_a_fault(tmp_path: Path, name: str):
             skipping = line == f"[{name}]"
         if not skipping:
             lines.append(line)
-    faults = faults_of(tmp_path, f"{name} = 3\n" + "\n".join(lines))
-    assert any(fault.split(": ")[1] == name and "not a table" in fault for fault in faults)
+    issues = faults_of(tmp_path, f"{name} = 3\n" + "\n".join(lines))
+    assert any(fault.split(": ")[1] == name and "not a table" in fault for fault in issues)
 
 
 def test_a_side_may_have_its_own_values(tmp_path: Path):
@@ -176,11 +176,11 @@ def test_a_gate_with_one_drive_may_not_speak_of_a_right_one(tmp_path: Path):
 
 
 def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
-    faults = faults_of(tmp_path, changed("open_angle_deg = 80", "open_angle_deg = 170"))
-    assert keys_of(faults) == ["gate"]
-    faults = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
-    assert keys_of(faults) == ["gate"]
-    assert "hinge" in faults[0]
+    issues = faults_of(tmp_path, changed("open_angle_deg = 80", "open_angle_deg = 170"))
+    assert keys_of(issues) == ["gate"]
+    issues = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
+    assert keys_of(issues) == ["gate"]
+    assert "hinge" in issues[0]
 
 
 # --set.
@@ -222,9 +222,9 @@ def test_a_setting_may_give_one_side_its_own_value(tmp_path: Path):
     ],
 )
 def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
-    faults = faults_of(tmp_path, SUV, setting)
-    assert any(said in fault for fault in faults)
-    assert all("\n" not in fault for fault in faults)
+    issues = faults_of(tmp_path, SUV, setting)
+    assert any(said in fault for fault in issues)
+    assert all("\n" not in fault for fault in issues)
 
 
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():

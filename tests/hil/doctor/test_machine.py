@@ -51,7 +51,7 @@ def test_only_64_bit_little_endian_linux_is_fit():
         ("linux", 64, "big"),
         ("darwin", 64, "little"),
     ):
-        says(machine.platform(name, bits, order), "problem", "portable loop")
+        says(machine.platform(name, bits, order), "problem", "Python loop")
 
 
 @pytest.mark.parametrize(

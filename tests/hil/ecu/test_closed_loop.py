@@ -17,7 +17,7 @@ from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.loop.tick import initial_loop
 from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import Program, no_program
+from liftgate_hil.stimuli.timeline import Timeline, no_timeline
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant.dynamics import initial_state
 
@@ -27,9 +27,9 @@ ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 def rod(
     angle_deg: float, stiffness: float = ROD, start: float = 0.0, end: float = np.inf
-) -> Program:
+) -> Timeline:
     row = [start, end, np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0]
-    return no_program()._replace(obstacles=np.array([row]))
+    return no_timeline()._replace(obstacles=np.array([row]))
 
 
 class Run:
@@ -40,7 +40,7 @@ class Run:
         vehicle_name: str,
         requests: Sequence[tuple[float, str]],
         seconds: float,
-        program: Program | None = None,
+        timeline: Timeline | None = None,
         settings: Sequence[str] = (),
         rig_name: str = "liftgate",
     ) -> None:
@@ -56,7 +56,7 @@ class Run:
             vehicle.drives,
             [Request(time, action) for time, action in requests],
         )
-        bench = session.bench_of(vehicle, rig, program or no_program(), 1000.0, 0)
+        bench = session.bench_of(vehicle, rig, timeline or no_timeline(), 1000.0, 0)
         rows: list[Snapshot] = []
         state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
         self.loop = Loop(bench, state, ours, [], [node], rows.append)

@@ -43,7 +43,7 @@ def error_of_closing(descriptor: int) -> int:
     return last_error()
 
 
-class Wire(NamedTuple):
+class SignalMapping(NamedTuple):
     """Both directions, as Python or as machine code."""
 
     read_frames: Callable[..., Reading]
@@ -64,11 +64,11 @@ class Wire(NamedTuple):
 
 
 @pytest.fixture(scope="module", params=["plain", "compiled"])
-def wire(request: pytest.FixtureRequest) -> Wire:
+def wire(request: pytest.FixtureRequest) -> SignalMapping:
     functions: list[Any] = [read_frames, write_frames, error_of_closing]
     if request.param == "compiled":
         functions = [compiled(function) for function in functions]
-    return Wire(*functions)
+    return SignalMapping(*functions)
 
 
 @pytest.fixture(params=[socket.SOCK_SEQPACKET, socket.SOCK_DGRAM], ids=["seqpacket", "dgram"])
@@ -100,7 +100,7 @@ kinds = st.one_of(
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_frames_leave_as_the_kernels_structs(wire: Wire, rows: Rows):
+def test_frames_leave_as_the_kernels_structs(wire: SignalMapping, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         assert wire.write(ours, rows) == Writing(len(rows), 0, 0, 0)
@@ -109,7 +109,7 @@ def test_frames_leave_as_the_kernels_structs(wire: Wire, rows: Rows):
 
 @CALM
 @given(st.lists(kinds, max_size=6))
-def test_the_kernels_structs_arrive_as_frames(wire: Wire, rows: Rows):
+def test_the_kernels_structs_arrive_as_frames(wire: SignalMapping, rows: Rows):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for row in rows:
@@ -118,7 +118,7 @@ def test_the_kernels_structs_arrive_as_frames(wire: Wire, rows: Rows):
 
 
 @pytest.mark.parametrize("size", range(65))
-def test_every_length_goes_both_ways(wire: Wire, size: int):
+def test_every_length_goes_both_ways(wire: SignalMapping, size: int):
     rows = [(0x123 | FD, bytes(range(1, 1 + size)))]
     if size <= 8:
         rows.append((0x1ABCDEF0 | EXTENDED, bytes(range(1, 1 + size))))
@@ -129,7 +129,7 @@ def test_every_length_goes_both_ways(wire: Wire, size: int):
 
 
 def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(
-    wire: Wire, pair: Pair
+    wire: SignalMapping, pair: Pair
 ):
     ours, theirs = pair
     buffers = make_buffers()
@@ -139,14 +139,16 @@ def test_a_shorter_frame_shows_nothing_of_the_one_before_it_in_the_same_buffer(
     assert [theirs.recv(200) for _ in rows] == [struct_of(*row) for row in rows]
 
 
-def test_a_kernel_that_marks_no_fd_frame_by_flag_marks_it_by_size(wire: Wire, pair: Pair):
+def test_a_kernel_that_marks_no_fd_frame_by_flag_marks_it_by_size(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     theirs.send(struct.pack("<IBBBB64s", 0x123, 3, 0, 0, 0, b"abc"))
     assert wire.read(ours)[0] == [(0x123 | FD, b"abc")]
 
 
 @pytest.mark.parametrize("length", [9, 64, 255])
-def test_a_length_that_cannot_be_is_cut_to_what_there_is(wire: Wire, pair: Pair, length: int):
+def test_a_length_that_cannot_be_is_cut_to_what_there_is(
+    wire: SignalMapping, pair: Pair, length: int
+):
     ours, theirs = pair
     theirs.send(struct.pack("<IB3x8s", 0x123, length, b"12345678"))
     theirs.send(struct.pack("<IBBBB64s", 0x124, max(length, 65), 4, 0, 0, bytes(range(64))))
@@ -158,7 +160,7 @@ def many(count: int) -> Rows:
 
 
 @pytest.mark.parametrize("count", [0, 1, BATCH - 1, BATCH, BATCH + 1, 2 * BATCH, 3 * BATCH + 5])
-def test_batches_keep_every_frame_and_the_order(wire: Wire, count: int):
+def test_batches_keep_every_frame_and_the_order(wire: SignalMapping, count: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         assert wire.write(ours, many(count)).sent == count
@@ -167,7 +169,7 @@ def test_batches_keep_every_frame_and_the_order(wire: Wire, count: int):
 
 
 @pytest.mark.parametrize("room", [1, BATCH - 1, BATCH, BATCH + 1, 150])
-def test_what_there_is_no_room_for_waits_for_the_next_read(wire: Wire, room: int):
+def test_what_there_is_no_room_for_waits_for_the_next_read(wire: SignalMapping, room: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         wire.write(ours, many(200))
@@ -178,7 +180,7 @@ def test_what_there_is_no_room_for_waits_for_the_next_read(wire: Wire, room: int
         assert got == many(200)
 
 
-def test_our_pumps_rows_carry_their_arrival(wire: Wire, pair: Pair):
+def test_our_pumps_rows_carry_their_arrival(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     stamps = [1, 2**62, 123_456_789_012_345]
     for number, stamp in enumerate(stamps):
@@ -189,7 +191,9 @@ def test_our_pumps_rows_carry_their_arrival(wire: Wire, pair: Pair):
     assert arrivals == stamps
 
 
-def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(wire: Wire):
+def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_frame(
+    wire: SignalMapping,
+):
     # A real socket that gives them: UDP, where the kernel stamps and counts as it does for raw CAN.
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours,
@@ -215,7 +219,7 @@ def test_the_kernels_arrival_and_drop_count_are_read_from_what_comes_with_a_fram
         assert reading.dropped == sent - len(arrivals)
 
 
-def test_what_is_no_frame_is_passed_over(wire: Wire, pair: Pair):
+def test_what_is_no_frame_is_passed_over(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     for junk in (b"", b"x", bytes(15)):
         theirs.send(junk)
@@ -224,7 +228,7 @@ def test_what_is_no_frame_is_passed_over(wire: Wire, pair: Pair):
 
 
 @pytest.mark.parametrize("count", [BATCH, 3 * BATCH])
-def test_a_flood_of_nothing_ends_the_read(wire: Wire, count: int):
+def test_a_flood_of_nothing_ends_the_read(wire: SignalMapping, count: int):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
         for _ in range(count):
@@ -235,7 +239,7 @@ def test_a_flood_of_nothing_ends_the_read(wire: Wire, count: int):
         assert rows == [(0x123, b"")]
 
 
-def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: Wire):
+def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: SignalMapping):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         theirs.send(struct_of(0x123, b"abc"))
@@ -245,11 +249,11 @@ def test_a_wire_whose_other_end_has_gone_gives_what_came_and_then_nothing(wire: 
         assert wire.write(ours, many(3)) == Writing(0, 0, 3, errno.EPIPE)
 
 
-def test_nothing_there_is_no_error(wire: Wire, pair: Pair):
+def test_nothing_there_is_no_error(wire: SignalMapping, pair: Pair):
     assert wire.read(pair[0]) == ([], [], Reading(0, 0, -1))
 
 
-def test_a_full_queue_is_counted_and_later_frames_go(wire: Wire, pair: Pair):
+def test_a_full_queue_is_counted_and_later_frames_go(wire: SignalMapping, pair: Pair):
     ours, theirs = pair
     written = wire.write(ours, many(5000))
     assert written.sent > 0
@@ -261,7 +265,7 @@ def test_a_full_queue_is_counted_and_later_frames_go(wire: Wire, pair: Pair):
     assert [theirs.recv(200) for _ in range(3)] == [struct_of(*row) for row in many(3)]
 
 
-def test_a_closed_descriptor_is_an_error_and_no_crash(wire: Wire):
+def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     theirs.close()
     number = ours.fileno()
@@ -274,14 +278,14 @@ def test_a_closed_descriptor_is_an_error_and_no_crash(wire: Wire):
         assert written == Writing(0, 0, 70, errno.EBADF)
 
 
-def test_what_is_no_socket_is_an_error(wire: Wire):
+def test_what_is_no_socket_is_an_error(wire: SignalMapping):
     with open(os.devnull, "rb") as file:  # noqa: PTH123
         frames, stamps = empty_frames(8), np.zeros(8, dtype=np.int64)
         reading = wire.read_frames(file.fileno(), make_buffers(), frames, stamps)
         assert reading.error == errno.ENOTSOCK
 
 
-def test_the_error_number_is_this_threads(wire: Wire):
+def test_the_error_number_is_this_threads(wire: SignalMapping):
     stop = threading.Event()
     wrong: list[int] = []
 

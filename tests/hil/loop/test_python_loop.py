@@ -51,7 +51,7 @@ from liftgate_hil.loop.python_loop import (
     run_lockstep,
     split_after,
 )
-from liftgate_hil.loop.tick import STOPPED, Bench, LoopState
+from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.recording.bus_log import CandumpRecorder
 from liftgate_hil.recording.table import CsvRecorder
 from liftgate_hil.snapshot import Snapshot
@@ -113,7 +113,7 @@ def never() -> bool:
     return False
 
 
-def loop_of(transport: Any, some: Bench, state: LoopState | None = None, **more: Any) -> Loop:
+def loop_of(transport: Any, some: LoopConfig, state: LoopState | None = None, **more: Any) -> Loop:
     return Loop(some, state or start_of(some), transport, **more)
 
 

@@ -1,4 +1,4 @@
-"""The hard loop on a clock of the test's own, in plain Python around the compiled tick; and as it is in use."""
+"""The real-time loop on a clock of the test's own, in plain Python around the compiled tick, and as it is used."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from liftgate_hil.loop.realtime_loop import (
     DIVERGED,
     ENDED,
     OVERRUN,
-    Course,
     Room,
+    RunParams,
     arrival_of,
     make_room,
     run_hard,
 )
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
-from liftgate_hil.loop.tick import STOPPED, Bench, LoopState
+from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.transport.base import LinkCounts
 
@@ -99,7 +99,7 @@ class Rehearsal:
             self.wakings += 1
             return self.now
 
-        def tick(some: Bench, state: LoopState, frames: Frames, steps: int, stop: bool) -> Any:
+        def tick(some: LoopConfig, state: LoopState, frames: Frames, steps: int, stop: bool) -> Any:
             self.now += TAKES
             self.sent.append([])
             self.steps.append(steps)
@@ -122,9 +122,9 @@ class Rehearsal:
         self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
     ) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
-        course = Course(self.ours.fileno(), ticks, limit_ns, COMMAND, feedback)
+        params = RunParams(self.ours.fileno(), ticks, limit_ns, COMMAND, feedback)
         begin = state or start_of(self.bench)
-        return run_hard(self.bench, begin, course, self.shared, make_room())
+        return run_hard(self.bench, begin, params, self.shared, make_room())
 
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
         """Put frames on the wire; with an age, as our pump does."""
@@ -188,7 +188,7 @@ def opening(rig: Rig, counter: int) -> tuple[int, bytes]:
 
 
 class Given:
-    """A transport of the portable loop that is given a tick's frames."""
+    """A transport of the Python loop that is given a tick's frames."""
 
     name = "given"
     is_up = True
@@ -620,7 +620,7 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
     for line, memory in kept:
         line.close()
         memory.close()
-    assert [each.name for each in threading.enumerate() if each.name == "hard loop"] == []
+    assert [each.name for each in threading.enumerate() if each.name == "real-time loop"] == []
 
 
 def never() -> bool:

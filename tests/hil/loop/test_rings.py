@@ -67,12 +67,12 @@ looks = st.tuples(st.integers(0, 40), st.integers(0, 10), st.integers(0, 40))
 @CALM
 @given(st.integers(1, 12), st.integers(1, 4), st.lists(looks, max_size=12))
 def test_rows_come_once_in_order_and_whole_and_the_lost_are_known(
-    capacity: int, batch: int, course: list[tuple[int, int, int]]
+    capacity: int, batch: int, params: list[tuple[int, int, int]]
 ):
     writer = Writer(capacity, batch)
     reader = RingReader(writer.rows, writer.control, "head", batch)
     got: list[int] = []
-    for halves, before, meanwhile in course:
+    for halves, before, meanwhile in params:
         for _ in range(halves):
             writer.half_row()
         reader._rows = Interrupted(writer, before, meanwhile)
@@ -90,11 +90,11 @@ def test_rows_come_once_in_order_and_whole_and_the_lost_are_known(
 
 @CALM
 @given(st.integers(1, 20), st.lists(st.integers(0, 20), max_size=20))
-def test_a_reader_in_time_loses_nothing(capacity: int, course: list[int]):
+def test_a_reader_in_time_loses_nothing(capacity: int, params: list[int]):
     writer = Writer(capacity, 1)
     reader = RingReader(writer.rows, writer.control, "head")
     got: list[int] = []
-    for count in course:
+    for count in params:
         for _ in range(2 * min(count, capacity - 1)):
             writer.half_row()
         got += [int(row[0]) for row in reader.take()]

@@ -38,9 +38,9 @@ from hil_support import (
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, Bench, LoopState, tick
+from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, LoopConfig, LoopState, tick
 from liftgate_hil.snapshot import Snapshot
-from liftgate_hil.stimuli.timeline import Program, load_at
+from liftgate_hil.stimuli.timeline import Timeline, load_at
 from liftgate_plant.dynamics import initial_state
 
 NOTHING = empty_frames(0)
@@ -56,13 +56,13 @@ def equal(first: Any, second: Any) -> bool:
     return first == second or (first != first and second != second)
 
 
-def rest(some: Bench) -> LoopState:
+def rest(some: LoopConfig) -> LoopState:
     return start_of(some)
 
 
 def run(
     call: Tick,
-    some: Bench,
+    some: LoopConfig,
     state: LoopState,
     ticks: int,
     frames_at: Callable[[int], list[tuple[int, bytes]]] = lambda number: [],
@@ -87,7 +87,7 @@ def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[
     return frames_at
 
 
-def open_at(rig: Rig, call: Tick, some: Bench, angle_deg: float) -> LoopState:
+def open_at(rig: Rig, call: Tick, some: LoopConfig, angle_deg: float) -> LoopState:
     """A loop whose gate stands at an angle, unlatched, with the drives to match."""
     return start_of(some, math.radians(angle_deg), latched=False)
 
@@ -264,7 +264,7 @@ def test_so_many_steps_at_once_leave_the_plant_as_single_ticks_do(
     )
     assert equal(at_once.plant, singly.plant)
     assert equal(at_once.sensors, singly.sensors)
-    assert equal(at_once.presence, singly.presence)
+    assert equal(at_once.arming, singly.arming)
     assert at_once.tick == singly.tick
     assert at_once.overruns == singly.overruns + steps - 1
     assert equal(snapshot, snapshots[-1])
@@ -293,7 +293,7 @@ def test_skipped_periods_are_told_on_the_bus_and_clip_at_the_largest(rig: Rig, f
 
 
 def sent_times(
-    fast_tick: Tick, some: Bench, ticks: int
+    fast_tick: Tick, some: LoopConfig, ticks: int
 ) -> tuple[Counter[int], dict[int, list[int]]]:
     _, _, replies = run(fast_tick, some, rest(some), ticks)
     times: dict[int, list[int]] = {}
@@ -449,14 +449,14 @@ stiffness = 5000
 
 
 @pytest.fixture
-def program(tmp_path: Path) -> Program:
+def timeline(tmp_path: Path) -> Timeline:
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO)
-    return load_scenario(path).program
+    return load_scenario(path).timeline
 
 
-def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, program: Program):
-    some = bench(rig=rig, program=program)
+def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, timeline: Timeline):
+    some = bench(rig=rig, timeline=timeline)
     _, snapshots, _ = run(fast_tick, some, rest(some), 401)
     volts = [snapshot.supply_voltage_v for snapshot in snapshots]
     # Step n begins at n ms and is recorded at its end.
@@ -466,9 +466,9 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, pro
 
 
 def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
-    rig: Rig, fast_tick: Tick, program: Program
+    rig: Rig, fast_tick: Tick, timeline: Timeline
 ):
-    some = bench(rig=rig, program=program)
+    some = bench(rig=rig, timeline=timeline)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         values = {"SupplyVoltage": 9.0, "RoadSlope": -10.0, "HandForce": 25.0}
@@ -483,9 +483,9 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
 
 
 def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
-    rig: Rig, fast_tick: Tick, program: Program
+    rig: Rig, fast_tick: Tick, timeline: Timeline
 ):
-    some = bench(rig=rig, program=program)
+    some = bench(rig=rig, timeline=timeline)
     start = open_at(rig, fast_tick, some, 41.0)
     close = driving(rig, **both(80.0, CLOSE))
     _, met, _ = run(fast_tick, some, start, 500, close)
@@ -578,7 +578,7 @@ def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
     path.write_text(
         "[[obstacle]]\nend = 0.1\nangle_deg = 20\n[[obstacle]]\nstart = 0.1\nangle_deg = 60\n"
     )
-    some = bench(rig=rig, program=load_scenario(path).program)
+    some = bench(rig=rig, timeline=load_scenario(path).timeline)
     start = open_at(rig, fast_tick, some, 45.0)
     _, snapshots, _ = run(fast_tick, some, start, 300, driving(rig, **both(80.0, CLOSE)))
     assert max(snapshot.pinch_force_n for snapshot in snapshots) == 0.0
@@ -659,9 +659,9 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"
         "[[obstacle]]\nangle_deg = 20\nstiffness = 5\ndamping = 6\ndistance = 0.5\n"
     )
-    some = bench(program=load_scenario(path).program)
+    some = bench(timeline=load_scenario(path).timeline)
     before, during, after = (
-        load_at(some.program, some.load, time).obstacle for time in (0.9, 1.0, 2.0)
+        load_at(some.timeline, some.load, time).obstacle for time in (0.9, 1.0, 2.0)
     )
     assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0)
     assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0)

@@ -35,15 +35,15 @@ def read_or_told(name: str, content: bytes) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_bytes(content)
-        faults = [f"{path}: "]
+        issues = [f"{path}: "]
         try:
             m = read_measurement(path, {}, shipped_rig())
             assert np.all(np.diff(m.times) > 0.0)
             assert all(len(values) == len(m.times) for values in m.columns.values())
         except ConfigError as error:
-            faults = error.faults
-        assert faults
-        assert all(fault.startswith(f"{path}: ") for fault in faults)
+            issues = error.issues
+        assert issues
+        assert all(fault.startswith(f"{path}: ") for fault in issues)
 
 
 @CALM

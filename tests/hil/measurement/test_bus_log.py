@@ -212,7 +212,7 @@ def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffi
     path = write_log(tmp_path / f"m.{suffix}", [(0.0, 0x300, b"x"), (1.0, 0x301, b"y")])
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         f"{path}: no frame of ours; allowed: DriveCommand (0x120), BenchControl (0x7E1), "
         "LeftDrive (0x210), RightDrive (0x211), Gate (0x220)"
     ]
@@ -222,7 +222,7 @@ def test_a_log_without_commands_or_sensors_is_a_fault(tmp_path: Path, rig: Rig) 
     path = write_log(tmp_path / "m.log", [(0.0, *panel_frame(rig)), (1.0, LEFT_DRIVE, b"\0" * 8)])
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         f"{path}: no sound command frame (1 frames of ours refused: 1 checksum); "
         "allowed: DriveCommand (0x120)",
         f"{path}: no sound sensor frame (1 frames of ours refused: 1 checksum); "
@@ -236,7 +236,7 @@ def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
     path.write_text(f"(9.000000) can0 120#{command}\n(8.000000) can0 220#{angle}\n")
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         f"{path}: time -1.000000 s of frame 2 of ours comes after 0.000000 s; allowed: rising"
     ]
 

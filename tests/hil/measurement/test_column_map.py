@@ -104,7 +104,7 @@ def test_a_missing_mapped_column_is_told_with_those_there(tmp_path: Path) -> Non
     path = write_csv(tmp_path / "m.csv", {"time_s": TIMES, "voltage_v": TIMES, "Iq": TIMES})
     with pytest.raises(ConfigError) as caught:
         read(path, "left_current_a=Id", "left_speed_rps=n")
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         f"{path}: left_current_a: no column 'Id'; allowed: time_s, voltage_v, Iq",
         f"{path}: left_speed_rps: no column 'n'; allowed: time_s, voltage_v, Iq",
     ]
@@ -115,7 +115,7 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     path.write_text('[columns]\nleft_current_a = { name = "I", unit = "V", skale = 1 }\n')
     with pytest.raises(ConfigError) as caught:
         parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         "--map nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, "
         "or FILE.toml",
         "--map left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rps, Hz, rpm, rev/s, 1/s, "

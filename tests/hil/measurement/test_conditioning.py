@@ -46,7 +46,7 @@ def test_a_cut_of_nothing_changes_nothing() -> None:
 def test_a_cut_beside_the_measurement_is_a_fault() -> None:
     with pytest.raises(ConfigError) as caught:
         cut_time(measured(np.arange(3.0), left_voltage_v=np.zeros(3)), 5.0)
-    assert caught.value.faults == [
+    assert caught.value.issues == [
         "m.csv: no row from 5 to 2 s; allowed: within 0 to 2 s",
     ]
 
@@ -186,7 +186,7 @@ def test_what_cannot_be_thinned_out_so_is_a_fault(
     times = np.cumsum(np.tile([0.001, 0.002], 50))
     with pytest.raises(ConfigError) as caught:
         thinned(experiment(times, left_current_a=times), rate, factor, QUANTUM)
-    assert caught.value.faults == [said]
+    assert caught.value.issues == [said]
 
 
 def test_outputs_lie_on_lines_and_never_across_a_gap() -> None:

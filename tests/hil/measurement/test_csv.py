@@ -24,7 +24,7 @@ HEAD = "time_s,left_voltage_v,left_current_a\n"
 def faults_of(path: Path, *maps: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         read(path, *maps)
-    return [fault.replace(f"{path}: ", "") for fault in caught.value.faults]
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
@@ -64,10 +64,10 @@ def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quote
         path = Path(folder) / "m.csv"
         path.write_text("a,b,c\n" + "\n".join(",".join(map(repr, r)) for r in table.tolist()))
         file = open_csv(path)
-        faults: list[str] = []
-        fast, slow = file._fast(["a", "c"]), file._slow(["a", "c"], faults)
+        issues: list[str] = []
+        fast, slow = file._fast(["a", "c"]), file._slow(["a", "c"], issues)
         assert fast is not None
-        assert faults == []
+        assert issues == []
         for i, name in ((0, "a"), (2, "c")):
             assert np.array_equal(fast[name], slow[name])
             assert np.array_equal(fast[name], table[:, i])

@@ -40,7 +40,7 @@ COARSE = np.arange(10) * 0.01
 def faults_of(path: Path, *maps: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         read(path, *maps)
-    return [fault.replace(f"{path}: ", "") for fault in caught.value.faults]
+    return [fault.replace(f"{path}: ", "") for fault in caught.value.issues]
 
 
 def test_rasters_join_and_inputs_are_held(tmp_path: Path) -> None:

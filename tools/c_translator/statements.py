@@ -10,13 +10,13 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from tools.twin.errors import Refused
-from tools.twin.expressions import OPERATORS, Expressions, matched
-from tools.twin.names import c_name, is_struct
-from tools.twin.values import SUM, Place, Value
+from tools.c_translator.errors import Refused
+from tools.c_translator.expressions import OPERATORS, Expressions, matched
+from tools.c_translator.names import c_name, is_struct
+from tools.c_translator.values import SUM, Place, Value
 
 if TYPE_CHECKING:
-    from tools.twin.translate import Translation
+    from tools.c_translator.translate import Translation
 
 
 class Function(Expressions):

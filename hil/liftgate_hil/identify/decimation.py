@@ -19,7 +19,7 @@ _REACH = 10  # kept samples to either side that the filter looks at
 
 
 @dataclass(frozen=True)
-class Thinning:
+class Decimation:
     """A linear map from an output's values in all rows to its samples."""
 
     rows: Floats  # (N,) s: of the inputs, and of the outputs before it

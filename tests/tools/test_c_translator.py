@@ -1,4 +1,4 @@
-"""The plant's C twin computes what the plant does, bit for bit, and its translator refuses what it cannot."""
+"""The plant's C translation equals the plant bit for bit, and its translator refuses what it cannot."""
 
 from __future__ import annotations
 
@@ -16,8 +16,16 @@ from liftgate_plant.dynamics import Inputs, initial_state
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import load_of, plant_of
 from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN
-from tools.twin.build import Point, build, compare, many_steps, points, source, twin_steps
-from tools.twin.translate import NotInSubsetError, translate
+from tools.c_translator.build import (
+    Point,
+    build,
+    compare,
+    many_steps,
+    points,
+    source,
+    translated_steps,
+)
+from tools.c_translator.translate import NotInSubsetError, translate
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 STEPS, PLAIN_STEPS = 2500, 40
@@ -52,7 +60,7 @@ def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
 @needs_gcc
 @pytest.mark.parametrize("step", [1e-3, 1e-4, 5e-3])
 @pytest.mark.parametrize("vehicle_name", ["suv", "heavy-suv", "compact"])
-def test_the_twin_equals_the_plant_bit_for_bit(
+def test_the_translation_equals_the_plant_bit_for_bit(
     library: ctypes.CDLL, vehicle_name: str, step: float
 ) -> None:
     vehicle = vehicles.vehicle_from(vehicle_name)
@@ -63,9 +71,9 @@ def test_the_twin_equals_the_plant_bit_for_bit(
         point = Point(plant, state, Inputs(left, right, load_of(vehicle)._replace(**changes)))
         if step == 1e-3:
             plain = many_steps(*point, step, PLAIN_STEPS)
-            assert twin_steps(library, point, step, PLAIN_STEPS) == plain
+            assert translated_steps(library, point, step, PLAIN_STEPS) == plain
         expected = compiled(many_steps)(*point, step, STEPS)
-        assert twin_steps(library, point, step, STEPS) == expected
+        assert translated_steps(library, point, step, STEPS) == expected
         state = expected
         angles.append(state.gate_angle)
         latched.append(state.latched)
@@ -77,9 +85,11 @@ def test_the_twin_equals_the_plant_bit_for_bit(
 
 @needs_gcc
 @pytest.mark.parametrize("name", points())
-def test_the_twin_equals_the_plant_where_both_are_timed(library: ctypes.CDLL, name: str) -> None:
+def test_the_translation_equals_the_plant_where_both_are_timed(
+    library: ctypes.CDLL, name: str
+) -> None:
     point = points()[name]
-    assert twin_steps(library, point, 1e-3, 2000) == compiled(many_steps)(*point, 1e-3, 2000)
+    assert translated_steps(library, point, 1e-3, 2000) == compiled(many_steps)(*point, 1e-3, 2000)
 
 
 @needs_gcc
@@ -152,12 +162,12 @@ def test_the_subset_means_in_c_what_it_means_in_python(
     text = translate(calls_everything)
     loop = """
     void step_many(const Pair *plant, Pair *state, const Pair *inputs, double step, int64_t count)
-    { *state = test_twin_calls_everything(plant, state, inputs, step); }
+    { *state = test_c_translator_calls_everything(plant, state, inputs, step); }
     void restart_many(void) { }
     """
-    monkeypatch.setattr("tools.twin.build.source", lambda: text + loop)
-    monkeypatch.setattr("tools.twin.build.State", Pair)
-    result = twin_steps(build(), Point(more, start, more), 0.25, 1)  # type: ignore[arg-type]
+    monkeypatch.setattr("tools.c_translator.build.source", lambda: text + loop)
+    monkeypatch.setattr("tools.c_translator.build.State", Pair)
+    result = translated_steps(build(), Point(more, start, more), 0.25, 1)  # type: ignore[arg-type]
     assert result == calls_everything(more, start, more, 0.25)
 
 
@@ -318,11 +328,11 @@ def infinite(x: float) -> float:
     ],
 )
 def test_what_is_not_in_the_subset_is_refused_with_its_place(function, reason: str) -> None:
-    with pytest.raises(NotInSubsetError, match=rf"test_twin.py:\d+: .*{reason}"):
+    with pytest.raises(NotInSubsetError, match=rf"test_c_translator.py:\d+: .*{reason}"):
         translate(function)
 
 
 def test_the_place_is_the_line() -> None:
     line = power.__code__.co_firstlineno + 1
-    with pytest.raises(NotInSubsetError, match=f"test_twin.py:{line}: "):
+    with pytest.raises(NotInSubsetError, match=f"test_c_translator.py:{line}: "):
         translate(calls)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import enum
 from typing import Any, NamedTuple
 
-from tools.twin.errors import Refused
-from tools.twin.names import c_name, fields_of
+from tools.c_translator.errors import Refused
+from tools.c_translator.names import c_name, fields_of
 
 CONDITION, OR, AND, EQUAL, ORDER, SUM, PRODUCT, UNARY, POSTFIX = range(9)
 

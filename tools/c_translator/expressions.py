@@ -12,9 +12,9 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tools.twin.errors import NotInSubsetError, Refused
-from tools.twin.names import BUILT_IN, fields_of, is_struct
-from tools.twin.values import (
+from tools.c_translator.errors import NotInSubsetError, Refused
+from tools.c_translator.names import BUILT_IN, fields_of, is_struct
+from tools.c_translator.values import (
     AND,
     CONDITION,
     EQUAL,
@@ -28,7 +28,7 @@ from tools.twin.values import (
 )
 
 if TYPE_CHECKING:
-    from tools.twin.translate import Translation
+    from tools.c_translator.translate import Translation
 
 T = TypeVar("T")
 

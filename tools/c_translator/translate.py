@@ -16,10 +16,10 @@ import textwrap
 from collections.abc import Callable
 from typing import Any
 
-from tools.twin.errors import NotInSubsetError, Refused
-from tools.twin.names import SCALARS, c_name, fields_of, is_struct, type_name
-from tools.twin.statements import Function
-from tools.twin.values import POSTFIX, UNARY, Place, Value
+from tools.c_translator.errors import NotInSubsetError, Refused
+from tools.c_translator.names import SCALARS, c_name, fields_of, is_struct, type_name
+from tools.c_translator.statements import Function
+from tools.c_translator.values import POSTFIX, UNARY, Place, Value
 
 __all__ = ["NotInSubsetError", "translate"]
 

@@ -17,15 +17,15 @@ from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
 from liftgate_hil.codec.quantities import PANEL, BusQuantity
-from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, Layout
-from liftgate_hil.issues import Faults
+from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, BusConfig
+from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
 @dataclass(frozen=True)
-class Wire:
+class SignalMapping:
     """One mapped signal: quantity = scale · physical value + offset, or a value each by name."""
 
     quantity: str
@@ -62,22 +62,22 @@ def physical_range(signal: Signal) -> tuple[float, float]:
     return low, high
 
 
-def build_layout(
+def build_bus_config(
     messages: Mapping[str, Message],
-    wires: Sequence[Wire],
+    mappings: Sequence[SignalMapping],
     options: Mapping[str, MessageOptions],
     quantities: Mapping[str, BusQuantity],
-    faults: Faults,
+    issues: ConfigIssues,
     sending: bool,
-) -> Layout:
-    """The tables for these wires; what cannot be laid out is noted in `faults`."""
+) -> BusConfig:
+    """The tables for these wires; what cannot be laid out is noted in `issues`."""
     tables = _Tables()
-    order = list(dict.fromkeys(wire.message for wire in wires))
+    order = list(dict.fromkeys(wire.message for wire in mappings))
     for name in order:
         message = messages[name]
-        own = [wire for wire in wires if wire.message == name]
+        own = [wire for wire in mappings if wire.message == name]
         if message.length > MAX_BYTES:
-            faults.add(
+            issues.add(
                 name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
             )
             continue
@@ -87,9 +87,9 @@ def build_layout(
         for wire in own:
             signal = message.get_signal_by_name(wire.signal)
             quantity = quantities[wire.quantity]
-            if not _is_usable(wire, signal, faults):
+            if not _is_usable(wire, signal, issues):
                 continue
-            pairs = _enumeration(wire, signal, quantity, faults, sending)
+            pairs = _enumeration(wire, signal, quantity, issues, sending)
             row = _signal_row(wire, signal, quantity)
             row["quantity"] = list(quantities).index(wire.quantity)
             row["place"] = tables.add_place(place_of(signal))
@@ -101,19 +101,19 @@ def build_layout(
                 tables.selectors += [(tables.add_place(place), value) for place, value in chain]
                 tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
         options_of = options.get(name, MessageOptions())
-        head = _message_row(message, options_of, tables, faults)
+        head = _message_row(message, options_of, tables, issues)
         if all(wire.quantity in PANEL for wire in own):
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
         if sending:
-            _check_overlap(name, own, options_of, faults)
+            _check_overlap(name, own, options_of, issues)
             if len({place for place, _ in chosen}) < len(chosen):
-                faults.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
+                issues.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
         for place, value in chosen:
             write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
         tables.start.append(start)
-    return tables.layout()
+    return tables.bus()
 
 
 Selector = tuple[Place, int]
@@ -135,13 +135,13 @@ class _Tables:
         self.places.append(place)
         return len(self.places) - 1
 
-    def layout(self) -> Layout:
+    def bus(self) -> BusConfig:
         """The rows as arrays."""
 
         def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
             return np.array(rows, dtype=kind).view(np.recarray)
 
-        return Layout(
+        return BusConfig(
             table(self.messages, MESSAGE),
             table(self.signals, SIGNAL),
             table(self.places, PLACE),
@@ -155,33 +155,35 @@ def _conversion(signal: Signal) -> tuple[float, float]:
     return float(signal.scale), float(signal.offset)
 
 
-def _is_usable(wire: Wire, signal: Signal, faults: Faults) -> bool:
+def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> bool:
     """Whether the signal can carry a number at all."""
     name = f"{wire.message}.{wire.signal}"
     if signal.is_float and signal.length not in (32, 64):
-        faults.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
+        issues.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
         return False
     if float(signal.scale) == 0.0:
-        faults.add(wire.quantity, f"{name}: factor 0 in the database; allowed: anything else")
+        issues.add(wire.quantity, f"{name}: factor 0 in the database; allowed: anything else")
         return False
     return True
 
 
-def _check_overlap(name: str, wires: Sequence[Wire], own: MessageOptions, faults: Faults) -> None:
+def _check_overlap(
+    name: str, mappings: Sequence[SignalMapping], own: MessageOptions, issues: ConfigIssues
+) -> None:
     """No two quantities, and no quantity and protection, may be sent in one signal."""
     taken = {own.counter: "the counter", own.checksum: "the checksum"}
     if own.e2e is not None:
         taken[own.e2e.nibble] = "the data ID's nibble"
-    for wire in wires:
+    for wire in mappings:
         if wire.signal in taken:
-            faults.add(
+            issues.add(
                 wire.quantity,
                 f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one per signal",
             )
         taken[wire.signal] = wire.quantity
 
 
-def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity) -> dict[str, Any]:
+def _signal_row(wire: SignalMapping, signal: Signal, quantity: BusQuantity) -> dict[str, Any]:
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
@@ -204,7 +206,7 @@ def _signal_row(wire: Wire, signal: Signal, quantity: BusQuantity) -> dict[str, 
 
 
 def _enumeration(
-    wire: Wire, signal: Signal, quantity: BusQuantity, faults: Faults, sending: bool
+    wire: SignalMapping, signal: Signal, quantity: BusQuantity, issues: ConfigIssues, sending: bool
 ) -> list[tuple[float, float]]:
     """Pairs of our value and their physical value, where the wire names them."""
     if wire.values is None:
@@ -216,16 +218,16 @@ def _enumeration(
     for name, value in wire.values.items():
         if name not in quantity.names:
             allowed = ", ".join(quantity.names) or "none, this is no enumeration"
-            faults.add(key, f"{name}: allowed: {allowed}")
+            issues.add(key, f"{name}: allowed: {allowed}")
         elif isinstance(value, str) and value not in labels:
             allowed = ", ".join(labels) or "numbers, the signal has no value table"
-            faults.add(key, f"{name} = {value!r}: allowed: {allowed}")
+            issues.add(key, f"{name} = {value!r}: allowed: {allowed}")
         elif isinstance(value, str) or abs(value) <= 1e15:
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
             pairs.append((float(quantity.names.index(name)), physical))
     missing = [name for name in quantity.names if name not in wire.values]
     if sending and missing:
-        faults.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
+        issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
     return pairs
 
 
@@ -243,10 +245,10 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
 
 
 def _message_row(
-    message: Message, options: MessageOptions, tables: _Tables, faults: Faults
+    message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
     cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
-    row = protection_row(message, options, tables.add_place, faults)
+    row = protection_row(message, options, tables.add_place, issues)
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {
         "identifier": identifier,

@@ -1,5 +1,5 @@
-"""A start for the search where the initial vehicle is far off: data cut into short pieces, each begun where the
-measurement says.
+"""Multiple shooting, a start for the search where the initial vehicle is far off: data cut into short pieces,
+each begun where the measurement says.
 
 An error in a parameter adds up along a simulation, so that the loss of a long one has many minima (a gate that
 does not get off the ground tells nothing of its travel). Over a short piece errors stay small, and the loss is
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
-from liftgate_hil.identify.data import Beginning, Data, is_closed, part_of
+from liftgate_hil.identify.data import Data, InitialCondition, is_closed, part_of
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.residuals import local_line
 from liftgate_hil.identify.statistics import fit_percent
@@ -29,11 +29,11 @@ _LENGTH = 0.25  # s of a piece, at least
 _SAMPLES = 20  # rows of a piece, at least
 
 
-def in_pieces(problem: Problem) -> Problem | None:
-    """The same problem with the data in pieces; None where neither position nor speed was measured."""
+def in_segments(problem: Problem) -> Problem | None:
+    """The same problem with the data in segments; None where neither position nor speed was measured."""
     plant = plant_of(problem.vehicle)
-    pieces: list[Data] = []
-    beginnings: list[Beginning] = []
+    segments: list[Data] = []
+    beginnings: list[InitialCondition] = []
     for number, data in enumerate(problem.data):
         path = _path(problem, plant, number, data)
         if path is None:
@@ -44,19 +44,19 @@ def in_pieces(problem: Problem) -> Problem | None:
             held = np.searchsorted(data.rows, data.times[first], side="right") - 1
             if data.inputs[held, 10] == 0.0 and is_closed(math.degrees(angle)):
                 continue  # held by its latch, wherever the drives push
-            pieces.append(part_of(data, first, last, zeros))
+            segments.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
             start = REST._replace(
                 balanced=1.0, speed=speed, left_position=left, right_ahead=right - left
             )
-            beginnings.append(Beginning(start, ()))
-    if not pieces:
+            beginnings.append(InitialCondition(start, ()))
+    if not segments:
         return None
     return Problem(
         problem.vehicle,
         problem.model,
         problem.sought,
-        pieces,
+        segments,
         problem.outputs,
         delay=problem.delay,
         is_delay_sought=problem.is_delay_sought,

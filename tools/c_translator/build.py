@@ -21,8 +21,8 @@ from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import load_of, plant_of
-from tools.twin.names import fields_of, is_struct
-from tools.twin.translate import translate
+from tools.c_translator.names import fields_of, is_struct
+from tools.c_translator.translate import translate
 
 STEP = 0.001
 COUNT = 2000  # steps from the initial state of an operating point
@@ -61,10 +61,10 @@ class Point(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """Seconds per step of both, and the compiled step's time over the twin's."""
+    """Seconds per step of both, and the compiled step's time over the translation's."""
 
     compiled: float
-    twin: float
+    translation: float
     ratio: float
     lowest: float
     highest: float
@@ -114,10 +114,10 @@ def build(
     """
     with tempfile.TemporaryDirectory() as temporary:
         place = folder or Path(temporary)
-        target = place / "twin.so"
-        (place / "twin.c").write_text(source(), encoding="utf-8")
+        target = place / "step.so"
+        (place / "step.c").write_text(source(), encoding="utf-8")
         command = [cc, "-std=c99", *flags, "-shared", "-fPIC", "-o", str(target)]
-        subprocess.run([*command, str(place / "twin.c"), "-lm"], check=True, timeout=120)
+        subprocess.run([*command, str(place / "step.c"), "-lm"], check=True, timeout=120)
         library = ctypes.CDLL(str(target))
     numbers = ctypes.POINTER(ctypes.c_double)
     common: list[Any] = [numbers, numbers, numbers, ctypes.c_double, ctypes.c_int64]
@@ -126,8 +126,8 @@ def build(
     return library
 
 
-def twin_steps(library: ctypes.CDLL, point: Point, step: float, count: int) -> State:
-    """The state `count` steps later, by the twin."""
+def translated_steps(library: ctypes.CDLL, point: Point, step: float, count: int) -> State:
+    """The state `count` steps later, by the translation."""
     state = array(point.state)
     library.step_many(array(point.plant), state, array(point.inputs), step, count)
     result: State = unflat(State, iter(state))
@@ -179,7 +179,7 @@ def points() -> dict[str, Point]:
 
 
 def compare(rounds: int = ROUNDS, library: ctypes.CDLL | None = None) -> dict[str, Figures]:
-    """The compiled step against the twin, in turns; the ratio is the median of the rounds' ratios."""
+    """The compiled step against the translation, in turns; the ratio is the median of the rounds' ratios."""
     library = library or build()
     restarts = compiled(many_restarts)
     return {name: _figures(point, library, restarts, rounds) for name, point in points().items()}
@@ -190,25 +190,25 @@ def _figures(
 ) -> Figures:
     arrays = [array(part) for part in point]
 
-    def by_twin() -> None:
+    def by_translation() -> None:
         library.restart_many(arrays[0], array(point.state), arrays[2], STEP, COUNT, RESTARTS)
 
     def by_plant() -> None:
         restarts(*point, STEP, COUNT, RESTARTS)
 
-    times: dict[Callable[[], None], list[float]] = {by_plant: [], by_twin: []}
+    times: dict[Callable[[], None], list[float]] = {by_plant: [], by_translation: []}
     by_plant()
-    by_twin()
+    by_translation()
     for action in itertools.islice(
-        itertools.cycle((by_plant, by_twin, by_twin, by_plant)), 2 * rounds
+        itertools.cycle((by_plant, by_translation, by_translation, by_plant)), 2 * rounds
     ):
         start = time.perf_counter()
         action()
         times[action].append((time.perf_counter() - start) / (COUNT * RESTARTS))
-    ratios = [a / b for a, b in zip(times[by_plant], times[by_twin], strict=True)]
+    ratios = [a / b for a, b in zip(times[by_plant], times[by_translation], strict=True)]
     return Figures(
         statistics.median(times[by_plant]),
-        statistics.median(times[by_twin]),
+        statistics.median(times[by_translation]),
         statistics.median(ratios),
         min(ratios),
         max(ratios),
