@@ -103,6 +103,7 @@ BUS_OUTPUTS: dict[str, Signal] = {
     **signals_of(Status),
     **signals_of(Timing),
 }
+INPUT_COUNT = len(BUS_INPUTS)
 OUTPUT_COUNT = len(Sensed._fields) + len(Truth._fields) + len(Status._fields) + len(Timing._fields)
 
 

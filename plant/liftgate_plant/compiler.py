@@ -78,6 +78,24 @@ class System:
         return self._plain(*(int(argument) for argument in arguments))
 
 
+# C functions at addresses that are known only at run time; ctypes makes callbacks of the same kinds.
+INT_OF_LONG_INT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int64, ctypes.c_int)
+INT_OF_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int, ctypes.c_int64, ctypes.c_int,
+)  # fmt: skip
+
+
+def call_long_int(address: int, a: int, b: int) -> int:
+    """Call `int f(int64_t or pointer, int)`."""
+    return int(INT_OF_LONG_INT(address)(a, b))
+
+
+def call_step(address: int, a: int, b: int, c: int, d: int, e: int, f: int) -> int:
+    """Call `int f(pointer, int64_t, pointer, int, pointer, int)`."""
+    return int(INT_OF_STEP(address)(a, b, c, d, e, f))
+
+
 def last_error() -> int:
     """The error number (errno) of this thread's last System call that failed."""
     return ctypes.get_errno()
@@ -104,6 +122,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     from numba.extending import register_jitable
 
     _teach_system_calls()
+    _teach_foreign_calls()
     _teach_borrowing()
     for helper in _compilable:
         if helper not in _known_to_numba:
@@ -133,6 +152,46 @@ def _teach_system_calls() -> None:
     @overload(last_error)
     def error_number() -> Any:
         return lambda: carray(address(), 1)[0]
+
+
+@functools.cache
+def _teach_foreign_calls() -> None:
+    """Tell numba how to call a function at an address."""
+    import numba
+    from llvmlite import ir  # type: ignore[import-untyped]
+    from numba.extending import intrinsic, overload
+
+    types: Any = numba.types
+    word, long = types.int32, types.int64
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [each.type for each in values[1:]])
+        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+
+    @intrinsic
+    def long_int(typing_context: Any, address: Any, a: Any, b: Any) -> Any:
+        return word(long, long, word), generate
+
+    @intrinsic
+    def step(
+        typing_context: Any, address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any
+    ) -> Any:
+        return word(long, long, long, long, word, long, word), generate
+
+    # numba wants the very same signatures; the intrinsics get their context by themselves.
+    @overload(call_long_int)
+    def long_int_in_machine_code(address: Any, a: Any, b: Any) -> Any:
+        def implementation(address: Any, a: Any, b: Any) -> Any:
+            return long_int(address, a, b)  # type: ignore[call-arg]
+
+        return implementation
+
+    @overload(call_step)
+    def step_in_machine_code(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+        def implementation(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+            return step(address, a, b, c, d, e, f)  # type: ignore[call-arg]
+
+        return implementation
 
 
 @functools.cache

@@ -6,23 +6,21 @@ one that every other loop calls.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, Frames, bits_of, empty_frames
+from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
-from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared
-from liftgate_hil.loop.row import write_row
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared, note_frames, note_row
+from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_plant.compiler import System, borrowed, compilable
-from liftgate_plant.signals import Sensed, Truth
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
@@ -107,37 +105,6 @@ def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
 
 
 @compilable
-def note_frames(
-    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
-) -> None:
-    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
-    control = shared.control[0]
-    ring = shared.frames
-    at = control.frames
-    bits = 0
-    for i in range(frames.count):
-        row = ring[at % len(ring)]
-        length = int(frames.lengths[i])
-        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
-        row.identifier = frames.identifiers[i]
-        row.length = length
-        for k in range(length):
-            row.payload[k] = frames.data[i, k]
-        bits += bits_of(frames.identifiers[i], length)
-        at += 1
-    control.bits += bits
-    control.frames = at
-
-
-@compilable
-def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> None:
-    """Put a tick's row into the ring."""
-    control = shared.control[0]
-    write_row(shared.rows[control.rows % len(shared.rows)], truth, sensed)
-    control.rows += 1
-
-
-@compilable
 def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
     """Whether a frame with one of these identifiers is there."""
     for i in range(frames.count):
@@ -146,15 +113,6 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
             if identifier == wanted:
                 return True
     return False
-
-
-@compilable
-def is_sound(truth: Truth) -> bool:
-    """Whether the plant still gives numbers."""
-    total = 0.0
-    for value in truth:
-        total += value
-    return math.isfinite(total)
 
 
 @compilable

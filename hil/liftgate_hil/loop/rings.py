@@ -13,10 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import LOGGED
+from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
+from liftgate_hil.loop.row import write_row
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.mailbox import BOX
+from liftgate_plant.compiler import compilable
+from liftgate_plant.signals import Sensed, Truth
 
 CONTROL = np.dtype(
     [
@@ -49,6 +52,37 @@ class Shared(NamedTuple):
     frames: Any  # (rows,) LOGGED
     histograms: NDArray[np.int64]  # (3, BINS): LATENESS, EXECUTION, DELAY
     box: Any  # (1,) mailbox.BOX: what is posted into the loop
+
+
+@compilable
+def note_frames(
+    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
+) -> None:
+    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
+    control = shared.control[0]
+    ring = shared.frames
+    at = control.frames
+    bits = 0
+    for i in range(frames.count):
+        row = ring[at % len(ring)]
+        length = int(frames.lengths[i])
+        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
+        row.identifier = frames.identifiers[i]
+        row.length = length
+        for k in range(length):
+            row.payload[k] = frames.data[i, k]
+        bits += bits_of(frames.identifiers[i], length)
+        at += 1
+    control.bits += bits
+    control.frames = at
+
+
+@compilable
+def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> None:
+    """Put a tick's row into the ring."""
+    control = shared.control[0]
+    write_row(shared.rows[control.rows % len(shared.rows)], truth, sensed)
+    control.rows += 1
 
 
 class Memory:

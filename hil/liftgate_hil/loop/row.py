@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,3 +18,12 @@ def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed) -> None:
         row[i] = truth[i]
     for i in range(len(sensed)):
         row[len(truth) + i] = sensed[i]
+
+
+@compilable
+def is_sound(truth: Truth) -> bool:
+    """Whether the plant still gives numbers."""
+    total = 0.0
+    for value in truth:
+        total += value
+    return math.isfinite(total)

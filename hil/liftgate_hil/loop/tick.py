@@ -28,7 +28,7 @@ from liftgate_hil.codec.receive import (
 )
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
-from liftgate_hil.signals import BUS_INPUTS, IN, OUTPUT_COUNT, Status
+from liftgate_hil.signals import IN, INPUT_COUNT, OUTPUT_COUNT, Status
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
@@ -80,7 +80,7 @@ def initial_loop(config: LoopConfig, plant_state: State) -> LoopState:
         plant=plant_state,
         sensors=sensors.initial_sensors(config.sensors, plant_state),
         arming=NOT_ARMED,
-        reception=nothing_received(config.inputs, len(BUS_INPUTS)),
+        reception=nothing_received(config.inputs, INPUT_COUNT),
         counts=NO_COUNTS,
         transmission=first_transmission(config.outputs),
         tick=0,
