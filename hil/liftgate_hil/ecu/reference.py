@@ -47,11 +47,13 @@ class EcuConfig(NamedTuple):
 
 
 class EcuState(NamedTuple):
-    """All that does. The arrays of `memory` are written in place."""
+    """All that does; its arrays are written in place."""
 
     reception: Reception
     counts: Counts
     memory: Memory
+    values: NDArray[np.float64]  # of all quantities, in hand
+    frames: Frames  # what it sends in this cycle
 
 
 def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) -> EcuConfig:
@@ -74,9 +76,23 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) ->
 def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     """Just switched on; see `memory.new_memory`."""
     return EcuState(
-        nothing_received(config.inputs, OUTPUT_COUNT),
-        NO_COUNTS,
-        new_memory(config.drives, shares_clock),
+        reception=nothing_received(config.inputs, OUTPUT_COUNT),
+        counts=NO_COUNTS,
+        memory=new_memory(config.drives, shares_clock),
+        values=np.full(INPUT_COUNT, np.nan),
+        frames=empty_frames(len(config.commands)),
+    )
+
+
+@compilable
+def with_arrays(state: EcuState, owner: EcuState) -> EcuState:
+    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
+    return EcuState(
+        reception=owner.reception,
+        counts=state.counts,
+        memory=owner.memory,
+        values=owner.values,
+        frames=owner.frames,
     )
 
 
@@ -129,9 +145,9 @@ def percent_of(duty: float, signed: int) -> float:
 
 
 @compilable
-def command_frames(config: EcuConfig, sent: int, command: DriveCommand) -> Frames:
-    """The frames that carry a command; `sent` counts them."""
-    values = np.full(INPUT_COUNT, np.nan)
+def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand) -> Frames:
+    """The frames that carry a command; good until the next ones."""
+    values, frames, control = state.values, state.frames, state.memory.control[0]
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)
     values[IN.left_direction] = direction_of(command.left_duty)
     if config.drives > 1:
@@ -139,15 +155,10 @@ def command_frames(config: EcuConfig, sent: int, command: DriveCommand) -> Frame
         values[IN.right_direction] = direction_of(command.right_duty)
     values[IN.latch_release] = 1.0 if command.latch_release else 0.0
     count = len(config.commands)
-    frames = Frames(
-        count,
-        np.zeros(count, dtype=np.int64),
-        np.zeros(count, dtype=np.int64),
-        np.zeros((count, 64), dtype=np.uint8),
-    )
     for row in range(count):
-        encode(config.outputs, config.commands[row], values, sent, frames, row)
-    return frames
+        encode(config.outputs, config.commands[row], values, control.sent, frames, row)
+    control.sent += 1
+    return Frames(count, frames.identifiers, frames.lengths, frames.data)
 
 
 @compilable
@@ -155,24 +166,23 @@ def step(
     config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
 ) -> tuple[EcuState, Frames]:
     """Take the frames that have come by a time [ns]; give a command where a control cycle is due."""
-    reception, counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
-    after = EcuState(reception=reception, counts=counts, memory=state.memory)
+    counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
+    after = EcuState(
+        reception=state.reception,
+        counts=counts,
+        memory=state.memory,
+        values=state.values,
+        frames=state.frames,
+    )
     control = state.memory.control[0]
     if now_ns < control.next_ns:
         return after, config.nothing
     control.next_ns += config.cycle_ns * (1 + (now_ns - control.next_ns) // config.cycle_ns)
-    heard, feedback = feedback_of(config, reception.values)
+    heard, feedback = feedback_of(config, state.reception.values)
     command = COASTING
     if heard:
         if control.began_ns < 0:
             control.began_ns = now_ns
         now = (now_ns - control.began_ns) * 1e-9
         command = update(config.constants, state.memory, now, feedback)
-    control.sent += 1
-    return after, command_frames(config, control.sent - 1, command)
-
-
-@compilable
-def last_frames(config: EcuConfig, state: EcuState) -> Frames:
-    """What says that the motors are off."""
-    return command_frames(config, state.memory.control[0].sent, COASTING)
+    return after, command_frames(config, state, command)

@@ -17,7 +17,7 @@ from liftgate_hil.ecu.reference import EcuConfig, EcuState
 from liftgate_hil.ecu.wire import CAPACITY, Port, PortState, call_port, request_of_port
 from liftgate_hil.loop.rings import Shared, note_frames, note_row
 from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
@@ -63,7 +63,7 @@ class Stretch(NamedTuple):
     loop: LoopState
     node: NodeState
     asked: int  # requests made; -1: not begun, the ECU speaks before the first tick
-    to_gate: Frames  # what the ECU sent last
+    pending: int  # frames that the ECU sent and the gate has not read
     outcome: int
 
 
@@ -81,6 +81,13 @@ def ask(script: Script, node: Node, state: NodeState, asked: int, now_ns: int) -
 
 
 @compilable
+def outgoing(node: Node, state: NodeState, count: int) -> Frames:
+    """The first `count` frames that the ECU sent last."""
+    frames = state.reference.frames if node.kind == REFERENCE else state.port.sent
+    return Frames(count, frames.identifiers, frames.lengths, frames.data)
+
+
+@compilable
 def turn(
     node: Node, state: NodeState, frames: Frames, now_ns: int, nothing: Frames
 ) -> tuple[NodeState, Frames, bool]:
@@ -92,8 +99,7 @@ def turn(
         count = call_port(node.port, state.port, frames, now_ns)
         if count < 0:
             return state, nothing, False
-        out = state.port.sent
-        return state, Frames(count, out.identifiers, out.lengths, out.data), True
+        return state, outgoing(node, state, count), True
     return state, nothing, True
 
 
@@ -103,7 +109,8 @@ def run_stretch(
 ) -> Stretch:
     """Run from where the last stretch ended until `script.ticks`, or until a ring of `shared` could overflow."""
     config, node, script, shared = borrowed((config, node, script, shared))
-    loop, state, asked, to_gate = start.loop, start.node, start.asked, start.to_gate
+    loop, state = borrowed((start.loop, start.node))
+    asked, to_gate = start.asked, outgoing(node, state, start.pending)
     control = shared.control[0]
     stamps = np.zeros(CAPACITY + len(config.outputs.messages), dtype=np.int64)
     room = len(shared.frames) - 2 * len(stamps) - control.frames
@@ -137,4 +144,12 @@ def run_stretch(
             if not is_fine:
                 outcome = BAD_ECU
     control.tick = loop.tick
-    return Stretch(loop=loop, node=state, asked=asked, to_gate=to_gate, outcome=outcome)
+    return Stretch(
+        loop=with_arrays(loop, start.loop),
+        node=NodeState(
+            reference.with_arrays(state.reference, start.node.reference), start.node.port
+        ),
+        asked=asked,
+        pending=to_gate.count,
+        outcome=outcome,
+    )

@@ -1,7 +1,8 @@
 """One tick: frames in, one plant step, frames out, and the rows of what is so and of what was sensed.
 
-A pure function: no I/O, no clock, no shared memory, and its arguments are left as they were. Real time, the Python
-loop, lockstep and the episode all call this one.
+State in, state out: no I/O, no clock, no memory that others write. What a codec remembers lies in arrays of the
+state that are written in place, so that compiled loops allocate nothing and count no references; `copied` gives a
+state of one's own. Real time, the Python loop, lockstep and the episode all call this one.
 
     frames → receive → Command ┐
             outside → Load ────┤→ plant step → sensors → transmit → frames
@@ -10,6 +11,7 @@ loop, lockstep and the episode all call this one.
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import NamedTuple
 
@@ -82,9 +84,29 @@ def initial_loop(config: LoopConfig, plant_state: State) -> LoopState:
         arming=NOT_ARMED,
         reception=nothing_received(config.inputs, INPUT_COUNT),
         counts=NO_COUNTS,
-        transmission=first_transmission(config.outputs),
+        transmission=first_transmission(config.outputs, OUTPUT_COUNT),
         tick=0,
         timeouts=0,
+    )
+
+
+def copied(state: LoopState) -> LoopState:
+    """The same state with arrays of its own."""
+    return copy.deepcopy(state)
+
+
+@compilable
+def with_arrays(state: LoopState, owner: LoopState) -> LoopState:
+    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
+    return LoopState(
+        plant=state.plant,
+        sensors=state.sensors,
+        arming=state.arming,
+        reception=owner.reception,
+        counts=state.counts,
+        transmission=owner.transmission,
+        tick=state.tick,
+        timeouts=state.timeouts,
     )
 
 
@@ -177,11 +199,10 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 
 
 @compilable
-def bus_values(
-    sensed: Sensed, truth: Truth, status: Status, outside: Outside
-) -> NDArray[np.float64]:
-    """The values of all outputs (OUTPUT_COUNT,): the rows of the catalogue, one after the other."""
-    values = np.empty(OUTPUT_COUNT)
+def line_up(
+    values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside
+) -> None:
+    """Fill the values of all outputs (OUTPUT_COUNT,): the rows of the catalogue, one after the other."""
     at = 0
     for i in range(len(sensed)):
         values[at + i] = sensed[i]
@@ -194,18 +215,20 @@ def bus_values(
     at += len(status)
     for i in range(len(outside.timing)):
         values[at + i] = outside.timing[i]
-    return values
 
 
 @compilable
 def tick(
     config: LoopConfig, state: LoopState, frames: Frames, outside: Outside
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
-    """Advance by one plant step with the frames that have come and what acts from outside."""
+    """Advance by one plant step with the frames that have come and what acts from outside.
+
+    The frames that it gives are good until the next tick.
+    """
     start_ns = state.tick * config.step_ns
-    reception, counts = receive(config.inputs, state.reception, state.counts, frames, start_ns)
-    reception, stale = forget_stale(config.inputs, reception, start_ns)
-    timeouts = state.timeouts + stale
+    reception, transmission = state.reception, state.transmission
+    counts = receive(config.inputs, reception, state.counts, frames, start_ns)
+    timeouts = state.timeouts + forget_stale(config.inputs, reception, start_ns)
     left, right = command(config, reception.values, outside.is_stop)
     opening = left.duty > 0.0 or right.duty > 0.0
     arming, load = surroundings(
@@ -220,7 +243,7 @@ def tick(
         config.seed, done, config.step,
     )  # fmt: skip
     truth = truth_of(config.sensors, done * config.step, plant_state, inputs, shown)
-    transmission, replies = state.transmission, config.nothing
+    replies = config.nothing
     end_ns = done * config.step_ns
     if is_due(transmission, end_ns, outside.is_silent, outside.is_stop):
         status = Status(
@@ -229,10 +252,8 @@ def tick(
             rejected_frames=float(rejected(counts)),
             emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
         )
-        values = bus_values(sensed, truth, status, outside)
-        transmission, replies = transmit(
-            config.outputs, values, transmission, end_ns, outside.is_stop
-        )
+        line_up(transmission.values, sensed, truth, status, outside)
+        replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)
     after = LoopState(
         plant=plant_state,
         sensors=memory,
