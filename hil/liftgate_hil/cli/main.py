@@ -29,6 +29,17 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
+class ShowVersion(argparse.Action):
+    """`--version`, looked up only where it is asked for: that takes as long as the rest of a start."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it; exit code 0."""
+        from liftgate_hil.version import version
+
+        print(f"liftgate-hil {version()}")
+        parser.exit()
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
     arguments = list(sys.argv[1:] if argv is None else argv)
@@ -41,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
     module.add_arguments(parser)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
