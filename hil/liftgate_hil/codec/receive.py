@@ -50,12 +50,16 @@ NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 ) = range(9)
 
 
+_NEVER = 2**62
+
+
 class Reception(NamedTuple):
     """What has been received: quantities (NaN: not there), per message the last sound frame."""
 
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
     counter: NDArray[np.int64]  # per message; -1: not known
+    stale_ns: int  # when the first of them goes stale
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
 
 
@@ -66,6 +70,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
         np.full(messages, -1, dtype=np.int64),
+        _NEVER,
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
     )
 
@@ -247,7 +252,7 @@ def receive(
         if cause == ACCEPTED:
             take(bus, current, message, read)
             current.seen_ns[message] = now_ns
-    return current, counts
+    return with_stale(bus, current), counts
 
 
 @compilable
@@ -257,27 +262,42 @@ def copy_of(reception: Reception) -> Reception:
         reception.values.copy(),
         reception.seen_ns.copy(),
         reception.counter.copy(),
+        reception.stale_ns,
         reception.memory.copy(),
+    )
+
+
+@compilable
+def with_stale(bus: BusConfig, reception: Reception) -> Reception:
+    """The same, with the time at which its first message goes stale."""
+    first = _NEVER
+    for message in range(len(bus.messages)):
+        limit = bus.messages[message].timeout_ns
+        if limit > 0 and reception.seen_ns[message] >= 0:
+            first = min(first, reception.seen_ns[message] + limit)
+    return Reception(
+        values=reception.values,
+        seen_ns=reception.seen_ns,
+        counter=reception.counter,
+        stale_ns=first,
+        memory=reception.memory,
     )
 
 
 @compilable
 def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> tuple[Reception, int]:
     """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
-    stale = 0
-    for message in range(len(bus.messages)):
-        limit = bus.messages[message].timeout_ns
-        if limit > 0 and 0 <= reception.seen_ns[message] <= now_ns - limit:
-            stale += 1
-    if stale == 0:
+    if now_ns < reception.stale_ns:
         return reception, 0
+    stale = 0
     after = copy_of(reception)
     for message in range(len(bus.messages)):
         table = bus.messages[message]
         if table.timeout_ns > 0 and 0 <= after.seen_ns[message] <= now_ns - table.timeout_ns:
+            stale += 1
             after.seen_ns[message] = -1
             after.counter[message] = -1
             check_state.forget(after.memory[message])
             for row in range(table.first, table.first + table.count):
                 after.values[bus.signals[row].quantity] = np.nan
-    return after, stale
+    return with_stale(bus, after), stale

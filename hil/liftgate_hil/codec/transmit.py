@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -69,16 +71,39 @@ def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
     return False
 
 
+class Transmission(NamedTuple):
+    """What was sent, and what is next."""
+
+    sent: NDArray[np.int64]  # frames so far, per message
+    due_ns: NDArray[np.int64]  # when each message is due next
+    next_ns: int  # the earliest of these
+
+
+_NEVER = 2**62
+
+
+def first_transmission(bus: BusConfig) -> Transmission:
+    """Before time 0: each message is due after one cycle; one without a cycle never."""
+    cycles = [int(each["cycle_ns"]) or _NEVER for each in bus.messages]
+    due = np.array(cycles, dtype=np.int64)
+    return Transmission(np.zeros(len(cycles), dtype=np.int64), due, min(cycles, default=_NEVER))
+
+
+@compilable
+def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
+    """Whether anything is to be sent at this time."""
+    return everything or (not is_silent and now_ns >= transmission.next_ns)
+
+
 @compilable
 def transmit(
     bus: BusConfig,
     values: NDArray[np.float64],
-    counters: NDArray[np.int64],
-    since_ns: int,
+    before: Transmission,
     now_ns: int,
     everything: bool,
-) -> tuple[Frames, NDArray[np.int64]]:
-    """The messages that fell due after `since_ns` and by `now_ns` (or all), and the new counters.
+) -> tuple[Transmission, Frames]:
+    """The messages that are due by `now_ns` (or all), each once, and what is next; `before` is left as it was.
 
     A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
     of which no quantity is there is not sent.
@@ -90,13 +115,18 @@ def transmit(
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
     )
-    after = counters.copy()
+    sent, due_ns = before.sent.copy(), before.due_ns.copy()
     count = 0
+    next_ns = _NEVER
     for message in range(capacity):
-        cycle = bus.messages[message].cycle_ns
-        due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
-        if due and is_there(bus, message, values):
-            encode(bus, message, values, int(after[message]), frames, count)
-            after[message] += 1
+        is_now = now_ns >= due_ns[message]
+        if is_now:
+            cycle = bus.messages[message].cycle_ns
+            due_ns[message] = (now_ns // cycle + 1) * cycle
+        next_ns = min(next_ns, due_ns[message])
+        if (is_now or everything) and is_there(bus, message, values):
+            encode(bus, message, values, int(sent[message]), frames, count)
+            sent[message] += 1
             count += 1
-    return Frames(count, frames.identifiers, frames.lengths, frames.data), after
+    after = Transmission(sent, due_ns, next_ns)
+    return after, Frames(count, frames.identifiers, frames.lengths, frames.data)

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from liftgate_hil.codec.frames import empty_frames
-from liftgate_hil.codec.quantities import INPUT_INDEX, INPUTS, OUTPUT_INDEX, OUTPUTS
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.ecu.controller import Controller, DriveCommand, Feedback
+from liftgate_hil.signals import BUS_INPUTS, IN, OUT, OUTPUT_COUNT
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.transport.base import Transport
 
@@ -43,7 +43,7 @@ class EcuNode:
         self._has_latch = "latch_state" in {wire.quantity for wire in rig.outputs}
         self._signed = "left_direction" not in {wire.quantity for wire in rig.inputs}
         self._commands = _command_rows(rig, self._outputs)
-        self._reception = nothing_received(self._inputs, len(OUTPUTS))
+        self._reception = nothing_received(self._inputs, OUTPUT_COUNT)
         self._counts = NO_COUNTS
         self._sent = 0
         self._cycle_ns = round(rig.command_cycle_ms() * 1e6)
@@ -75,7 +75,7 @@ class EcuNode:
         self._send(DriveCommand([None] * len(self._sides)))
 
     def _value(self, name: str) -> float:
-        return float(self._reception.values[OUTPUT_INDEX[name]])
+        return float(self._reception.values[getattr(OUT, name)])
 
     def _feedback(self) -> Feedback | None:
         currents = [self._value(f"{side}_current") for side in self._sides]
@@ -94,15 +94,15 @@ class EcuNode:
         return float(angle <= _HOME_DEG)  # an angle that is not there is not home
 
     def _send(self, command: DriveCommand) -> None:
-        values = np.full(len(INPUTS), np.nan)
+        values = np.full(len(BUS_INPUTS), np.nan)
         for side, duty in zip(self._sides, command.duties, strict=True):
             direction = _COAST if duty is None else _BRAKE
             if duty:
                 direction = _OPEN if duty > 0.0 else _CLOSE
             percent = 100.0 * (duty or 0.0)
-            values[INPUT_INDEX[f"{side}_duty"]] = percent if self._signed else abs(percent)
-            values[INPUT_INDEX[f"{side}_direction"]] = direction
-        values[INPUT_INDEX["latch_release"]] = 1.0 if command.latch_release else 0.0
+            values[getattr(IN, f"{side}_duty")] = percent if self._signed else abs(percent)
+            values[getattr(IN, f"{side}_direction")] = direction
+        values[IN.latch_release] = 1.0 if command.latch_release else 0.0
         frames = empty_frames(len(self._commands))
         for row, message in enumerate(self._commands):
             encode(self._outputs, message, values, self._sent, frames, row)
