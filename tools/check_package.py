@@ -21,7 +21,7 @@ from pathlib import Path, PurePosixPath
 from packaging.metadata import Metadata
 
 ROOT = Path(__file__).resolve().parents[1]
-DECOYS = ("hil", "plant", "configs", "dbc", "tools", "tests")
+DECOYS = ("hil", "plant", "configs", "dbc", "tools", "tests", "can", "numpy")
 PARTS = {  # in the checkout → in the wheel
     "hil": "",
     "plant": "",
@@ -164,7 +164,10 @@ def check_use(installed: Installation, version: str) -> None:
         call("make", "-C", "ecu", within="x")
     else:
         print("NOT RUN: the copied ECU's Makefile: no C compiler or make here")
-    if call("python", "-c", "import liftgate_hil as lh; print(hasattr(lh, 'run'))") == "True\n":
+    if (
+        call("python", "-P", "-c", "import liftgate_hil as lh; print(hasattr(lh, 'run'))")
+        == "True\n"
+    ):
         installed.pip("install", "pytest")
         call("pytest", within="x")
     else:

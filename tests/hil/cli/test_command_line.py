@@ -338,19 +338,21 @@ def test_the_version_of_sources_that_were_never_installed_is_unknown(
     assert version.__wrapped__() == "unknown"
 
 
-def test_a_working_folder_with_packages_of_our_folders_names_disturbs_nothing(tmp_path: Path):
-    for name in ("hil", "plant", "configs", "dbc", "tools"):
+def test_a_working_folder_with_packages_of_names_that_we_import_disturbs_nothing(tmp_path: Path):
+    for name in ("hil", "plant", "tools", "can", "numpy"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise SystemExit('not ours')\n")
     done = subprocess.run(
-        [
-            sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--clock", "free",
-            "--duration", "0.01", "--json",
+        [  # -P, as the installed command does: that has no working folder among its places for modules
+            sys.executable, "-P", "-m", "liftgate_hil", "--bus", "virtual:x", "--duration", "0.05",
+            "--record", "run.csv", "--record", "run.blf", "--json",
         ],
-        capture_output=True, text=True, timeout=60, check=False, cwd=tmp_path,
+        capture_output=True, text=True, timeout=300, check=False, cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["ticks"] > 0
+    assert (tmp_path / "run.csv").stat().st_size > 0
+    assert (tmp_path / "run.blf").stat().st_size > 0
 
 
 def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
