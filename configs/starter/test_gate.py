@@ -19,22 +19,22 @@ ECU = "reference"
 
 
 @pytest.fixture(scope="module")
-def result() -> lh.Result:
+def result():
     """The scenario, gone through once: open, close onto a rod, reverse, open, close."""
     return lh.run(HERE / "scenario.toml", ecu=ECU, clock="free", vehicle=VEHICLE, rig=RIG)
 
 
-def test_the_gate_opens_fully(result: lh.Result) -> None:
+def test_the_gate_opens_fully(result):
     """Driven by the ECU, from closed and latched."""
     assert result.maxima["gate_angle_deg"] > 78.0
 
 
-def test_the_ecu_reverses_before_the_rod_is_pressed_hard(result: lh.Result) -> None:
+def test_the_ecu_reverses_before_the_rod_is_pressed_hard(result):
     """The rod has 10 N/mm: a force of 200 N is a way of 20 mm."""
     assert 0.0 < result.maxima["pinch_force_n"] < 200.0
 
 
-def test_the_gate_opens_while_it_is_driven() -> None:
+def test_the_gate_opens_while_it_is_driven():
     """Without an ECU: the test itself commands the motors and looks at what they do."""
     with lh.Gate(vehicle=VEHICLE, rig=RIG, initial="closed", seed=1) as gate:
         gate.step(0.1)
