@@ -15,6 +15,7 @@ import ctypes
 import functools
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -229,7 +230,6 @@ def _teach_borrowing() -> None:
         return implementation
 
 
-@functools.cache
 def _prepare_cache() -> bool:
     """Point numba's disk cache at a folder named by the hash of all sources it could compile.
 
@@ -242,24 +242,33 @@ def _prepare_cache() -> bool:
     except OSError:
         return False
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    import numba
+
+    # Where numba was imported before, it has read the environment already.
+    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     return True
 
 
-@functools.cache
 def cache_folder() -> Path:
     """Where the machine code of these very sources is kept."""
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
-    return root / sources_digest()
+    return root / sources_digest(_packages())
 
 
-def sources_digest() -> str:
-    """A hash over all sources with compilable functions or with the types that they take."""
+def _packages() -> frozenset[Path]:
+    """The folders of the packages with compilable functions, wherever each of them is installed."""
+    names = {function.__module__.partition(".")[0] for function in _compilable}
+    found = (getattr(sys.modules.get(name), "__path__", ()) for name in names)
+    return frozenset(Path(folder) for folders in found for folder in folders)
+
+
+@functools.cache
+def sources_digest(packages: frozenset[Path]) -> str:
+    """A hash over all sources in these folders with compilable functions or with the types that they take."""
     digest = hashlib.sha256()
-    plant = Path(__file__).resolve().parent
-    top = plant.parents[1]
-    for package in (plant, top / "hil" / "liftgate_hil"):
+    for package in sorted(packages, key=lambda folder: folder.name):
         for source in sorted(package.rglob("*.py")):
             content = source.read_bytes()
             if b"@compilable" in content or b"NamedTuple" in content:
-                digest.update(str(source.relative_to(top)).encode() + content)
+                digest.update(str(source.relative_to(package.parent)).encode() + content)
     return digest.hexdigest()[:16]

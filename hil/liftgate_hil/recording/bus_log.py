@@ -94,7 +94,7 @@ class ConvertedRecorder:
 def convert(source: Path, target: Path) -> None:
     """Turn one bus log into another; the suffixes say the formats. Raises TransportError, and keeps the log."""
     done = subprocess.run(
-        [sys.executable, "-m", "can.logconvert", str(source), str(target)],
+        [sys.executable, "-P", "-m", "can.logconvert", str(source), str(target)],
         capture_output=True,
         text=True,
         check=False,

@@ -51,7 +51,7 @@ class RecorderProcess:
         self._names = ", ".join(names)
         self._is_ready = False
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, json.dumps(asdict(job))],
+            [sys.executable, "-P", "-m", __name__, json.dumps(asdict(job))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=[memory.descriptor],
