@@ -8,6 +8,7 @@ result.maxima["pinch_force_n"]
 from __future__ import annotations
 
 import contextlib
+import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, is_library
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.errors import ConfigError, LiftgateError, RecordingError
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError
 from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Taker, Trace, watcher
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.signals import COLUMNS
@@ -120,12 +121,30 @@ def run(
         options=options,
         trace=trace,
     )
-    if is_library(ecu):
-        from liftgate_hil.worker import run_in_worker
+    return _isolated(job) if is_library(ecu) else run_job(job)
 
-        resolve(job)  # what is wrong with the job is told here
-        return run_in_worker(job)
-    return run_job(job)
+
+def _isolated(job: Job) -> Result:
+    """Run a job in a process of its own. Raises ConfigError."""
+    from liftgate_hil.isolation import run_isolated
+
+    resolve(job)  # what is wrong with the job is told here
+    try:
+        answer = pickle.loads(run_isolated(pickle.dumps(job), 1.0 / job.options.rate))
+    except EcuError as error:
+        return Result(
+            verdict="error",
+            reason=str(error),
+            maxima={},
+            minima={},
+            events=(),
+            summary=Summary(clock=job.options.clock),
+            recording=job.options.records,
+        )
+    if isinstance(answer, LiftgateError):
+        raise answer
+    assert isinstance(answer, Result)
+    return answer
 
 
 @dataclass(frozen=True)
