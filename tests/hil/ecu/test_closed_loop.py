@@ -14,12 +14,11 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.controller import Controller, GateState
 from liftgate_hil.ecu.node import EcuNode
 from liftgate_hil.loop.python_loop import Loop, run_free
-from liftgate_hil.loop.tick import initial_loop
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import Timeline, no_timeline
+from liftgate_hil.stimuli.timeline import TimedObstacle, Timeline, no_timeline, timeline_of
 from liftgate_hil.transport.can_bus import CanTransport
-from liftgate_plant.dynamics import initial_state
+from liftgate_plant.obstacle import Obstacle
 
 _channels = itertools.count()
 ROD = 10_000.0  # N/m, the softest of the regulators' test rods
@@ -28,8 +27,15 @@ ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 def rod(
     angle_deg: float, stiffness: float = ROD, start: float = 0.0, end: float = np.inf
 ) -> Timeline:
-    row = [start, end, np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0]
-    return no_timeline()._replace(obstacles=np.array([row]))
+    obstacle = Obstacle(
+        angle=float(np.radians(angle_deg)),
+        distance=1.0,
+        stiffness=stiffness,
+        damping=0.0,
+        gap=0.0,
+        direction=1.0,
+    )
+    return timeline_of({}, [TimedObstacle(obstacle, start, end)])
 
 
 class Run:
@@ -56,10 +62,16 @@ class Run:
             vehicle.drives,
             [Request(time, action) for time, action in requests],
         )
-        bench = session.bench_of(vehicle, rig, timeline or no_timeline(), 1000.0, 0)
-        rows: list[Snapshot] = []
-        state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
-        self.loop = Loop(bench, state, ours, [], [node], rows.append)
+        config = session.loop_config_of(vehicle, rig, 1000.0, 0)
+        rows: list[np.ndarray] = []
+        self.loop = Loop(
+            config=config,
+            state=session.start_of(config),
+            timeline=no_timeline() if timeline is None else timeline,
+            transport=ours,
+            peers=[node],
+            watch=rows.append,
+        )
         try:
             self.loop.begin()
             run_free(self.loop, round(seconds * 1000), lambda: False)
@@ -69,7 +81,7 @@ class Run:
         self._rows = np.array(rows, dtype=float)
 
     def column(self, name: str) -> np.ndarray:
-        return self._rows[:, Snapshot._fields.index(name)]
+        return self._rows[:, COLUMN_PLACE[name]]
 
     def texts(self) -> list[str]:
         return [event.text.split(" (")[0].split(",")[0] for event in self.controller.events]
