@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.plant.identify.simulated import measured
 
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify.data import (
@@ -25,6 +24,7 @@ from liftgate_hil.measurement.raster import thinned
 from liftgate_hil.session import vehicle_from
 from liftgate_plant import gate
 from liftgate_plant.vehicle import Vehicle, plant_of
+from tests.hil.identify.simulated import measured
 from tests.plant.runs import suv
 
 POSITION = {"left_position_rev": 0.1}

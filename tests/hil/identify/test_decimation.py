@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import measured, scores, sought, true_vehicle
 
 from liftgate_hil.identify.data import Data, part_of
 from liftgate_hil.identify.identification import identify, validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.measurement.raster import thinned
 from liftgate_hil.session import vehicle_from
+from tests.hil.identify.simulated import measured, scores, sought, true_vehicle
 
 TRUTH = {"motor.resistance": 0.83, "motor.torque_constant": 0.0119, "spring.preload": 333.0}
 QUANTUM = 0.25  # rev, of the shipped SUV's Hall counts

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import TRUTH, estimated, measured, sought
 
 from liftgate_hil.identify.design import Candidate, candidates, noise_of, plan, prbs
+from tests.hil.identify.simulated import TRUTH, estimated, measured, sought
 from tests.plant.runs import suv
 
 OUTPUTS = ["left_current_a", "left_speed_rps", "gate_angle_deg"]

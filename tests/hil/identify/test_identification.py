@@ -8,7 +8,14 @@ import math
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import (
+
+from liftgate_hil.identify.data import Data, rows_of
+from liftgate_hil.identify.identification import NothingToTellError, identify, validate
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.statistics import criteria
+from liftgate_plant import gate
+from liftgate_plant.vehicle import plant_of
+from tests.hil.identify.simulated import (
     NOISE,
     TRUTH,
     estimated,
@@ -18,13 +25,6 @@ from tests.plant.identify.simulated import (
     there_and_back,
     true_vehicle,
 )
-
-from liftgate_hil.identify.data import Data, rows_of
-from liftgate_hil.identify.identification import NothingToTellError, identify, validate
-from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.statistics import criteria
-from liftgate_plant import gate
-from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import suv
 
 SEEDS = range(25)

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import NOISE, measured, scores, sought, true_vehicle
 
 from liftgate_hil.identify import jitter
 from liftgate_hil.identify.data import Data, changes_of
 from liftgate_hil.identify.identification import identify
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.result import Identification
+from tests.hil.identify.simulated import NOISE, measured, scores, sought, true_vehicle
 from tests.plant.runs import suv
 
 TRUTH = {"motor.resistance": 0.8, "motor.rotor_inertia": 1.47e-5, "spring.preload": 320.0}

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import measured, scores, sought, true_vehicle
 
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import identify
@@ -15,6 +14,7 @@ from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.search import deviance, past_kinks, search
 from liftgate_hil.session import vehicle_from
 from liftgate_plant.vehicle import Vehicle
+from tests.hil.identify.simulated import measured, scores, sought, true_vehicle
 
 
 def pauses(volts: Sequence[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import NOISE, TRUTH, measured, sought, true_vehicle
 
 from liftgate_hil.identify.data import Data, changes_of
 from liftgate_hil.identify.problem import Problem
+from tests.hil.identify.simulated import NOISE, TRUTH, measured, sought, true_vehicle
 from tests.plant.runs import suv
 
 

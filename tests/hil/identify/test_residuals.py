@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.plant.identify.simulated import measured
 
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.residuals import (
@@ -19,6 +18,7 @@ from liftgate_hil.identify.residuals import (
 )
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_plant.vehicle import plant_of
+from tests.hil.identify.simulated import measured
 from tests.plant.runs import suv
 
 

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.plant.identify.simulated import (
+
+from liftgate_hil.identify.data import Data
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.search import errors_of, log_likelihood_deviance, search, weighting_of
+from liftgate_plant.sensors import Sensors
+from tests.hil.identify.simulated import (
     NOISE,
     TRUTH,
     measured,
@@ -18,11 +23,6 @@ from tests.plant.identify.simulated import (
     there_and_back,
     true_vehicle,
 )
-
-from liftgate_hil.identify.data import Data
-from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import errors_of, log_likelihood_deviance, search, weighting_of
-from liftgate_plant.sensors import Sensors
 from tests.plant.runs import suv
 
 
