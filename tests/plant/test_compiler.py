@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -53,3 +56,49 @@ def test_borrowed_arrays_are_the_same_and_stay_their_owners():
 def test_in_plain_python_it_is_the_value_itself():
     value = Inner(np.zeros(1), 1.0)
     assert borrowed(value) is value
+
+
+_LONG = """
+import sys
+from liftgate_plant.compiler import compiled
+
+def long(x: float) -> float:
+    %s
+    return x
+
+def main() -> None:
+    function = compiled(long)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    assert function(1.0) == 41.0
+    print(function.stats.cache_misses[(function.signatures[0])] if function.stats.cache_misses else 0)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_processes_that_begin_together_compile_once(tmp_path: Path):
+    program = tmp_path / "long.py"
+    program.write_text(_LONG % "\n    ".join(40 * ["x = x + 1.0 if x > 0.0 else x * 2.0"]))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    children = [
+        subprocess.Popen(
+            [sys.executable, str(program)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    for child in children:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+    answers = []
+    for child in children:
+        assert child.stdin is not None
+        child.stdin.write("go\n")
+        child.stdin.flush()
+    for child in children:
+        out, complaints = child.communicate(timeout=120)
+        assert child.returncode == 0, complaints
+        answers.append(int(out))
+    assert sorted(answers) == [0, 1]
