@@ -1,4 +1,5 @@
 # make demo: the closed loop on a virtual bus.  make test: what CI runs.
+# make test-package: sdist and wheel, built, installed into empty environments and used outside the checkout.
 # make test-vcan: the tests on a real vcan0; VCAN=optional lets it be where no machine with one can be had.
 PYTHON ?= python3
 VENV   ?= .venv
@@ -9,7 +10,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo test test-vcan lint setup bench identification clean
+.PHONY: demo test test-package test-vcan lint setup bench identification clean
 
 setup: $(VENV)/.ready
 
@@ -25,6 +26,9 @@ demo: setup
 
 test: lint
 	$(BIN)/python -m pytest --cov --cov-report=term
+
+test-package: setup
+	$(BIN)/python -m tools.check_package
 
 test-vcan: setup
 	@if $(BIN)/python -m tools.vcan --install; then \

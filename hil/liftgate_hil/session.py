@@ -1,43 +1,59 @@
-"""The composition root: objects from files and flags. Nobody else reads files."""
+"""The composition root: objects from files and values, and a run of the emulator on a bus.
+
+No flags, no printing, no signal handlers: the command line, pytest and the rest of the API are users of this file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.loop.tick import LoopConfig
-from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
+from liftgate_plant.dynamics import initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
+if TYPE_CHECKING:
+    from liftgate_hil.loop.python_loop import Peer, Watch
+    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.transport.find import Way
+
 NS = 1_000_000_000
+CLOCKS = ("realtime", "free", "lockstep")
 
 
 def vehicle_from(name: str, settings: Sequence[str] = ()) -> Vehicle:
-    """The vehicle of a `--vehicle` value."""
+    """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. Raises ConfigError."""
     return load_vehicle(find_config("vehicles", name), settings)
 
 
 def rig_from(name: str) -> Rig:
-    """The rig of a `--rig` value."""
+    """The rig of a shipped name or a path. Raises ConfigError."""
     return load_rig(find_config("rigs", name))
 
 
 def scenario_from(name: str | None) -> Scenario:
-    """The scenario of a `--scenario` value, or none."""
+    """The scenario of a shipped name or a path, or none. Raises ConfigError."""
     return no_scenario() if name is None else load_scenario(find_config("scenarios", name))
 
 
-def bench_of(vehicle: Vehicle, rig: Rig, timeline: Timeline, rate: float, seed: int) -> LoopConfig:
-    """The loop's constants."""
-    mapped = {wire.quantity for wire in rig.inputs}
+def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
+    """The loop's constants, at a rate [Hz]."""
+    mapped = {mapping.quantity for mapping in rig.inputs}
     return LoopConfig(
         plant=plant_of(vehicle),
         sensors=vehicle.sensors,
         load=load_of(vehicle),
-        timeline=timeline,
         inputs=rig.input_config(),
         outputs=rig.output_config(),
         signed_left=int("left_direction" not in mapped),
@@ -47,4 +63,189 @@ def bench_of(vehicle: Vehicle, rig: Rig, timeline: Timeline, rate: float, seed: 
         step=1.0 / rate,
         step_ns=round(NS / rate),
         seed=seed,
+        nothing=no_frames(),
     )
+
+
+def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
+    """A loop whose gate rests at an angle [rad]; closed it is latched."""
+    return initial_loop(config, initial_state(config.plant, angle, latched=float(angle == 0.0)))
+
+
+def ticks_of(duration: float | None, rate: float) -> int | None:
+    """How many ticks a duration [s] is, at least one; None: until stopped."""
+    return None if duration is None else max(1, math.ceil(duration * rate - 1e-9))
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run goes, whatever runs."""
+
+    rate: float = 1000.0  # Hz
+    clock: str = "realtime"  # of CLOCKS
+    duration: float | None = None  # s of model time; None: the scenario's, else until stopped
+    seed: int = 0
+    overrun_limit: float = 1.0  # s that the loop may fall behind
+    wall_timeout: float | None = None  # s that lockstep waits for a command; None: for ever
+    records: tuple[Path, ...] = ()
+    realtime: bool = False  # ask for FIFO scheduling, locked memory, a CPU
+    cpu: int | None = None  # which
+
+    def check(self) -> None:
+        """Raises ConfigError where they cannot be had together."""
+        if len({path.resolve() for path in self.records}) < len(self.records):
+            names = ", ".join(str(path) for path in self.records)
+            raise ConfigError(f"record {names}: allowed: a file once")
+        if self.cpu is None:
+            return
+        if not self.realtime:
+            raise ConfigError(f"cpu {self.cpu}: allowed: together with realtime")
+        if hasattr(os, "sched_getaffinity") and self.cpu not in os.sched_getaffinity(0):
+            from liftgate_hil.loop.priority import allowed_cpus
+
+            raise ConfigError(f"cpu {self.cpu}: allowed here: {allowed_cpus()}")
+
+
+def _never() -> bool:
+    return False
+
+
+def _nothing(text: str) -> None:
+    pass
+
+
+@dataclass
+class Emulator:
+    """The gate on a bus, about to run; `run` opens the wire, runs to the end and closes all that it opened.
+
+    `watch` gets each row (ROW_WIDTH,) of signals.COLUMNS, `say` what happens to the link, `stopped` is asked
+    whether to end.
+    """
+
+    vehicle: Vehicle
+    rig: Rig
+    scenario: Scenario
+    way: Way
+    options: RunOptions = field(default_factory=RunOptions)
+    peers: Sequence[Peer] = ()
+    watch: Watch | None = None
+    say: Callable[[str], None] = _nothing
+    stopped: Callable[[], bool] = _never
+    announce: Callable[[Callable[..., Any], str], None] | None = None  # entry point, wire's name
+
+    def run(self) -> Summary:
+        """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
+        from liftgate_hil.loop.datagrams import POSSIBLE
+
+        self.options.check()
+        options = self.options
+        self.config = loop_config_of(self.vehicle, self.rig, options.rate, options.seed)
+        self.state = start_of(self.config)
+        duration = self.scenario.duration if options.duration is None else options.duration
+        self.ticks = ticks_of(duration, options.rate)
+        if options.clock == "realtime" and POSSIBLE:
+            return self._in_real_time()
+        return self._in_python()
+
+    def _announce(self, entry: Callable[..., Any], name: str) -> None:
+        if self.announce is not None:
+            self.announce(entry, name)
+
+    def _in_real_time(self) -> Summary:
+        """Without the interpreter lock."""
+        from liftgate_hil.loop.priority import Realtime
+        from liftgate_hil.loop.realtime_loop import run_realtime
+        from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
+        from liftgate_hil.recording.process import RecorderProcess
+        from liftgate_hil.transport.find import open_line
+
+        options = self.options
+        with contextlib.ExitStack() as stack:
+            line = open_line(self.way)
+            stack.callback(line.close)
+            memory = memory_for(options.rate)
+            stack.callback(memory.close)
+            recorder = None
+            if options.records:
+                recorder = RecorderProcess(options.records, memory, self.vehicle.drives, line.name)
+                stack.callback(recorder.close)
+            loop = RealtimeRun(
+                config=self.config,
+                state=self.state,
+                timeline=self.scenario.timeline,
+                line=line,
+                memory=memory,
+                rig=self.rig,
+                bitrate=self.way.bitrate(self.rig),
+                limit_ns=round(options.overrun_limit * NS),
+                say=self.say,
+                peers=self.peers,
+                watch=self.watch,
+                realtime=Realtime(options.cpu) if options.realtime else None,
+            )
+            self._announce(run_realtime, line.name)
+            loop.begin()
+            if recorder is not None:
+                recorder.wait_until_ready()
+            loop.run(self.ticks, self.stopped)
+            # The counts of the line and the recorder are whole only when they are closed.
+            stack.close()
+            return loop.summary(recorder.lost_rows if recorder is not None else 0)
+
+    def _in_python(self) -> Summary:
+        """On a clock that waits for nobody, or where the real-time loop cannot be."""
+        from liftgate_hil.loop.python_loop import Loop
+        from liftgate_hil.loop.tick import tick
+        from liftgate_hil.recording.open import open_recorder
+        from liftgate_hil.transport.find import open_transport
+
+        options, rig = self.options, self.rig
+        with contextlib.ExitStack() as stack:
+            transport = open_transport(self.way)
+            stack.callback(transport.close)
+            # Only wall time has an epoch; the other clocks' recordings are the same every time.
+            epoch = time.time() if options.clock == "realtime" else 0.0
+            recorders = []
+            for path in options.records:
+                recorder = open_recorder(path, self.vehicle.drives, transport.name, epoch)
+                stack.callback(recorder.close)
+                recorders.append(recorder)
+            loop = Loop(
+                config=self.config,
+                state=self.state,
+                timeline=self.scenario.timeline,
+                transport=transport,
+                recorders=recorders,
+                peers=self.peers,
+                watch=self.watch,
+                bitrate=self.way.bitrate(rig),
+            )
+            self._announce(tick, transport.name)
+            loop.begin()
+            try:
+                timing = self._clocked(loop)
+            finally:
+                loop.finish()
+        failures = [recorder.failure for recorder in recorders if recorder.failure]
+        if failures:
+            raise RecordingError("; ".join(failures))
+        return loop.summary(options.clock, timing)
+
+    def _clocked(self, loop: Any) -> Any:
+        """Run the Python loop on the clock that was asked for; its timing."""
+        from liftgate_hil.loop.clock import RealtimeClock
+        from liftgate_hil.loop.histogram import distribution
+        from liftgate_hil.loop.python_loop import run_clocked, run_free, run_lockstep
+        from liftgate_hil.loop.statistics import Timing
+
+        options, rig = self.options, self.rig
+        if options.clock == "realtime":
+            clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
+            run_clocked(loop, clock, self.ticks, self.stopped)
+            return Timing(distribution(clock.lateness))
+        if options.clock == "free":
+            run_free(loop, self.ticks, self.stopped)
+        else:
+            period = max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate))
+            run_lockstep(loop, rig.command_identifier(), period, self.ticks, self.stopped)
+        return Timing()

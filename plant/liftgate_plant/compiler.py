@@ -17,6 +17,7 @@ import fcntl
 import functools
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -80,6 +81,24 @@ class System:
         return self._plain(*(int(argument) for argument in arguments))
 
 
+# C functions at addresses that are known only at run time; ctypes makes callbacks of the same kinds.
+INT_OF_LONG_INT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int64, ctypes.c_int)
+INT_OF_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int, ctypes.c_int64, ctypes.c_int,
+)  # fmt: skip
+
+
+def call_long_int(address: int, a: int, b: int) -> int:
+    """Call `int f(int64_t or pointer, int)`."""
+    return int(INT_OF_LONG_INT(address)(a, b))
+
+
+def call_step(address: int, a: int, b: int, c: int, d: int, e: int, f: int) -> int:
+    """Call `int f(pointer, int64_t, pointer, int, pointer, int)`."""
+    return int(INT_OF_STEP(address)(a, b, c, d, e, f))
+
+
 def last_error() -> int:
     """The error number (errno) of this thread's last System call that failed."""
     return ctypes.get_errno()
@@ -106,6 +125,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     from numba.extending import register_jitable
 
     _teach_system_calls()
+    _teach_foreign_calls()
     _teach_borrowing()
     for helper in _compilable:
         if helper not in _known_to_numba:
@@ -187,6 +207,46 @@ def _teach_system_calls() -> None:
 
 
 @functools.cache
+def _teach_foreign_calls() -> None:
+    """Tell numba how to call a function at an address."""
+    import numba
+    from llvmlite import ir  # type: ignore[import-untyped]
+    from numba.extending import intrinsic, overload
+
+    types: Any = numba.types
+    word, long = types.int32, types.int64
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [each.type for each in values[1:]])
+        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+
+    @intrinsic
+    def long_int(typing_context: Any, address: Any, a: Any, b: Any) -> Any:
+        return word(long, long, word), generate
+
+    @intrinsic
+    def step(
+        typing_context: Any, address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any
+    ) -> Any:
+        return word(long, long, long, long, word, long, word), generate
+
+    # numba wants the very same signatures; the intrinsics get their context by themselves.
+    @overload(call_long_int)
+    def long_int_in_machine_code(address: Any, a: Any, b: Any) -> Any:
+        def implementation(address: Any, a: Any, b: Any) -> Any:
+            return long_int(address, a, b)  # type: ignore[call-arg]
+
+        return implementation
+
+    @overload(call_step)
+    def step_in_machine_code(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+        def implementation(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+            return step(address, a, b, c, d, e, f)  # type: ignore[call-arg]
+
+        return implementation
+
+
+@functools.cache
 def _teach_borrowing() -> None:
     """Tell numba that a borrowed array has no owner (no `meminfo`), so that there is nothing to count."""
     import numba
@@ -221,7 +281,6 @@ def _teach_borrowing() -> None:
         return implementation
 
 
-@functools.cache
 def _prepare_cache() -> bool:
     """Point numba's disk cache at a folder named by the hash of all sources it could compile.
 
@@ -234,24 +293,33 @@ def _prepare_cache() -> bool:
     except OSError:
         return False
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    import numba
+
+    # Where numba was imported before, it has read the environment already.
+    numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     return True
 
 
-@functools.cache
 def cache_folder() -> Path:
     """Where the machine code of these very sources is kept."""
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
-    return root / sources_digest()
+    return root / sources_digest(_packages())
 
 
-def sources_digest() -> str:
-    """A hash over all sources with compilable functions or with the types that they take."""
+def _packages() -> frozenset[Path]:
+    """The folders of the packages with compilable functions, wherever each of them is installed."""
+    names = {function.__module__.partition(".")[0] for function in _compilable}
+    found = (getattr(sys.modules.get(name), "__path__", ()) for name in names)
+    return frozenset(Path(folder) for folders in found for folder in folders)
+
+
+@functools.cache
+def sources_digest(packages: frozenset[Path]) -> str:
+    """A hash over all sources in these folders with compilable functions or with the types that they take."""
     digest = hashlib.sha256()
-    plant = Path(__file__).resolve().parent
-    top = plant.parents[1]
-    for package in (plant, top / "hil" / "liftgate_hil"):
+    for package in sorted(packages, key=lambda folder: folder.name):
         for source in sorted(package.rglob("*.py")):
             content = source.read_bytes()
             if b"@compilable" in content or b"NamedTuple" in content:
-                digest.update(str(source.relative_to(top)).encode() + content)
+                digest.update(str(source.relative_to(package.parent)).encode() + content)
     return digest.hexdigest()[:16]

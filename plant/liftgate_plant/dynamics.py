@@ -97,13 +97,13 @@ class State(NamedTuple):
 class Load(NamedTuple):
     """What the surroundings do during a step, SI; temperature in °C."""
 
-    source_voltage: float
+    supply_voltage: float
     road_slope: float
     ambient_temperature: float
     wind_pressure: float
     snow_mass: float
     hand_force: float
-    measured_torque: float
+    external_torque: float
     latch_released: float
     obstacle: Obstacle
 
@@ -112,15 +112,31 @@ class Load(NamedTuple):
 def with_obstacle(load: Load, obstacle: Obstacle) -> Load:
     """The same surroundings with another obstacle."""
     return Load(
-        load.source_voltage,
-        load.road_slope,
-        load.ambient_temperature,
-        load.wind_pressure,
-        load.snow_mass,
-        load.hand_force,
-        load.measured_torque,
-        load.latch_released,
-        obstacle,
+        supply_voltage=load.supply_voltage,
+        road_slope=load.road_slope,
+        ambient_temperature=load.ambient_temperature,
+        wind_pressure=load.wind_pressure,
+        snow_mass=load.snow_mass,
+        hand_force=load.hand_force,
+        external_torque=load.external_torque,
+        latch_released=load.latch_released,
+        obstacle=obstacle,
+    )
+
+
+@compilable
+def with_latch(load: Load, released: float) -> Load:
+    """The same surroundings with the latch driven open (1.0), or not."""
+    return Load(
+        supply_voltage=load.supply_voltage,
+        road_slope=load.road_slope,
+        ambient_temperature=load.ambient_temperature,
+        wind_pressure=load.wind_pressure,
+        snow_mass=load.snow_mass,
+        hand_force=load.hand_force,
+        external_torque=load.external_torque,
+        latch_released=released,
+        obstacle=load.obstacle,
     )
 
 
@@ -185,7 +201,7 @@ def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
         - gate.weight_torque(plant.weight_moment, link, angle, load.road_slope)
         - environment.snow_torque(plant.environment, load.snow_mass, link, angle, load.road_slope)
         + environment.steady_torque(
-            plant.environment, load.wind_pressure, load.hand_force, load.measured_torque
+            plant.environment, load.wind_pressure, load.hand_force, load.external_torque
         )
     )
 
@@ -248,7 +264,7 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     link = plant.link
     angle, rate = state.gate_angle, state.gate_rate
     terminal = supply.terminal_voltage(
-        inputs.load.source_voltage,
+        inputs.load.supply_voltage,
         plant.source_resistance,
         inputs.left.duty,
         state.left.current,

@@ -97,7 +97,7 @@ def electrics_of(
     """Both drives' electrical sides during a step of `step` seconds."""
     load = inputs.load
     terminal = supply.terminal_voltage(
-        load.source_voltage,
+        load.supply_voltage,
         plant.source_resistance,
         inputs.left.duty,
         state.left.current,
@@ -113,7 +113,7 @@ def electrics_of(
         state.right.current,
         state.left.speed,
         state.right.speed,
-        load.source_voltage,
+        load.supply_voltage,
         plant.source_resistance,
         step,
     )

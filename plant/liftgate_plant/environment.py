@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from liftgate_plant import signals
 from liftgate_plant.compiler import compilable
 from liftgate_plant.gate import GRAVITY, Linkage, weight_torque
 from liftgate_plant.quantity import Quantity
@@ -12,18 +13,14 @@ from liftgate_plant.quantity import Quantity
 class Environment(NamedTuple):
     """Table `[environment]`: what holds as long as no scenario, panel or input file says otherwise."""
 
-    road_slope: Annotated[
-        float, Quantity("γ", "deg", -45.0, 45.0, "positive with the rear of the car raised")
-    ] = 0.0
-    ambient_temperature: Annotated[float, Quantity("T", "°C", -55.0, 130.0, "§4.2.1")] = 20.0
-    wind_pressure: Annotated[
-        float, Quantity("q", "Pa", -5e3, 5e3, "dynamic pressure, positive opens")
-    ] = 0.0
+    road_slope: Annotated[float, signals.ROAD_SLOPE.parameter("γ")] = 0.0
+    ambient_temperature: Annotated[float, signals.AMBIENT_TEMPERATURE.parameter("T")] = 20.0
+    wind_pressure: Annotated[float, signals.WIND_PRESSURE.parameter("q")] = 0.0
     wind_area: Annotated[float, Quantity("A", "m²", 0.0, 20.0, "of the gate")] = 1.0
     wind_lever: Annotated[float, Quantity("", "m", 0.0, 10.0, "from hinge to centre")] = 0.5
-    snow_mass: Annotated[float, Quantity("m_s", "kg", 0.0, 500.0, "lying on the gate")] = 0.0
+    snow_mass: Annotated[float, signals.SNOW_MASS.parameter("m_s")] = 0.0
     snow_distance: Annotated[float, Quantity("r_s", "m", 0.0, 10.0, "from the hinge")] = 0.5
-    hand_force: Annotated[float, Quantity("F_h", "N", -5e3, 5e3, "positive opens")] = 0.0
+    hand_force: Annotated[float, signals.HAND_FORCE.parameter("F_h")] = 0.0
     hand_distance: Annotated[float, Quantity("r_h", "m", 0.0, 10.0, "from the hinge")] = 0.9
 
 

@@ -108,7 +108,7 @@ def solve_windings(
     current_right: float,
     speed_left: float,
     speed_right: float,
-    source_voltage: float,
+    supply_voltage: float,
     source_resistance: float,
     step: float,
 ) -> tuple[Response, Response]:
@@ -128,9 +128,9 @@ def solve_windings(
     x_r = root_r * current_right
     y1 = c * x_l - s * x_r
     y2 = s * x_l + c * x_r
-    u_l = (left.voltage + left.duty * source_voltage - left.speed_constant * speed_left) / root_l
+    u_l = (left.voltage + left.duty * supply_voltage - left.speed_constant * speed_left) / root_l
     u_r = (
-        right.voltage + right.duty * source_voltage - right.speed_constant * speed_right
+        right.voltage + right.duty * supply_voltage - right.speed_constant * speed_right
     ) / root_r
     f1 = step * (c * u_l - s * u_r)
     f2 = step * (s * u_l + c * u_r)

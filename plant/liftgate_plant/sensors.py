@@ -1,7 +1,10 @@
-"""What the ECU's sensors make of the state (§4.1–4.2): gain, offset, noise, filter, quantisation, range.
+"""What the ECU's sensors make of the state (§4.1–4.2), in the order of the real chain.
 
-The Hall sensors give two square waves in quadrature and, counted, `hall_counts` per motor revolution; Hall
-speed is the integer number of counts in one sample period (§4.6.1).
+    shaft → square waves of Hall A and B → quadrature decoder → count → speed
+    current → low-pass of its amplifier → gain, offset, noise → converter
+
+The decoder gives `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
+period (§4.6.1).
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from liftgate_plant.dynamics import DriveState, Inputs, Outputs, Plant, State
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.noise import disturbance
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.signals import Sensed
 
 
 class Sensors(NamedTuple):
@@ -42,39 +46,27 @@ class Sensors(NamedTuple):
     temperature_offset: Annotated[float, Quantity("", "K", -50.0, 50.0, "all thermometers")] = 0.0
 
 
-class HallState(NamedTuple):
-    """The Hall counter of one drive at the start of the present sample period, and the last speed."""
+_MOST_EDGES = 100_000  # in a tick
 
-    count: int  # type: ignore[assignment]  # shadows tuple.count
+
+class HallState(NamedTuple):
+    """The Hall sensors of one drive."""
+
+    step: int  # where the shaft is, in steps of the square waves; edges lie half a step beside whole ones
+    a: int  # the levels that the decoder saw last
+    b: int
+    count: int  # type: ignore[assignment]  # shadows tuple.count; what the decoder has counted
+    sampled: int  # the count at the start of the present sample period
     speed: int
 
 
 class SensorState(NamedTuple):
-    """What the sensors remember: filtered currents [A], Hall sample periods."""
+    """What the sensors remember: filtered currents [A], Hall decoders and sample periods."""
 
     left_current: float
     right_current: float
     left_hall: HallState
     right_hall: HallState
-
-
-class Sensed(NamedTuple):
-    """What the ECU gets to know. Units of the bus: A, counts, deg, V, °C, m/s²."""
-
-    left_current: float
-    right_current: float
-    left_count: int
-    right_count: int
-    left_hall_speed: int
-    right_hall_speed: int
-    gate_angle_deg: float
-    road_slope_deg: float
-    gate_acceleration: float
-    terminal_voltage: float
-    ambient_temperature: float
-    left_motor_temperature: float
-    right_motor_temperature: float
-    latched: float
 
 
 @compilable
@@ -87,15 +79,49 @@ def quantised(value: float, resolution: float) -> float:
 
 @compilable
 def hall_count(sensors: Sensors, position: float) -> int:
-    """The signed count at a motor position [rev]; its edges lie half a count beside whole positions."""
+    """A perfect encoder's count at a motor position [rev]; its edges lie half a count beside whole positions."""
     return math.floor(position * sensors.hall_counts + 0.5)
 
 
 @compilable
-def hall_signals(count: int) -> tuple[int, int]:
-    """Hall A and B (0 or 1) at a count: Gray code, A leads B while opening."""
-    phase = count % 4
+def hall_levels(step: int) -> tuple[int, int]:
+    """Hall A and B (0 or 1) at a step of the shaft: Gray code, A leads B while opening."""
+    phase = step % 4
     return (1 if phase in {1, 2} else 0), (1 if phase >= 2 else 0)
+
+
+@compilable
+def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
+    """What a quadrature decoder counts for a change of levels: 1 up, −1 down, 0 for none or both at once."""
+    phase_before = 2 * before_b + (before_a ^ before_b)
+    phase = 2 * b + (a ^ b)
+    way = (phase - phase_before) % 4
+    if way == 1:
+        return 1
+    return -1 if way == 3 else 0
+
+
+@compilable
+def hall_after(sensors: Sensors, hall: HallState, position: float, sample: bool) -> HallState:
+    """The Hall sensors at the end of a tick: the decoder sees every edge that the shaft has passed, one after the
+    other. At the end of a sample period the speed is the counts that came during it.
+    """
+    target = hall_count(sensors, position) if math.isfinite(position) else hall.step
+    step, a, b, count = hall.step, hall.a, hall.b, hall.count
+    if abs(target - step) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
+        count += target - step
+        step = target
+        a, b = hall_levels(step)
+    while step != target:
+        step += 1 if target > step else -1
+        next_a, next_b = hall_levels(step)
+        count += decoded(a, b, next_a, next_b)
+        a, b = next_a, next_b
+    if sample:
+        return HallState(
+            step=step, a=a, b=b, count=count, sampled=count, speed=count - hall.sampled
+        )
+    return HallState(step=step, a=a, b=b, count=count, sampled=hall.sampled, speed=hall.speed)
 
 
 @compilable
@@ -116,21 +142,21 @@ def sensed_current(
 
 
 @compilable
-def hall_step(hall: HallState, count: int, sample: bool) -> HallState:
-    """At the end of a sample period the Hall speed is the counts that came during it."""
-    if sample:
-        return HallState(count, count - hall.count)
-    return hall
+def initial_hall(sensors: Sensors, position: float) -> HallState:
+    """Hall sensors of a shaft at rest; the decoder has counted from position 0."""
+    count = hall_count(sensors, position)
+    a, b = hall_levels(count)
+    return HallState(step=count, a=a, b=b, count=count, sampled=count, speed=0)
 
 
 @compilable
 def initial_sensors(sensors: Sensors, state: State) -> SensorState:
     """Sensors of a gate at rest."""
     return SensorState(
-        state.left.current,
-        state.right.current,
-        HallState(hall_count(sensors, state.left.position), 0),
-        HallState(hall_count(sensors, state.right.position), 0),
+        left_current=state.left.current,
+        right_current=state.right.current,
+        left_hall=initial_hall(sensors, state.left.position),
+        right_hall=initial_hall(sensors, state.right.position),
     )
 
 
@@ -163,11 +189,9 @@ def sense(
         disturbance(sensors.current_noise, seed, tick, 1),
         step,
     )
-    count_l = hall_count(sensors, state.left.position)
-    count_r = hall_count(sensors, state.right.position)
     period = max(1, round(sensors.hall_sample_period / step))
-    hall_l = hall_step(memory.left_hall, count_l, tick % period == 0)
-    hall_r = hall_step(memory.right_hall, count_r, tick % period == 0)
+    hall_l = hall_after(sensors, memory.left_hall, state.left.position, tick % period == 0)
+    hall_r = hall_after(sensors, memory.right_hall, state.right.position, tick % period == 0)
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
@@ -178,21 +202,30 @@ def sense(
         + disturbance(sensors.acceleration_noise, seed, tick, 4)
     )
     return (
-        SensorState(filtered_l, filtered_r, hall_l, hall_r),
+        SensorState(
+            left_current=filtered_l, right_current=filtered_r, left_hall=hall_l, right_hall=hall_r
+        ),
         Sensed(
-            current_l,
-            current_r,
-            count_l,
-            count_r,
-            hall_l.speed,
-            hall_r.speed,
-            quantised(angle, sensors.angle_resolution * degrees),
-            slope * degrees,
-            acceleration,
-            outputs.terminal_voltage + disturbance(sensors.voltage_noise, seed, tick, 5),
-            load.ambient_temperature + sensors.temperature_offset,
-            state.left.winding_temperature + sensors.temperature_offset,
-            state.right.winding_temperature + sensors.temperature_offset,
-            state.latched,
+            left_current_a=current_l,
+            right_current_a=current_r,
+            left_hall_a=float(hall_l.a),
+            left_hall_b=float(hall_l.b),
+            right_hall_a=float(hall_r.a),
+            right_hall_b=float(hall_r.b),
+            left_hall_count=float(hall_l.count),
+            right_hall_count=float(hall_r.count),
+            left_hall_speed=float(hall_l.speed),
+            right_hall_speed=float(hall_r.speed),
+            gate_angle_deg=quantised(angle, sensors.angle_resolution * degrees),
+            latched=state.latched,
+            terminal_voltage_v=outputs.terminal_voltage
+            + disturbance(sensors.voltage_noise, seed, tick, 5),
+            ambient_temperature_degc=load.ambient_temperature + sensors.temperature_offset,
+            left_winding_temperature_degc=state.left.winding_temperature
+            + sensors.temperature_offset,
+            right_winding_temperature_degc=state.right.winding_temperature
+            + sensors.temperature_offset,
+            road_slope_deg=slope * degrees,
+            gate_acceleration_mps2=acceleration,
         ),
     )

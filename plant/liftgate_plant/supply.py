@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
+from liftgate_plant import signals
 from liftgate_plant.compiler import compilable
 from liftgate_plant.quantity import Quantity
 
@@ -11,7 +12,7 @@ from liftgate_plant.quantity import Quantity
 class Supply(NamedTuple):
     """Table `[supply]`."""
 
-    voltage: Annotated[float, Quantity("U_source", "V", 0.0, 60.0, "open-circuit")]
+    voltage: Annotated[float, signals.SUPPLY_VOLTAGE.parameter("U_source")]
     internal_resistance: Annotated[
         float, Quantity("R_source", "Ω", 0.0, 10.0, "battery, fuses and harness")
     ] = 0.0
@@ -19,7 +20,7 @@ class Supply(NamedTuple):
 
 @compilable
 def terminal_voltage(
-    source_voltage: float,
+    supply_voltage: float,
     internal_resistance: float,
     duty_left: float,
     current_left: float,
@@ -28,4 +29,4 @@ def terminal_voltage(
 ) -> float:
     """U_terminal [V] at the bridges."""
     drawn = duty_left * current_left + duty_right * current_right
-    return source_voltage - internal_resistance * drawn
+    return supply_voltage - internal_resistance * drawn

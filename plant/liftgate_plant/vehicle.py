@@ -91,13 +91,13 @@ def load_of(vehicle: Vehicle) -> Load:
     """The surroundings as the vehicle file has them, latch not released, no obstacle."""
     place: environment.Environment = vehicle.environment
     return Load(
-        source_voltage=vehicle.supply.voltage,
+        supply_voltage=vehicle.supply.voltage,
         road_slope=place.road_slope,
         ambient_temperature=place.ambient_temperature,
         wind_pressure=place.wind_pressure,
         snow_mass=place.snow_mass,
         hand_force=place.hand_force,
-        measured_torque=0.0,
+        external_torque=0.0,
         latch_released=0.0,
         obstacle=NO_OBSTACLE,
     )

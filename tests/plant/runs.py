@@ -107,9 +107,9 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
 
 def inputs_of(vehicle: Vehicle, phase: event_solution.Phase) -> Inputs:
     """A phase of the event solution as inputs of the plant."""
-    changes: dict[str, Any] = {"measured_torque": phase.external_torque}
+    changes: dict[str, Any] = {"external_torque": phase.external_torque}
     if phase.supply_voltage is not None:
-        changes["source_voltage"] = phase.supply_voltage
+        changes["supply_voltage"] = phase.supply_voltage
     if phase.slope_deg is not None:
         changes["road_slope"] = math.radians(phase.slope_deg)
     rod = phase.obstacle

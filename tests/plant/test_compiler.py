@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+import liftgate_hil
+import liftgate_plant
 from liftgate_plant.compiler import borrowed, compilable, compiled
 
 
@@ -56,6 +60,33 @@ def test_borrowed_arrays_are_the_same_and_stay_their_owners():
 def test_in_plain_python_it_is_the_value_itself():
     value = Inner(np.zeros(1), 1.0)
     assert borrowed(value) is value
+
+
+def cache_of(*folders: Path) -> str:
+    """The name of the cache of the loop's machine code where the packages are found in these folders."""
+    code = (
+        "import liftgate_hil.loop.tick; from liftgate_plant import compiler;"
+        "print(compiler.cache_folder().name)"
+    )
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize("edited", ["liftgate_plant/friction.py", "liftgate_hil/loop/tick.py"])
+def test_an_edit_of_either_package_asks_for_new_machine_code_wherever_they_are_installed(
+    tmp_path: Path, edited: str
+):
+    sources = [Path(package.__file__).parent for package in (liftgate_hil, liftgate_plant)]
+    for source in sources:  # beside each other, as a wheel puts them
+        shutil.copytree(source, tmp_path / source.name)
+    before = cache_of(tmp_path)
+    assert before == cache_of(*(source.parent for source in sources))
+    with (tmp_path / edited).open("a") as stream:
+        stream.write("# edited\n")
+    assert cache_of(tmp_path) != before
 
 
 _LONG = """

@@ -124,11 +124,11 @@ def test_a_motor_that_coasts_faster_than_the_source_charges_it_through_the_diode
 ) -> None:
     vehicle = suv(*ALONE, "bridge.diode_drop=0.9")
     start = with_drives(at_rest(vehicle, 40.0), speed=direction * 150.0)
-    end = run_to(vehicle, start, COAST, STEP, source_voltage=6.0).left
+    end = run_to(vehicle, start, COAST, STEP, supply_voltage=6.0).left
     beyond = direction * SPEED_CONSTANT * end.speed - (6.0 + 2.0 * 0.9)
     # The step is 16 time constants of the winding; its lag behind the falling EMF is 0.3 %.
     assert direction * end.current == pytest.approx(-beyond / RESISTANCE, rel=0.01)
-    slower = run_to(vehicle, start, COAST, STEP, source_voltage=12.0).left
+    slower = run_to(vehicle, start, COAST, STEP, supply_voltage=12.0).left
     assert slower.current == 0.0
     assert abs(end.speed) < abs(slower.speed)
 
@@ -150,7 +150,7 @@ def test_friction_that_grows_with_the_load_holds_more() -> None:
             state = settled
             for part in range(1, 11):
                 torque = 0.1 * part * factor * breakaway
-                state = run_to(vehicle, state, COAST, 0.4, measured_torque=torque)
+                state = run_to(vehicle, state, COAST, 0.4, external_torque=torque)
             moved = abs(state.left.position - settled.left.position)
             assert (moved > 0.05) is moves, f"{sign}, {factor}: {moved} rev"
 
@@ -182,7 +182,7 @@ def test_the_steady_torques_add_up(angle, slope, snow, wind, hand, other) -> Non
         snow_mass=snow,
         wind_pressure=wind,
         hand_force=hand,
-        measured_torque=other,
+        external_torque=other,
     )
     towards = math.atan2(-0.45, 0.30)
     weight = 9.81 * (28.0 * math.hypot(0.30, 0.45) + snow * 0.6) * math.cos(angle + towards + slope)
@@ -209,7 +209,7 @@ def test_the_file_s_surroundings_are_the_load() -> None:
     assert around.hand_force == -56.0
     assert math.degrees(around.road_slope) == pytest.approx(7.0)
     assert around.ambient_temperature == -8.0
-    assert around.source_voltage == 13.5
+    assert around.supply_voltage == 13.5
 
 
 # Outputs.

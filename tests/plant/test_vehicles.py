@@ -56,7 +56,7 @@ def plant(name: str) -> Plant:
 
 def surroundings(name: str, slope: float = 0.0, voltage: float = 12.0) -> Load:
     return load_of(vehicle(name))._replace(
-        road_slope=math.radians(slope), source_voltage=voltage, latch_released=1.0
+        road_slope=math.radians(slope), supply_voltage=voltage, latch_released=1.0
     )
 
 

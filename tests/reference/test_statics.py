@@ -63,9 +63,9 @@ def test_the_gate_breaks_away_at_what_the_drives_friction_holds(angle_deg, sign)
     start = at_rest(vehicle, angle_deg)
     # Settle first: the drives take up the play on the loaded side.
     settled = state_of(advance(vehicle, start, COAST, 3.0)[-1])
-    just_held = advance(vehicle, settled, COAST, 3.0, measured_torque=0.98 * breakaway)
+    just_held = advance(vehicle, settled, COAST, 3.0, external_torque=0.98 * breakaway)
     assert np.ptp(column(just_held, "left_position")[-1000:]) == 0.0
-    slips = advance(vehicle, settled, COAST, 3.0, measured_torque=1.03 * breakaway)
+    slips = advance(vehicle, settled, COAST, 3.0, external_torque=1.03 * breakaway)
     assert sign * (column(slips, "left_position")[-1] - settled.left.position) > 0.25
 
 
@@ -78,7 +78,7 @@ def test_a_free_gate_settles_where_the_torques_balance(slope_deg: float, hand: f
         "spring.stiffness=2600", "spring.preload=120", f"environment.road_slope_deg={slope_deg}",
     )  # fmt: skip
     plant = plant_of(vehicle)
-    around = load(vehicle, measured_torque=hand)
+    around = load(vehicle, external_torque=hand)
 
     def torque(angle: float) -> float:
         return dynamics.smooth_torque(plant, around, angle)
@@ -87,7 +87,7 @@ def test_a_free_gate_settles_where_the_torques_balance(slope_deg: float, hand: f
     assert torque(low) * torque(high) < 0.0  # the balance is inside the travel
     exact = brentq(torque, low, high, xtol=1e-12)
     start = at_rest(vehicle, math.degrees(exact) + 1.0)
-    rows = advance(vehicle, start, BRAKE, 120.0, measured_torque=hand)
+    rows = advance(vehicle, start, BRAKE, 120.0, external_torque=hand)
     end = state_of(rows[-1])
     assert end.gate_rate == 0.0
     # Friction stops it anywhere within ± τ_h/stiffness of the balance.

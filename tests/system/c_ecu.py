@@ -1,8 +1,9 @@
-"""The example ECU in C, built, and two terminals that are the ends of one serial line."""
+"""The example ECU in C, built, its library loaded, and two terminals that are the ends of one serial line."""
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import select
 import shutil
@@ -10,8 +11,9 @@ import subprocess
 import sys
 import threading
 import tty
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -20,16 +22,97 @@ needs_compiler = pytest.mark.skipif(
     shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler or make"
 )
 
+STOP, OPEN, CLOSE = 0, 1, 2
+
 
 def build_ecu(folder: Path) -> tuple[Path, Path]:
     """The example ECU for SocketCAN and for a serial line, made in this folder."""
+    _make(folder, "ecu-can", "ecu-serial")
+    return folder / "ecu-can", folder / "ecu-serial"
+
+
+def build_library(folder: Path) -> Path:
+    """The example ECU as a library, made in this folder."""
+    _make(folder, "liftgate-ecu.so")
+    return folder / "liftgate-ecu.so"
+
+
+def _make(folder: Path, *targets: str) -> None:
+    out = folder.resolve()
     subprocess.run(
-        ["make", "-C", str(SOURCES), f"OUT={folder.resolve()}", f"PYTHON={sys.executable}"],
+        ["make", "-C", str(SOURCES), f"OUT={out}", f"PYTHON={sys.executable}"]
+        + [str(out / target) for target in targets],
         check=True,
         capture_output=True,
         timeout=300,
     )
-    return folder / "ecu-can", folder / "ecu-serial"
+
+
+class Frame(NamedTuple):
+    """A frame as a test writes it; `length` where it isn't that of the data."""
+
+    identifier: int
+    data: bytes
+    flags: int = 0
+    length: int | None = None
+
+
+class LiftgateFrame(ctypes.Structure):
+    """`struct liftgate_frame`."""
+
+    _fields_ = (
+        ("id", ctypes.c_uint32),
+        ("length", ctypes.c_uint8),
+        ("flags", ctypes.c_uint8),
+        ("data", ctypes.c_uint8 * 64),
+    )
+
+
+class LibraryEcu:
+    """One ECU of a library; to be closed."""
+
+    def __init__(self, library: Path) -> None:
+        self._functions = functions = ctypes.CDLL(str(library))
+        functions.liftgate_ecu_create.restype = ctypes.c_void_p
+        functions.liftgate_ecu_destroy.argtypes = [ctypes.c_void_p]
+        functions.liftgate_ecu_destroy.restype = None
+        functions.liftgate_ecu_request.argtypes = [ctypes.c_void_p, ctypes.c_int]
+        functions.liftgate_ecu_request.restype = None
+        frames = ctypes.POINTER(LiftgateFrame)
+        functions.liftgate_ecu_step.argtypes = [
+            ctypes.c_void_p, ctypes.c_int64, frames, ctypes.c_int, frames, ctypes.c_int,
+        ]  # fmt: skip
+        self._ecu = functions.liftgate_ecu_create()
+        assert self._ecu
+
+    def close(self) -> None:
+        self._functions.liftgate_ecu_destroy(self._ecu)
+        self._ecu = None
+
+    def request(self, action: int) -> None:
+        self._functions.liftgate_ecu_request(self._ecu, action)
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = (), capacity: int = 4) -> list[Frame]:
+        """What it sends; nothing beyond `capacity` is touched."""
+        taken = (LiftgateFrame * len(frames))(*map(_c_frame, frames))
+        sent = (LiftgateFrame * (capacity + 1))()
+        guard = bytes([0xA5]) * ctypes.sizeof(LiftgateFrame)
+        ctypes.memmove(ctypes.byref(sent[capacity]), guard, len(guard))
+        count = self._functions.liftgate_ecu_step(
+            self._ecu, now_ns, taken if frames else None, len(frames), sent, capacity
+        )
+        assert 0 <= count <= capacity
+        assert bytes(sent[capacity]) == guard
+        return [
+            Frame(frame.id, bytes(frame.data[: frame.length]), frame.flags)
+            for frame in sent[:count]
+        ]
+
+
+def _c_frame(frame: Frame) -> LiftgateFrame:
+    length = len(frame.data) if frame.length is None else frame.length
+    data = (ctypes.c_uint8 * 64)(*frame.data)
+    return LiftgateFrame(frame.identifier, length, frame.flags, data)
 
 
 @contextlib.contextmanager

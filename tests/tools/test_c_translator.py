@@ -48,7 +48,7 @@ def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
         (BRAKE, COAST, {**free, "road_slope": math.radians(12.0), "snow_mass": 25.0}),
         (CLOSE, CLOSE, {**free, "obstacle": rod}),
         (CLOSE, CLOSE, {**free, "obstacle": rod, "hand_force": -50.0}),
-        (DriveInput(0.0, -9.0, 0.0), CLOSE, {**free, "source_voltage": 9.5}),
+        (DriveInput(0.0, -9.0, 0.0), CLOSE, {**free, "supply_voltage": 9.5}),
         (CLOSE, CLOSE, free),
         (CLOSE, CLOSE, free),
         (CLOSE, CLOSE, {"wind_pressure": 30.0}),

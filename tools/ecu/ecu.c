@@ -1,27 +1,24 @@
 /*
- * A small ECU for the emulated gate: opens it with a soft start, closes it again, and reverses where the motors'
- * current says that something is trapped. `ecu-can vcan0 [SECONDS]` or `ecu-serial /dev/ttyUSB0 [SECONDS]`.
+ * A small ECU for the emulated gate: opens and closes it with a soft start when asked to, and reverses where the
+ * motors' current says that something is trapped.
  *
  * An example of the structure, not of a good anti-trap function: its current limit is a constant. The frames are
  * packed and unpacked by code that cantools makes of dbc/liftgate.dbc.
- *
- * Exit code: 0 opened and closed, or reversed; 1 not within SECONDS (default 60); 2 no such wire.
  */
+#include "ecu.h"
+
 #include "liftgate.h"
-#include "wire.h"
 
-#include <errno.h>
-#include <stdio.h>
-#include <stdlib.h>
+#include <stddef.h>
 #include <string.h>
-#include <time.h>
 
-#define CYCLE 0.010 /* s */
+#define CYCLE (1e-9 * (double)ECU_CYCLE_NS) /* s */
 #define CRUISE 450.0 /* Hall counts/s */
 #define CREEP 90.0 /* counts/s, into the stops and the latch */
 #define SOFT_START 0.6 /* s */
 #define SOFT_STOP 400.0 /* counts */
 #define RATED 620.0 /* counts/s at full duty without load */
+#define RELEASE 1.0 /* s, at most, that the latch is driven */
 #define SEAL 40 /* counts above closed: more current is no surprise here */
 #define TRAP_CURRENT 3.0 /* A, mean of both motors */
 #define TRAP_CYCLES 3
@@ -29,35 +26,11 @@
 #define STILL 25.0 /* counts/s */
 #define STALL_CYCLES 10
 #define REVERSAL 800 /* counts */
-#define PAUSE 0.5 /* s */
-#define SPAN 4 /* cycles over which the speed is measured */
 
-enum state { WAITING, OPENING, OPEN, CLOSING, REVERSING, DONE };
-static const char *const names[] = {"waiting", "opening", "open", "closing", "reversing", "done"};
+enum { NO_REQUEST = -1 };
+enum { HEARD_GATE = 4, HEARD_ALL = 7 };
 
-static struct {
-    double current[2]; /* A, positive opens */
-    int32_t count[2];
-    bool latched;
-    unsigned heard; /* bits: left, right, gate */
-} gate;
-
-static enum state state = WAITING;
-static double since; /* s in this state */
-static double integral;
-static int32_t history[SPAN + 1];
-static int32_t closed_at;
-static int32_t started_at;
-static int suspect, still;
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-static uint8_t crc8_j1850(uint16_t id, const uint8_t *data, size_t length)
+static uint8_t crc8_j1850(uint32_t id, const uint8_t *data, size_t length)
 {
     uint8_t crc = 0xFFu;
     for (size_t i = 0; i < length + 2u; i++) {
@@ -69,35 +42,36 @@ static uint8_t crc8_j1850(uint16_t id, const uint8_t *data, size_t length)
     return crc ^ 0xFFu;
 }
 
-static void take(const struct wire_frame *frame)
+static void take(struct ecu *ecu, const struct liftgate_frame *frame)
 {
+    if (frame->flags != 0u) { /* this bus has no CAN FD */
+        return;
+    }
+    /* The whole id is compared, with its flags, so that no extended, remote or error frame looks like one of ours. */
     if (frame->id == LIFTGATE_LEFT_DRIVE_FRAME_ID || frame->id == LIFTGATE_RIGHT_DRIVE_FRAME_ID) {
         /* LeftDrive and RightDrive are laid out alike. */
         const unsigned side = frame->id == LIFTGATE_RIGHT_DRIVE_FRAME_ID;
         struct liftgate_left_drive_t drive;
-        if (frame->length == LIFTGATE_LEFT_DRIVE_LENGTH
-            && frame->data[7] == crc8_j1850((uint16_t)frame->id, frame->data, 7u)
+        if (frame->length == LIFTGATE_LEFT_DRIVE_LENGTH && frame->data[7] == crc8_j1850(frame->id, frame->data, 7u)
             && liftgate_left_drive_unpack(&drive, frame->data, frame->length) == 0) {
-            gate.current[side] = liftgate_left_drive_motor_current_decode(drive.motor_current);
-            gate.count[side] = drive.hall_count;
-            gate.heard |= 1u << side;
+            ecu->currents[side] = liftgate_left_drive_motor_current_decode(drive.motor_current);
+            ecu->counts[side] = drive.hall_count;
+            ecu->heard |= 1u << side;
         }
     } else if (frame->id == LIFTGATE_GATE_FRAME_ID) {
         struct liftgate_gate_t sensed;
         if (frame->length == LIFTGATE_GATE_LENGTH
             && liftgate_gate_unpack(&sensed, frame->data, frame->length) == 0) {
-            gate.latched = sensed.latch_state == LIFTGATE_GATE_LATCH_STATE_LATCHED_CHOICE;
-            gate.heard |= 4u;
+            ecu->latched = sensed.latch_state == LIFTGATE_GATE_LATCH_STATE_LATCHED_CHOICE;
+            ecu->heard |= HEARD_GATE;
         }
     }
 }
 
 /* Signed duty of both motors, -1 to 1; 0 coasts. */
-static void send_command(double duty, bool release)
+static void command(struct ecu *ecu, double duty, bool release, struct liftgate_frame *out)
 {
-    static uint8_t alive;
     struct liftgate_drive_command_t command = {0};
-    uint8_t data[LIFTGATE_DRIVE_COMMAND_LENGTH];
     const uint8_t direction = duty > 0.0 ? LIFTGATE_DRIVE_COMMAND_LEFT_DIRECTION_OPEN_CHOICE
                             : duty < 0.0 ? LIFTGATE_DRIVE_COMMAND_LEFT_DIRECTION_CLOSE_CHOICE
                                          : LIFTGATE_DRIVE_COMMAND_LEFT_DIRECTION_COAST_CHOICE;
@@ -107,92 +81,170 @@ static void send_command(double duty, bool release)
     command.left_direction = direction;
     command.right_direction = direction;
     command.latch_release = release;
-    command.alive_counter = alive++ & 0x0Fu;
-    (void)liftgate_drive_command_pack(data, &command, sizeof data);
-    data[7] = crc8_j1850(LIFTGATE_DRIVE_COMMAND_FRAME_ID, data, 7u);
-    (void)wire_send(LIFTGATE_DRIVE_COMMAND_FRAME_ID, data, sizeof data);
+    command.alive_counter = ecu->alive++ & 0x0Fu;
+    memset(out, 0, sizeof *out);
+    out->id = LIFTGATE_DRIVE_COMMAND_FRAME_ID;
+    out->length = LIFTGATE_DRIVE_COMMAND_LENGTH;
+    (void)liftgate_drive_command_pack(out->data, &command, sizeof out->data);
+    out->data[7] = crc8_j1850(out->id, out->data, 7u);
 }
 
-static void enter(enum state next, int32_t position, double current, double start)
+static double elapsed(const struct ecu *ecu, int64_t now_ns)
 {
-    fprintf(stderr, "%7.3f s  %s at %d counts, %.2f A\n", now() - start, names[next], (int)position, current);
-    state = next;
-    since = 0.0;
-    integral = 0.0;
-    suspect = still = 0;
-    started_at = position;
+    return 1e-9 * (double)(now_ns - ecu->since_ns);
 }
 
-/* One control cycle; the duty. */
-static double control(double start)
+static bool is_moving(const struct ecu *ecu)
 {
-    const double current = 0.5 * (gate.current[0] + gate.current[1]);
-    const int32_t position = (gate.count[0] + gate.count[1]) / 2 - closed_at;
-    memmove(history, history + 1, SPAN * sizeof history[0]);
-    history[SPAN] = position;
-    const double speed = (history[SPAN] - history[0]) / (SPAN * CYCLE);
-    const double sign = state == CLOSING ? -1.0 : 1.0;
+    return ecu->mode == ECU_OPENING || ecu->mode == ECU_CLOSING || ecu->mode == ECU_REVERSING;
+}
 
-    since += CYCLE;
-    still = sign * speed < STILL ? still + 1 : 0;
-    suspect = sign * current > TRAP_CURRENT && position > SEAL ? suspect + 1 : 0;
-    if (state == WAITING && since > SPAN * CYCLE) {
-        closed_at = position;
-        for (int i = 0; i <= SPAN; i++) {
-            history[i] = 0;
+static void enter(struct ecu *ecu, enum ecu_mode next, int64_t now_ns)
+{
+    ecu->mode = next;
+    ecu->since_ns = now_ns;
+    ecu->started_at = ecu->position;
+    ecu->integral = 0.0;
+    ecu->suspect = ecu->still = 0;
+}
+
+static void measure(struct ecu *ecu, int64_t now_ns)
+{
+    const int32_t count = (ecu->counts[0] + ecu->counts[1]) / 2;
+
+    if (!ecu->measured) {
+        for (int i = 0; i <= ECU_SPAN; i++) {
+            ecu->history[i].count = count;
+            ecu->history[i].time_ns = now_ns;
         }
-        enter(OPENING, 0, current, start);
-    } else if (state == OPENING && since > SOFT_START && still > STALL_CYCLES) {
-        enter(OPEN, position, current, start);
-    } else if (state == OPEN && since > PAUSE) {
-        enter(CLOSING, position, current, start);
-    } else if (state == CLOSING && gate.latched) {
-        enter(DONE, position, current, start);
-    } else if (state == CLOSING && since > BLANKING && suspect >= TRAP_CYCLES) {
-        enter(REVERSING, position, current, start);
-    } else if (state == REVERSING && position - started_at > REVERSAL) {
-        enter(DONE, position, current, start);
+        ecu->measured = true;
+        ecu->since_ns = now_ns;
     }
-    if (state != OPENING && state != CLOSING && state != REVERSING) {
+    memmove(ecu->history, ecu->history + 1, ECU_SPAN * sizeof ecu->history[0]);
+    ecu->history[ECU_SPAN].count = count;
+    ecu->history[ECU_SPAN].time_ns = now_ns;
+    /* Its own times, because a cycle begins with a tick and ticks needn't divide it. */
+    const double span = 1e-9 * (double)(now_ns - ecu->history[0].time_ns);
+    ecu->speed = span > 0.0 ? (count - ecu->history[0].count) / span : 0.0;
+    ecu->current = 0.5 * (ecu->currents[0] + ecu->currents[1]);
+    ecu->position = count - ecu->closed_at;
+}
+
+/* The gate is home: counts begin here. */
+static void come_home(struct ecu *ecu, int64_t now_ns)
+{
+    enter(ecu, ECU_CLOSED, now_ns);
+    ecu->closed_at = ecu->history[ECU_SPAN].count;
+    ecu->position = 0;
+}
+
+/* What the gate does by itself: ends of motions, and the trap. */
+static void watch(struct ecu *ecu, int64_t now_ns)
+{
+    const double way = ecu->mode == ECU_CLOSING ? -1.0 : 1.0;
+    const double since = elapsed(ecu, now_ns);
+
+    if (is_moving(ecu)) {
+        ecu->still = way * ecu->speed < STILL ? ecu->still + 1 : 0;
+        ecu->suspect = way * ecu->current > TRAP_CURRENT && ecu->position > SEAL ? ecu->suspect + 1 : 0;
+    }
+    const bool stalled = since > SOFT_START && ecu->still > STALL_CYCLES;
+    if (ecu->mode == ECU_WAITING && since > ECU_SPAN * CYCLE) {
+        if (ecu->latched) {
+            come_home(ecu, now_ns);
+        } else { /* found ajar: the bus counts from closed */
+            enter(ecu, ECU_STOPPED, now_ns);
+        }
+    } else if (ecu->mode == ECU_OPENING && stalled) {
+        enter(ecu, ECU_OPEN, now_ns);
+    } else if (ecu->mode == ECU_CLOSING && ecu->latched) {
+        come_home(ecu, now_ns);
+    } else if (ecu->mode == ECU_CLOSING && since > BLANKING && ecu->suspect >= TRAP_CYCLES) {
+        enter(ecu, ECU_REVERSING, now_ns);
+    } else if (ecu->mode == ECU_REVERSING && (ecu->position - ecu->started_at > REVERSAL || stalled)) {
+        enter(ecu, ECU_STOPPED, now_ns);
+    }
+}
+
+static void obey(struct ecu *ecu, int64_t now_ns)
+{
+    if (ecu->mode == ECU_WAITING) {
+        return;
+    }
+    if (ecu->pending == LIFTGATE_REQUEST_STOP && is_moving(ecu)) {
+        enter(ecu, ECU_STOPPED, now_ns);
+    } else if (ecu->pending == LIFTGATE_REQUEST_OPEN && ecu->mode != ECU_OPEN && ecu->mode != ECU_OPENING) {
+        enter(ecu, ECU_OPENING, now_ns);
+    } else if (ecu->pending == LIFTGATE_REQUEST_CLOSE /* but not onto what it is just backing away from */
+               && (ecu->mode == ECU_STOPPED || ecu->mode == ECU_OPENING || ecu->mode == ECU_OPEN)) {
+        enter(ecu, ECU_CLOSING, now_ns);
+    }
+    ecu->pending = NO_REQUEST;
+}
+
+/* The duty of this cycle. */
+static double drive(struct ecu *ecu, int64_t now_ns)
+{
+    if (!is_moving(ecu)) {
         return 0.0;
     }
     /* Soft start over time, soft stop over the way that is left. */
-    double wanted = CREEP + CRUISE * since / SOFT_START;
+    double wanted = CREEP + CRUISE * elapsed(ecu, now_ns) / SOFT_START;
     wanted = wanted < CRUISE ? wanted : CRUISE;
-    if (state == CLOSING && position < SOFT_STOP) {
-        const double slow = CRUISE * (position - SEAL) / SOFT_STOP;
+    if (ecu->mode == ECU_CLOSING && ecu->position < SOFT_STOP) {
+        const double slow = CRUISE * (ecu->position - SEAL) / SOFT_STOP;
         wanted = slow > CREEP ? slow : CREEP;
     }
-    const double way = state == CLOSING ? -1.0 : 1.0;
-    const double error = wanted - way * speed;
-    integral += 0.004 * error * CYCLE;
-    const double duty = wanted / RATED + 0.0005 * error + integral;
+    const double way = ecu->mode == ECU_CLOSING ? -1.0 : 1.0;
+    const double error = wanted - way * ecu->speed;
+    ecu->integral += 0.004 * error * CYCLE;
+    const double duty = wanted / RATED + 0.0005 * error + ecu->integral;
     return way * (duty < 0.05 ? 0.05 : duty > 1.0 ? 1.0 : duty);
 }
 
-int main(int argc, char **argv)
+void ecu_init(struct ecu *ecu)
 {
-    const double limit = argc > 2 ? atof(argv[2]) : 60.0;
-    if (argc < 2 || !wire_open(argv[1])) {
-        fprintf(stderr, "%s: %s\n", argv[0], argc < 2 ? "WIRE [SECONDS]" : strerror(errno));
-        return 2;
+    memset(ecu, 0, sizeof *ecu);
+    ecu->mode = ECU_WAITING;
+    ecu->pending = NO_REQUEST;
+}
+
+void ecu_request(struct ecu *ecu, int action)
+{
+    if (action == LIFTGATE_REQUEST_STOP || action == LIFTGATE_REQUEST_OPEN || action == LIFTGATE_REQUEST_CLOSE) {
+        ecu->pending = action;
     }
-    const double start = now();
-    double next = start;
-    while (state != DONE && now() - start < limit) {
-        struct wire_frame frame;
-        const double left = next - now();
-        if (left > 0.0) {
-            if (wire_receive(&frame, 1 + (int)(1e3 * left))) {
-                take(&frame);
-            }
-            continue;
-        }
-        next += CYCLE;
-        const double duty = gate.heard == 7u ? control(start) : 0.0;
-        send_command(duty, state == OPENING && gate.latched && since < 1.0);
+}
+
+int ecu_step(struct ecu *ecu, int64_t now_ns, const struct liftgate_frame *in, int count, struct liftgate_frame *out,
+             int capacity)
+{
+    for (int i = 0; i < count; i++) {
+        take(ecu, &in[i]);
     }
-    send_command(0.0, false); /* motors off */
-    wire_close();
-    return state == DONE ? 0 : 1;
+    if (!ecu->started) {
+        ecu->started = true;
+        ecu->due_ns = now_ns;
+    }
+    if (now_ns < ecu->due_ns) {
+        return 0;
+    }
+    ecu->due_ns += ECU_CYCLE_NS * (1 + (now_ns - ecu->due_ns) / ECU_CYCLE_NS);
+    double duty = 0.0;
+    if (ecu->heard == HEARD_ALL) {
+        measure(ecu, now_ns);
+        watch(ecu, now_ns);
+        obey(ecu, now_ns);
+        duty = drive(ecu, now_ns);
+    }
+    if (capacity < 1) { /* lost, as on a bus that takes no frame; the next one's counter goes on from the last sent */
+        return 0;
+    }
+    command(ecu, duty, ecu->mode == ECU_OPENING && ecu->latched && elapsed(ecu, now_ns) < RELEASE, out);
+    return 1;
+}
+
+void ecu_motors_off(struct ecu *ecu, struct liftgate_frame *out)
+{
+    command(ecu, 0.0, false, out);
 }

@@ -29,11 +29,12 @@ bool wire_open(const char *name)
     return cfsetspeed(&settings, B921600) == 0 && tcsetattr(port, TCSANOW, &settings) == 0;
 }
 
-bool wire_send(uint16_t id, const uint8_t *data, size_t length)
+bool wire_send(const struct liftgate_frame *frame)
 {
     uint8_t line[1u + LGS_MAX_ENCODED] = {0};
     const size_t lead = was_cut ? 1u : 0u;
-    const size_t size = lead + lgs_encode(id, data, length, line + lead, sizeof line - lead);
+    const size_t size =
+        lead + lgs_encode((uint16_t)frame->id, frame->data, frame->length, line + lead, sizeof line - lead);
     const ssize_t written = size > lead ? write(port, line, size) : 0;
 
     if (written > 0) {
@@ -42,7 +43,7 @@ bool wire_send(uint16_t id, const uint8_t *data, size_t length)
     return written == (ssize_t)size;
 }
 
-bool wire_receive(struct wire_frame *frame, int timeout)
+bool wire_receive(struct liftgate_frame *frame, int timeout)
 {
     lgs_frame in;
 
@@ -51,6 +52,7 @@ bool wire_receive(struct wire_frame *frame, int timeout)
             if (lgs_receive(&receiver, heard[heard_at++], &in) == LGS_FRAME) {
                 frame->id = in.id;
                 frame->length = in.length;
+                frame->flags = 0u;
                 memcpy(frame->data, in.data, in.length);
                 return true;
             }

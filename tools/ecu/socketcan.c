@@ -30,20 +30,20 @@ bool wire_open(const char *name)
     return bind(can, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
-bool wire_send(uint16_t id, const uint8_t *data, size_t length)
+bool wire_send(const struct liftgate_frame *frame)
 {
     struct can_frame out = {0};
 
-    if (length > sizeof out.data) {
+    if (frame->length > sizeof out.data) {
         return false;
     }
-    out.can_id = id;
-    out.can_dlc = (uint8_t)length;
-    memcpy(out.data, data, length);
+    out.can_id = frame->id;
+    out.can_dlc = frame->length;
+    memcpy(out.data, frame->data, frame->length);
     return write(can, &out, sizeof out) == (ssize_t)sizeof out;
 }
 
-bool wire_receive(struct wire_frame *frame, int timeout)
+bool wire_receive(struct liftgate_frame *frame, int timeout)
 {
     struct pollfd ready = {can, POLLIN, 0};
     struct can_frame in;
@@ -51,8 +51,9 @@ bool wire_receive(struct wire_frame *frame, int timeout)
     if (poll(&ready, 1, timeout) <= 0 || read(can, &in, sizeof in) != (ssize_t)sizeof in) {
         return false;
     }
-    frame->id = in.can_id; /* with its flags, so that no extended or error frame looks like one of ours */
+    frame->id = in.can_id;
     frame->length = in.can_dlc <= sizeof in.data ? in.can_dlc : 0u;
+    frame->flags = 0u;
     memcpy(frame->data, in.data, frame->length);
     return true;
 }

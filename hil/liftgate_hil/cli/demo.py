@@ -18,9 +18,11 @@ from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
 if TYPE_CHECKING:
-    from liftgate_hil.snapshot import Snapshot
+    import numpy as np
+    from numpy.typing import NDArray
 
 _EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
 
@@ -43,24 +45,25 @@ class Story:
     """What a run showed: every tenth row for the picture, and the plant's side of the story."""
 
     def __init__(self) -> None:
-        self.rows: list[Snapshot] = []
+        self.rows: list[NDArray[np.float64]] = []
         self.pinch_force = 0.0
         self.pinch_time = 0.0
         self._count = 0
 
-    def watch(self, snapshot: Snapshot) -> None:
+    def watch(self, row: NDArray[np.float64]) -> None:
         """Take a tick."""
-        if snapshot.pinch_force_n > self.pinch_force:
-            self.pinch_force, self.pinch_time = snapshot.pinch_force_n, snapshot.time_s
+        force = float(row[COLUMN_PLACE["pinch_force_n"]])
+        if force > self.pinch_force:
+            self.pinch_force, self.pinch_time = force, float(row[COLUMN_PLACE["time_s"]])
         if self._count % 10 == 0:
-            self.rows.append(snapshot)
+            self.rows.append(row)
         self._count += 1
 
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from liftgate_hil import session
-    from liftgate_hil.cli.run import emulate, report, speaker
+    from liftgate_hil.cli.run import announcer, report, speaker
     from liftgate_hil.transport.find import find_way, open_transport
 
     folder = Path(args.output)
@@ -75,8 +78,19 @@ def run(args: argparse.Namespace) -> int:
     vehicle = session.vehicle_from(args.vehicle, args.settings)
     rig = session.rig_from(args.rig)
     scenario = session.scenario_from(args.scenario)
-    way = find_way(args, rig)
+    way = find_way(options.wire_choice(args), rig)
     story = Story()
+    emulator = session.Emulator(
+        vehicle=vehicle,
+        rig=rig,
+        scenario=scenario,
+        way=way,
+        options=options.run_options(args),
+        watch=story.watch,
+        say=speaker(args),
+        stopped=options.StopSignals(),
+        announce=announcer(args),
+    )
     with contextlib.ExitStack() as stack:
         if way.is_interface("virtual"):
             from liftgate_hil.ecu.controller import Controller
@@ -86,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
             stack.callback(wire.close)
             controller = Controller(vehicle.drives)
             node = EcuNode(rig, wire, controller, vehicle.drives, scenario.requests)
-            summary = emulate(args, vehicle, rig, scenario, [node], story.watch, speaker(args))
+            emulator.peers = [node]
+            summary = emulator.run()
             events = [(event.time, event.text) for event in controller.events]
         else:
             if args.clock == "free":
@@ -94,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
                     "--clock free: allowed with the ECU in a second process: realtime, lockstep"
                 )
             child = stack.enter_context(_ecu_process(args, vehicle.drives))
-            summary = emulate(args, vehicle, rig, scenario, (), story.watch, speaker(args))
+            summary = emulator.run()
             child.terminate()
             events = _events_of(child)
     _tell(args, story, events, folder)
@@ -155,9 +170,8 @@ def _tell(
 
     if len(story.rows) < 2:
         return  # stopped before it began
-    rows = np.array(story.rows, dtype=np.float64)
-    fields = type(story.rows[0])._fields
-    columns = {name: rows[:, i] for i, name in enumerate(fields)}
+    rows = np.array(story.rows)
+    columns = {name: rows[:, COLUMN_PLACE[name]] for name in COLUMNS}
     reversals = [(time, "reversal") for time, text in events if "reversing" in text]
     plot_run(folder / "demo.png", columns, reversals, f"liftgate-hil demo: {args.vehicle}")
     if args.quiet or args.json:

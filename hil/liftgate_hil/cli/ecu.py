@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     scenario = load_scenario(find_config("scenarios", args.scenario))
     duration = args.duration if args.duration is not None else scenario.duration
     requests = _requests(args.request) if args.request else list(scenario.requests)
-    transport = open_transport(find_way(args, rig))
+    transport = open_transport(find_way(options.wire_choice(args), rig))
     controller = Controller(args.drives)
     node = EcuNode(rig, transport, controller, args.drives, requests)
     stop = options.StopSignals()

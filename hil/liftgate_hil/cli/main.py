@@ -17,6 +17,7 @@ COMMANDS = {
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment tells most",
     "validate": "a vehicle's model against measurements",
+    "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
@@ -27,6 +28,17 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong; exit code 2."""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+class ShowVersion(argparse.Action):
+    """`--version`, looked up only where it is asked for: that takes as long as the rest of a start."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it; exit code 0."""
+        from liftgate_hil.version import version
+
+        print(f"liftgate-hil {version()}")
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
     module.add_arguments(parser)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")

@@ -7,8 +7,13 @@ import math
 import signal
 from collections.abc import Callable
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from liftgate_hil.session import RunOptions
+    from liftgate_hil.transport.find import WireChoice
 
 MAX_RATE = 10_000.0
 
@@ -58,6 +63,37 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
     parser.add_argument("--rig", default="liftgate", metavar="NAME|FILE", help="how it is wired")
+
+
+def wire_choice(args: argparse.Namespace) -> WireChoice:
+    """What the flags of `add_bus` say."""
+    from liftgate_hil.transport.find import WireChoice
+
+    return WireChoice(
+        bus=args.bus,
+        serial=args.serial,
+        interface=args.interface,
+        channel=args.channel,
+        bitrate=args.bitrate,
+        is_fd=args.fd,
+    )
+
+
+def run_options(args: argparse.Namespace) -> RunOptions:
+    """What the flags of `add_loop` and `add_output` say. Raises ConfigError."""
+    from liftgate_hil.recording.open import check_record
+    from liftgate_hil.session import RunOptions
+
+    return RunOptions(
+        rate=args.rate,
+        clock=args.clock,
+        duration=args.duration,
+        seed=args.seed,
+        overrun_limit=args.overrun_limit,
+        records=tuple(check_record(name) for name in args.record),
+        realtime=args.realtime,
+        cpu=args.cpu,
+    )
 
 
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
@@ -121,6 +157,11 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         help="end with an error when the loop falls this far behind; default: 1",
     )
     add_realtime(parser)
+    add_seed(parser)
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """What all that is random comes from."""
     parser.add_argument(
         "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
     )

@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="write every N-th step; default: 1",
     )
+    options.add_seed(parser)
     parser.add_argument(
         "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
     )
@@ -54,11 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil.loop.simulation import COLUMNS, INTEGERS, simulate
+    from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.recording.rows import check_output, write_rows
-    from liftgate_hil.recording.table import columns
     from liftgate_hil.session import scenario_from, vehicle_from
+    from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
@@ -76,17 +77,17 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
     plant = plant_of(vehicle)
     stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
-    blocks = simulate(
-        plant,
-        vehicle.sensors,
-        scenario.timeline,
-        load_of(vehicle)._replace(latch_released=1.0),
-        initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle)),
-        samples,
-        round(duration / args.step),
-        args.step,
-        args.every,
+    offline = Offline(
+        plant=plant,
+        sensors=vehicle.sensors,
+        timeline=scenario.timeline,
+        base=load_of(vehicle)._replace(latch_released=1.0),
+        step=args.step,
+        every=args.every,
+        seed=args.seed,
     )
+    state = initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle))
+    blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
-    write_rows(args.output, whole, COLUMNS, INTEGERS, columns(COLUMNS, vehicle.drives))
+    write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
     return 130 if stopped() else 0

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
-from liftgate_hil.codec.quantities import PANEL, BusQuantity
 from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, BusConfig
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import PANEL
+from liftgate_plant import signals
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -66,7 +67,7 @@ def build_bus_config(
     messages: Mapping[str, Message],
     mappings: Sequence[SignalMapping],
     options: Mapping[str, MessageOptions],
-    quantities: Mapping[str, BusQuantity],
+    quantities: Mapping[str, signals.Signal],
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
@@ -183,7 +184,7 @@ def _check_overlap(
         taken[wire.signal] = wire.quantity
 
 
-def _signal_row(wire: SignalMapping, signal: Signal, quantity: BusQuantity) -> dict[str, Any]:
+def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> dict[str, Any]:
     factor, offset = _conversion(signal)
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
@@ -206,7 +207,11 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: BusQuantity) -> d
 
 
 def _enumeration(
-    wire: SignalMapping, signal: Signal, quantity: BusQuantity, issues: ConfigIssues, sending: bool
+    wire: SignalMapping,
+    signal: Signal,
+    quantity: signals.Signal,
+    issues: ConfigIssues,
+    sending: bool,
 ) -> list[tuple[float, float]]:
     """Pairs of our value and their physical value, where the wire names them."""
     if wire.values is None:
@@ -216,16 +221,16 @@ def _enumeration(
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
     for name, value in wire.values.items():
-        if name not in quantity.names:
-            allowed = ", ".join(quantity.names) or "none, this is no enumeration"
+        if name not in quantity.values:
+            allowed = ", ".join(quantity.values) or "none, this is no enumeration"
             issues.add(key, f"{name}: allowed: {allowed}")
         elif isinstance(value, str) and value not in labels:
             allowed = ", ".join(labels) or "numbers, the signal has no value table"
             issues.add(key, f"{name} = {value!r}: allowed: {allowed}")
         elif isinstance(value, str) or abs(value) <= 1e15:
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
-            pairs.append((float(quantity.names.index(name)), physical))
-    missing = [name for name in quantity.names if name not in wire.values]
+            pairs.append((float(quantity.values.index(name)), physical))
+    missing = [name for name in quantity.values if name not in wire.values]
     if sending and missing:
         issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
     return pairs

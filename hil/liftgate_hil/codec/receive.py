@@ -50,13 +50,18 @@ NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 ) = range(9)
 
 
+_NEVER = 2**62
+
+
 class Reception(NamedTuple):
-    """What has been received: quantities (NaN: not there), per message the last sound frame."""
+    """What has been received: quantities (NaN: not there), per message the last sound frame. Written in place."""
 
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
     counter: NDArray[np.int64]  # per message; -1: not known
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
+    stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
+    read: NDArray[np.float64]  # per signal: of the frame in hand
 
 
 def nothing_received(bus: BusConfig, quantities: int) -> Reception:
@@ -67,6 +72,8 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(messages, -1, dtype=np.int64),
         np.full(messages, -1, dtype=np.int64),
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
+        np.full(1, _NEVER, dtype=np.int64),
+        np.empty(len(bus.signals)),
     )
 
 
@@ -235,49 +242,45 @@ def counted(counts: Counts, cause: int, lost: int) -> Counts:
 @compilable
 def receive(
     bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int
-) -> tuple[Reception, Counts]:
-    """Take in frames that have come by `now_ns`; neither argument is changed."""
+) -> Counts:
+    """Take in frames that have come by `now_ns`; what became of them, added to `counts`."""
     if frames.count == 0:
-        return reception, counts
-    current = copy_of(reception)
-    read = np.empty(len(bus.signals))
+        return counts
     for frame in range(frames.count):
-        cause, message, lost = judge(bus, current, frames, frame, now_ns, read)
+        cause, message, lost = judge(bus, reception, frames, frame, now_ns, reception.read)
         counts = counted(counts, cause, lost)
         if cause == ACCEPTED:
-            take(bus, current, message, read)
-            current.seen_ns[message] = now_ns
-    return current, counts
+            take(bus, reception, message, reception.read)
+            reception.seen_ns[message] = now_ns
+    note_stale_time(bus, reception)
+    return counts
 
 
 @compilable
-def copy_of(reception: Reception) -> Reception:
-    """A reception that may be written to."""
-    return Reception(
-        reception.values.copy(),
-        reception.seen_ns.copy(),
-        reception.counter.copy(),
-        reception.memory.copy(),
-    )
-
-
-@compilable
-def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> tuple[Reception, int]:
-    """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
-    stale = 0
+def note_stale_time(bus: BusConfig, reception: Reception) -> None:
+    """When the first message goes stale."""
+    first = _NEVER
     for message in range(len(bus.messages)):
         limit = bus.messages[message].timeout_ns
-        if limit > 0 and 0 <= reception.seen_ns[message] <= now_ns - limit:
-            stale += 1
-    if stale == 0:
-        return reception, 0
-    after = copy_of(reception)
+        if limit > 0 and reception.seen_ns[message] >= 0:
+            first = min(first, reception.seen_ns[message] + limit)
+    reception.stale_ns[0] = first
+
+
+@compilable
+def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
+    """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
+    if now_ns < reception.stale_ns[0]:
+        return 0
+    stale = 0
     for message in range(len(bus.messages)):
         table = bus.messages[message]
-        if table.timeout_ns > 0 and 0 <= after.seen_ns[message] <= now_ns - table.timeout_ns:
-            after.seen_ns[message] = -1
-            after.counter[message] = -1
-            check_state.forget(after.memory[message])
+        if table.timeout_ns > 0 and 0 <= reception.seen_ns[message] <= now_ns - table.timeout_ns:
+            stale += 1
+            reception.seen_ns[message] = -1
+            reception.counter[message] = -1
+            check_state.forget(reception.memory[message])
             for row in range(table.first, table.first + table.count):
-                after.values[bus.signals[row].quantity] = np.nan
-    return after, stale
+                reception.values[bus.signals[row].quantity] = np.nan
+    note_stale_time(bus, reception)
+    return stale

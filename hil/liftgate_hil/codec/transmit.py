@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.bits import FLOAT32, insert, place_at, write_number
 from liftgate_hil.codec.checksum import put_checksum
-from liftgate_hil.codec.frames import MAX_BYTES, Frames
+from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable
 
@@ -69,34 +71,56 @@ def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
     return False
 
 
+class Transmission(NamedTuple):
+    """What was sent, and what is next. Written in place."""
+
+    sent: NDArray[np.int64]  # frames so far, per message
+    due_ns: NDArray[np.int64]  # when each message is due next
+    next_ns: NDArray[np.int64]  # (1,) the earliest of these
+    values: NDArray[np.float64]  # of all quantities, in hand
+    frames: Frames  # what is sent in this tick
+
+
+_NEVER = 2**62
+
+
+def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
+    """Before time 0: each message is due after one cycle; one without a cycle never."""
+    cycles = [int(each["cycle_ns"]) or _NEVER for each in bus.messages]
+    return Transmission(
+        np.zeros(len(cycles), dtype=np.int64),
+        np.array(cycles, dtype=np.int64),
+        np.array([min(cycles, default=_NEVER)], dtype=np.int64),
+        np.full(quantities, np.nan),
+        empty_frames(len(cycles)),
+    )
+
+
 @compilable
-def transmit(
-    bus: BusConfig,
-    values: NDArray[np.float64],
-    counters: NDArray[np.int64],
-    since_ns: int,
-    now_ns: int,
-    everything: bool,
-) -> tuple[Frames, NDArray[np.int64]]:
-    """The messages that fell due after `since_ns` and by `now_ns` (or all), and the new counters.
+def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
+    """Whether anything is to be sent at this time."""
+    return everything or (not is_silent and now_ns >= transmission.next_ns[0])
+
+
+@compilable
+def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
+    """The messages that are due by `now_ns` (or all), each once; good until the next call.
 
     A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
     of which no quantity is there is not sent.
     """
-    capacity = len(bus.messages)
-    frames = Frames(
-        0,
-        np.zeros(capacity, dtype=np.int64),
-        np.zeros(capacity, dtype=np.int64),
-        np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
-    )
-    after = counters.copy()
+    frames, values = transmission.frames, transmission.values
     count = 0
-    for message in range(capacity):
-        cycle = bus.messages[message].cycle_ns
-        due = everything or (cycle > 0 and now_ns // cycle > since_ns // cycle)
-        if due and is_there(bus, message, values):
-            encode(bus, message, values, int(after[message]), frames, count)
-            after[message] += 1
+    next_ns = _NEVER
+    for message in range(len(bus.messages)):
+        is_now = now_ns >= transmission.due_ns[message]
+        if is_now:
+            cycle = bus.messages[message].cycle_ns
+            transmission.due_ns[message] = (now_ns // cycle + 1) * cycle
+        next_ns = min(next_ns, transmission.due_ns[message])
+        if (is_now or everything) and is_there(bus, message, values):
+            encode(bus, message, values, int(transmission.sent[message]), frames, count)
+            transmission.sent[message] += 1
             count += 1
-    return Frames(count, frames.identifiers, frames.lengths, frames.data), after
+    transmission.next_ns[0] = next_ns
+    return Frames(count, frames.identifiers, frames.lengths, frames.data)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, needs_fd
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.codec.quantities import INPUTS, OUTPUTS, BusQuantity
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -41,16 +42,16 @@ class Rig:
 
     def input_config(self, sending: bool = False) -> BusConfig:
         """The inputs' tables: received by the emulator, sent by an ECU."""
-        return self._bus_config(self.inputs, INPUTS, sending)
+        return self._bus_config(self.inputs, BUS_INPUTS, sending)
 
     def output_config(self, sending: bool = True) -> BusConfig:
         """The outputs' tables: sent by the emulator, received by an ECU."""
-        return self._bus_config(self.outputs, OUTPUTS, sending)
+        return self._bus_config(self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
         self,
         mappings: tuple[SignalMapping, ...],
-        quantities: Mapping[str, BusQuantity],
+        quantities: Mapping[str, Signal],
         sending: bool,
     ) -> BusConfig:
         issues = ConfigIssues(self.source)
@@ -84,8 +85,8 @@ def load_rig(path: Path) -> Rig:
     messages = _load_messages(issues, database) if database else {}
     if not messages:
         issues.raise_if_any()
-    inputs = _mappings(issues, raw, "inputs", INPUTS, messages)
-    outputs = _mappings(issues, raw, "outputs", OUTPUTS, messages)
+    inputs = _mappings(issues, raw, "inputs", BUS_INPUTS, messages)
+    outputs = _mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
     options = message_options(issues, raw, messages)
     rig = Rig(
         database or Path(),
@@ -163,7 +164,7 @@ def _mappings(
     issues: ConfigIssues,
     raw: Table,
     section: str,
-    quantities: Mapping[str, BusQuantity],
+    quantities: Mapping[str, Signal],
     messages: Mapping[str, Message],
 ) -> list[SignalMapping]:
     given = table(issues, section, raw.get(section, {}))

@@ -9,18 +9,16 @@ from typing import Any
 
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.requests import REQUESTS, Request
-from liftgate_hil.stimuli.timeline import CHANNELS, Timeline, no_timeline, timeline_of
-
-_RANGES = {
-    "supply_voltage_v": (0.0, 60.0),
-    "road_slope_deg": (-45.0, 45.0),
-    "ambient_temperature_degc": (-55.0, 130.0),
-    "wind_pressure_pa": (-5e3, 5e3),
-    "snow_mass_kg": (0.0, 500.0),
-    "hand_force_n": (-5e3, 5e3),
-    "external_torque_nm": (-5e3, 5e3),
-}
+from liftgate_hil.stimuli.timeline import (
+    Profile,
+    TimedObstacle,
+    Timeline,
+    no_timeline,
+    timeline_of,
+)
+from liftgate_plant.obstacle import Obstacle
 
 
 @dataclass(frozen=True)
@@ -54,12 +52,12 @@ def load_scenario(path: Path) -> Scenario:
     requests = [
         _request(issues, f"request[{i}]", each) for i, each in _tables(issues, raw, "request")
     ]
-    names = [name for name, _, _ in profiles]
+    names = [name for name, _ in profiles]
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
     issues.raise_if_any()
     return Scenario(
-        _program(profiles, obstacles),
+        timeline_of(dict(profiles), obstacles),
         tuple(sorted(requests, key=lambda request: request.time)),
         duration,
     )
@@ -73,12 +71,9 @@ def _tables(issues: ConfigIssues, raw: Table, key: str) -> list[tuple[int, Table
     return [(i, table(issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
 
 
-Profile = tuple[str, bool, list[tuple[float, float]]]
-
-
-def _profile(issues: ConfigIssues, key: str, given: Table) -> Profile:
+def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile]:
     known_keys(issues, key, given, ("quantity", "points", "interpolation"))
-    name = text(issues, f"{key}.quantity", given.get("quantity"), CHANNELS)
+    name = text(issues, f"{key}.quantity", given.get("quantity"), PROFILES)
     how = text(
         issues, f"{key}.interpolation", given.get("interpolation", "linear"), ("linear", "hold")
     )
@@ -86,8 +81,8 @@ def _profile(issues: ConfigIssues, key: str, given: Table) -> Profile:
     raw_points = given.get("points")
     if not isinstance(raw_points, list) or not raw_points:
         issues.add(f"{key}.points", f"{show(raw_points)}; allowed: [[time, value], …]")
-        return name, how == "linear", points
-    low, high = _RANGES.get(name, (-math.inf, math.inf))
+        return name, Profile(points, how == "linear")
+    low, high = (PROFILES[name].low, PROFILES[name].high) if name else (-math.inf, math.inf)
     for i, point in enumerate(raw_points):
         if not isinstance(point, list) or len(point) != 2:
             issues.add(f"{key}.points[{i}]", f"{show(point)}; allowed: [time, value]")
@@ -96,10 +91,10 @@ def _profile(issues: ConfigIssues, key: str, given: Table) -> Profile:
         points.append((time, number(issues, f"{key}.points[{i}][1]", point[1], low, high)))
         if len(points) > 1 and points[-1][0] <= points[-2][0]:
             issues.add(f"{key}.points[{i}][0]", f"{time:g}; allowed: later than the point before")
-    return name, how == "linear", points
+    return name, Profile(points, how == "linear")
 
 
-def _obstacle(issues: ConfigIssues, key: str, given: Table) -> tuple[float, ...]:
+def _obstacle(issues: ConfigIssues, key: str, given: Table) -> TimedObstacle:
     ranges = {
         "start": (0.0, 0.0, 1e6, "s"),
         "end": (math.inf, 0.0, 1e6, "s"),
@@ -122,16 +117,15 @@ def _obstacle(issues: ConfigIssues, key: str, given: Table) -> tuple[float, ...]
             values[name] = default
     if values["end"] <= values["start"]:
         issues.add(f"{key}.end", f"{values['end']:g}; allowed: later than start")
-    return (
-        values["start"],
-        values["end"],
-        math.radians(values["angle_deg"]),
-        values["distance"],
-        values["stiffness"],
-        values["damping"],
-        values["gap"],
-        1.0 if meets == "closing" else -1.0,
+    obstacle = Obstacle(
+        angle=math.radians(values["angle_deg"]),
+        distance=values["distance"],
+        stiffness=values["stiffness"],
+        damping=values["damping"],
+        gap=values["gap"],
+        direction=1.0 if meets == "closing" else -1.0,
     )
+    return TimedObstacle(obstacle, values["start"], values["end"])
 
 
 def _request(issues: ConfigIssues, key: str, given: Table) -> Request:
@@ -140,12 +134,3 @@ def _request(issues: ConfigIssues, key: str, given: Table) -> Request:
         number(issues, f"{key}.time", given.get("time"), 0.0, 1e6, "s"),
         text(issues, f"{key}.action", given.get("action"), REQUESTS),
     )
-
-
-def _program(profiles: list[Profile], obstacles: list[tuple[float, ...]]) -> Timeline:
-    channels = [(0, 0, 0)] * len(CHANNELS)
-    knots: list[tuple[float, float]] = []
-    for name, is_linear, points in profiles:
-        channels[list(CHANNELS).index(name)] = (len(knots), len(points), int(is_linear))
-        knots += [(time, value * CHANNELS[name]) for time, value in points]
-    return timeline_of(channels, knots, obstacles)

@@ -10,9 +10,24 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_root() -> Path:
-    """The folder with `dbc` and `configs`: `liftgate_hil/_data` of an installed wheel, else the checkout's top."""
+    """The folder with `dbc` and `configs`: `liftgate_hil/_data` of an installed wheel, else the checkout's top.
+
+    The wheel's layout is `[tool.hatch.build.targets.wheel.sources]` in pyproject.toml.
+    """
     shipped = _PACKAGE / "_data"
     return shipped if shipped.is_dir() else _PACKAGE.parents[1]
+
+
+def ecu_sources() -> list[Path]:
+    """The C ECU: its sources, its own headers and its Makefile."""
+    shipped = data_root() / "ecu"
+    folder = shipped if shipped.is_dir() else data_root() / "tools" / "ecu"
+    return sorted([*folder.glob("*.c"), *folder.glob("*.h"), folder / "Makefile"])
+
+
+def c_headers() -> list[Path]:
+    """The headers for an ECU's side, each beside the module whose other end it is."""
+    return sorted(path for path in _PACKAGE.glob("*/*.h") if path.parent.name != "_data")
 
 
 def shipped_names(folder: str) -> list[str]:

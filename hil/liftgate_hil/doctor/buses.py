@@ -121,7 +121,7 @@ def ask_ip(name: str) -> str:
 class Detection:
     """python-can's own search, in a process of its own, begun at once; it takes seconds."""
 
-    def __init__(self, command: Sequence[str] = (sys.executable, "-c", _ASK)) -> None:
+    def __init__(self, command: Sequence[str] = (sys.executable, "-P", "-c", _ASK)) -> None:
         self._child: subprocess.Popen[str] | None = None
         with contextlib.suppress(OSError):  # told by `wait`
             self._child = subprocess.Popen(

@@ -117,9 +117,9 @@ class Examination:
 
 def _is_compiled() -> bool:
     """Whether the loop's machine code is in the cache."""
-    from liftgate_hil.loop.realtime_loop import run_hard
+    from liftgate_hil.loop.realtime_loop import run_realtime
 
-    return compiler.is_cached(run_hard)
+    return compiler.is_cached(run_realtime)
 
 
 def user_name() -> str:

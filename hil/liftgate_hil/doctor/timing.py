@@ -53,26 +53,34 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     from liftgate_hil.loop.rings import EXECUTION
     from liftgate_hil.loop.tick import initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
+    from liftgate_hil.stimuli.mailbox import nothing_held
+    from liftgate_hil.stimuli.timeline import no_timeline
     from liftgate_plant.compiler import compiled
     from liftgate_plant.dynamics import initial_state
 
-    scenario = session.scenario_from(None)
-    bench = session.bench_of(
-        session.vehicle_from("suv"), session.rig_from("liftgate"), scenario.timeline, rate, 0
+    config = session.loop_config_of(
+        session.vehicle_from("suv"), session.rig_from("liftgate"), rate, 0
     )
     memory = memory_for(rate)
     shared, room = memory.shared, realtime_loop.make_room()
-    state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
-    state = state._replace(timing=shared.timing)
-    code = compiled(realtime_loop.run_hard)
+    state = initial_loop(config, initial_state(config.plant, 0.0, latched=True))
+    code = compiled(realtime_loop.run_realtime)
     # No descriptor: what is read and sent fails at once.
-    nothing = realtime_loop.RunParams(-1, 0, 2**62, 0, np.zeros(0, dtype=np.int64))
-    code(bench, state, nothing, shared, room)  # reads the cache before time counts
+    nothing = realtime_loop.RunParams(
+        descriptor=-1,
+        ticks=0,
+        limit_ns=2**62,
+        command=0,
+        feedback=np.zeros(0, dtype=np.int64),
+        timeline=no_timeline(),
+        held=nothing_held(),
+    )
+    code(config, state, nothing, shared, room)  # reads the cache before time counts
     shared.control[:] = np.zeros(1, shared.control.dtype)
     ticks = max(1, round(rate * _TICK_TIME))
 
     def run() -> None:
-        code(bench, state, nothing._replace(ticks=ticks), shared, room)
+        code(config, state, nothing._replace(ticks=ticks), shared, room)
 
     def end() -> None:
         shared.control[0].stop = 1

@@ -1,4 +1,5 @@
-"""The reference ECU: an honest, readable controller that knows the gate only through its bus.
+"""Electronic control units that close the loop: the reference ECU, and what connects a user's own.
 
-It may use the codec and its own files; it never imports the plant.
+The reference ECU (`reference`, `controller`, `anti_trap`, `speed_control`, `calibration`) is an honest, readable
+controller that knows the gate only through its bus: it may use the codec and its own files, never the plant.
 """

@@ -1,99 +1,104 @@
 """Anti-trap by motor current: against what the same position took before, together with a drop in speed.
 
 The reference is learned in undisturbed runs, bin by bin over the travel. Until a bin is known, the run's own
-recent current stands in for it with a wider limit.
+recent current stands in for it with a wider limit. One guard (a record of GUARD) watches one direction of motion.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
-from liftgate_hil.ecu.calibration import Calibration
+import numpy as np
 
-
-@dataclass(frozen=True)
-class Verdict:
-    """Why a run was judged to be trapped."""
-
-    current: float  # A, mean of the drives, positive along the motion
-    reference: float  # A
-    drop: float  # share of the wanted speed
+from liftgate_hil.ecu.calibration import BINS
+from liftgate_hil.ecu.events import NO_VERDICT, Verdict
+from liftgate_hil.ecu.memory import Constants
+from liftgate_plant.compiler import compilable
 
 
-class AntiTrap:
-    """Watches one direction of motion."""
+@compilable
+def begin_run(guard: Any) -> None:
+    """A new run starts from rest."""
+    guard.filtered = 0.0
+    guard.recent = np.nan
+    guard.time = 0.0
+    guard.suspect = 0
+    guard.is_loaded = 0
+    for i in range(BINS):
+        guard.sum[i] = 0.0
+        guard.samples[i] = 0
 
-    def __init__(self, calibration: Calibration) -> None:
-        self._c = calibration
-        self._reference: list[float | None] = [None] * calibration.bins
-        self.begin()
 
-    def begin(self) -> None:
-        """A new run starts from rest."""
-        self._filtered = 0.0
-        self._recent: float | None = None
-        self._time = 0.0
-        self._suspect = 0
-        self.loaded = False  # more current than expected, whatever the speed does
-        self._run: list[list[float]] = [[] for _ in range(self._c.bins)]
+@compilable
+def bin_of(place: float) -> int:
+    """The bin of a place (0 closed to 1 open)."""
+    return min(max(int(place * BINS), 0), BINS - 1)
 
-    def update(
-        self,
-        current: float,
-        speed: float,
-        wanted: float,
-        place: float | None,
-        starting: bool,
-        slowing: bool,
-    ) -> Verdict | None:
-        """One cycle. Current, speed and wanted speed are positive along the motion; `place` is 0 to 1."""
-        c = self._c
-        self._time += c.cycle
-        self._filtered += (current - self._filtered) * (1.0 - math.exp(-c.cycle / c.current_filter))
-        if self._time < c.blank_time:
-            return None
-        reference, limit = self._compare(place)
-        if starting or slowing:
-            limit *= c.change_factor
-        drop = (wanted - speed) / wanted if wanted > 0.0 else 0.0
-        excess = self._filtered - reference
-        self.loaded = excess > limit
-        # Neither sign alone is sure: the excess is early, the drop confirms, and both add up.
-        if self.loaded and excess / limit + max(drop, 0.0) / c.speed_drop > c.certainty:
-            self._suspect += 1
-            if self._suspect >= c.samples:
-                return Verdict(self._filtered, reference, drop)
-            return None
-        self._suspect = 0
-        if not self.loaded:
-            self._follow(place, starting)
-        return None
 
-    def learn(self) -> None:
-        """The run came to its end undisturbed: its currents are the reference."""
-        for index, values in enumerate(self._run):
-            if values:
-                mean = sum(values) / len(values)
-                known = self._reference[index]
-                self._reference[index] = mean if known is None else 0.7 * known + 0.3 * mean
+@compilable
+def expected(constants: Constants, guard: Any, place: float) -> tuple[float, float]:
+    """(current [A] that the run should take at a place, excess [A] over it that is tolerated); NaN: no place."""
+    c = constants.calibration
+    recent = guard.filtered if np.isnan(guard.recent) else guard.recent
+    if np.isnan(place) or np.isnan(guard.reference[bin_of(place)]):
+        return recent, c.excess_unlearned
+    # Voltage, slope and temperature move the whole curve: what this run shows counts too.
+    return max(guard.reference[bin_of(place)], recent), c.excess_learned
 
-    def _bin(self, place: float) -> int:
-        return min(max(int(place * self._c.bins), 0), self._c.bins - 1)
 
-    def _compare(self, place: float | None) -> tuple[float, float]:
-        known = self._reference[self._bin(place)] if place is not None else None
-        recent = self._filtered if self._recent is None else self._recent
-        if known is None:
-            return recent, self._c.excess_unlearned
-        # Voltage, slope and temperature move the whole curve: what this run shows counts too.
-        return max(known, recent), self._c.excess_learned
+@compilable
+def follow(constants: Constants, guard: Any, place: float, starting: bool) -> None:
+    """An unsuspicious current: the run's recent one, and a sample for the reference."""
+    c = constants.calibration
+    if np.isnan(guard.recent):
+        guard.recent = guard.filtered
+    time = 0.3 * c.reference_time if starting else c.reference_time
+    guard.recent += (guard.filtered - guard.recent) * (1.0 - math.exp(-constants.cycle / time))
+    if not np.isnan(place) and not starting:
+        guard.sum[bin_of(place)] += guard.filtered
+        guard.samples[bin_of(place)] += 1
 
-    def _follow(self, place: float | None, starting: bool) -> None:
-        c = self._c
-        if self._recent is None:
-            self._recent = self._filtered
-        time = 0.3 * c.reference_time if starting else c.reference_time
-        self._recent += (self._filtered - self._recent) * (1.0 - math.exp(-c.cycle / time))
-        if place is not None and not starting:
-            self._run[self._bin(place)].append(self._filtered)
+
+@compilable
+def watch(
+    constants: Constants,
+    guard: Any,
+    current: float,
+    speed: float,
+    wanted: float,
+    place: float,
+    starting: bool,
+    slowing: bool,
+) -> Verdict:
+    """One cycle. Current, speed and wanted speed are positive along the motion; `place` is 0 to 1 or NaN."""
+    c = constants.calibration
+    guard.time += constants.cycle
+    share = 1.0 - math.exp(-constants.cycle / c.current_filter)
+    guard.filtered += (current - guard.filtered) * share
+    if guard.time < c.blank_time:
+        return NO_VERDICT
+    reference, limit = expected(constants, guard, place)
+    if starting or slowing:
+        limit *= c.change_factor
+    drop = (wanted - speed) / wanted if wanted > 0.0 else 0.0
+    excess = guard.filtered - reference
+    guard.is_loaded = 1 if excess > limit else 0
+    # Neither sign alone is sure: the excess is early, the drop confirms, and both add up.
+    if guard.is_loaded and excess / limit + max(drop, 0.0) / c.speed_drop > c.certainty:
+        guard.suspect += 1
+        return Verdict(guard.suspect >= constants.samples, guard.filtered, reference, drop)
+    guard.suspect = 0
+    if not guard.is_loaded:
+        follow(constants, guard, place, starting)
+    return NO_VERDICT
+
+
+@compilable
+def learn(guard: Any) -> None:
+    """The run came to its end undisturbed: its currents are the reference."""
+    for i in range(BINS):
+        if guard.samples[i] > 0:
+            mean = guard.sum[i] / guard.samples[i]
+            known = guard.reference[i]
+            guard.reference[i] = mean if np.isnan(known) else 0.7 * known + 0.3 * mean

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Calibration:
+class Calibration(NamedTuple):
     """The reference ECU's constants. Chosen by hand on the three shipped vehicles."""
-
-    cycle: float = 0.010  # s, of the control and of DriveCommand
 
     # Motion. Travel times are of a typical gate: 4 to 8 s.
     opening_time: float = 6.0  # s over the learned travel
@@ -26,7 +23,7 @@ class Calibration:
     gain: float = 0.0005  # duty per count/s
     integral_time: float = 0.15  # s
     tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
-    speed_window: int = 4  # control cycles over which counts are differenced
+    speed_window: float = 0.040  # s over which counts are differenced
 
     # Anti-trap.
     current_filter: float = 0.006  # s
@@ -37,8 +34,7 @@ class Calibration:
     certainty: float = 1.8  # sum of both, in units of their limits
     change_factor: float = 2.0  # on the excess, during soft start and soft stop
     blank_time: float = 0.25  # s after a start in which nothing is judged
-    samples: int = 2  # cycles in a row
-    bins: int = 50  # of the position-dependent reference
+    detection_time: float = 0.020  # s without a break
     seal_zone: float = 36.0  # counts above closed in which the seal is expected
     reverse_distance: float = 0.30  # share of the travel that a reversal opens
 
@@ -48,3 +44,6 @@ class Calibration:
     seal_stall_time: float = 1.0  # s, in the seal zone
     hold_time: float = 0.25  # s of braking after a stop
     latch_pulse: float = 1.0  # s at most
+
+
+BINS = 50  # of the position-dependent current reference

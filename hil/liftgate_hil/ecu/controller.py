@@ -1,264 +1,341 @@
-"""The state machine of the gate: closed, opening, open, closing, stopped, reversing."""
+"""The state machine of the gate: closed, opening, open, closing, stopped, reversing.
+
+One `update` a control cycle.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum
+from typing import Any, NamedTuple
 
-from liftgate_hil.ecu.anti_trap import AntiTrap, Verdict
-from liftgate_hil.ecu.calibration import Calibration
-from liftgate_hil.ecu.speed_control import SpeedController, SpeedSensor
+import numpy as np
+
+from liftgate_hil.ecu import events
+from liftgate_hil.ecu.anti_trap import begin_run, learn, watch
+from liftgate_hil.ecu.events import NO_VERDICT, Verdict, note_event
+from liftgate_hil.ecu.memory import (
+    CLOSED,
+    CLOSING,
+    NO_REQUEST,
+    OPEN,
+    OPENING,
+    REQUEST_CLOSE,
+    REQUEST_OPEN,
+    REVERSING,
+    STOP,
+    STOPPED,
+    UNKNOWN,
+    Constants,
+    Memory,
+)
+from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
+from liftgate_plant.compiler import compilable
+
+_SILENT = -1  # no event
 
 
-class GateState(Enum):
-    """Where the gate is in its life."""
+class Feedback(NamedTuple):
+    """What the bus says; positive opens. Of a gate with one drive the right values are not looked at."""
 
-    CLOSED = "closed"
-    OPENING = "opening"
-    OPEN = "open"
-    CLOSING = "closing"
-    STOPPED = "stopped"
-    REVERSING = "reversing"
-
-
-MOVING = (GateState.OPENING, GateState.CLOSING, GateState.REVERSING)
-
-
-@dataclass(frozen=True)
-class Feedback:
-    """What the bus says, per drive; positive opens."""
-
-    currents: Sequence[float]  # A
-    counts: Sequence[float]
+    left_current: float  # A
+    right_current: float
+    left_count: float
+    right_count: float
     latched: bool
     voltage: float  # V
 
 
-@dataclass(frozen=True)
-class DriveCommand:
-    """What the bus is told: signed duty per drive (−1…1), None to coast."""
+class DriveCommand(NamedTuple):
+    """What the bus is told: signed duty per drive (−1…1), NaN to coast."""
 
-    duties: Sequence[float | None]
-    latch_release: bool = False
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something worth telling."""
-
-    time: float
-    text: str
-    verdict: Verdict | None = None
+    left_duty: float
+    right_duty: float
+    latch_release: bool
 
 
-class Controller:
-    """One `update` a control cycle. No I/O; time is model time in seconds."""
+COASTING = DriveCommand(np.nan, np.nan, False)
+BRAKING = DriveCommand(0.0, 0.0, False)
+FULL = DriveCommand(1.0, 1.0, False)
 
-    def __init__(self, drives: int, calibration: Calibration | None = None) -> None:
-        self._c = calibration or Calibration()
-        self._drives = range(drives)
-        self._sensors = [SpeedSensor(self._c) for _ in self._drives]
-        self._speed = [SpeedController(self._c) for _ in self._drives]
-        self._guard = {
-            GateState.OPENING: AntiTrap(self._c),
-            GateState.CLOSING: AntiTrap(self._c),
-        }
-        self.state: GateState | None = None
-        self.events: list[Event] = []
-        self.travel: float | None = None  # counts from closed to open, once learned
-        self._zero: list[float] | None = None  # counts when closed
-        self._since = 0.0
-        self._brake_until = 0.0
-        self._still = 0.0
-        self._free: float | None = None  # position where the drives last ran without unusual load
-        self._start: list[float] = []  # counts when the motion began
-        self._now = 0.0
 
-    def request(self, action: str) -> None:
-        """The driver's button: open, close or stop."""
-        if action == "stop" and self.state in MOVING:
-            self._enter(GateState.STOPPED, "stopped by the driver")
-        elif action == "open" and self.state not in (GateState.OPEN, GateState.OPENING):
-            self._enter(GateState.OPENING, "opening")
-        elif action == "close" and self.state not in (GateState.CLOSED, GateState.CLOSING):
-            self._enter(GateState.CLOSING, "closing")
+@compilable
+def is_moving(state: int) -> bool:
+    """Whether the motors are to run."""
+    return state in (OPENING, CLOSING, REVERSING)
 
-    def update(self, now: float, feedback: Feedback) -> DriveCommand:
-        """One control cycle."""
-        self._now = now
-        self._counts = list(feedback.counts)
-        for sensor, count in zip(self._sensors, feedback.counts, strict=True):
-            sensor.update(count)
-        if self.state is None:
-            self._begin(feedback)
-        if self.state not in MOVING:
-            return self._hold()
-        return self._move(feedback)
 
-    # What the ECU knows of the gate.
+@compilable
+def guard_of(memory: Memory, state: int) -> Any:
+    """The guard of a direction of motion."""
+    return memory.guards[1 if state == CLOSING else 0]
 
-    def position(self) -> float | None:
-        """Mean counts above closed, None while closed is not known."""
-        if self._zero is None:
-            return None
-        return sum(c - z for c, z in zip(self._counts, self._zero, strict=True)) / len(self._zero)
 
-    def _place(self) -> float | None:
-        position = self.position()
-        if position is None or self.travel is None:
-            return None
-        return position / self.travel
+# What the ECU knows of the gate.
 
-    def _mean_speed(self) -> float:
-        return sum(sensor.speed for sensor in self._sensors) / len(self._sensors)
 
-    # States.
+@compilable
+def mean_count(memory: Memory) -> float:
+    """Mean of the drives' counts."""
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].count
+    return total / len(memory.drives)
 
-    def _begin(self, feedback: Feedback) -> None:
-        self._enter(GateState.CLOSED if feedback.latched else GateState.STOPPED, "")
+
+@compilable
+def gone(memory: Memory) -> float:
+    """Mean of the counts since the motion began."""
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].count - memory.drives[i].start
+    return total / len(memory.drives)
+
+
+@compilable
+def position_of(memory: Memory) -> float:
+    """Mean counts above closed, NaN while closed is not known."""
+    if not memory.control[0].is_zero_known:
+        return np.nan
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].count - memory.drives[i].zero
+    return total / len(memory.drives)
+
+
+@compilable
+def mean_speed(memory: Memory) -> float:
+    """Mean of the drives' speeds [counts/s]."""
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].speed
+    return total / len(memory.drives)
+
+
+@compilable
+def take_zero(memory: Memory) -> None:
+    """The gate is closed here."""
+    for i in range(len(memory.drives)):
+        memory.drives[i].zero = memory.drives[i].count
+    memory.control[0].is_zero_known = 1
+
+
+@compilable
+def travel_or(memory: Memory, default: float) -> float:
+    """The learned travel [counts]."""
+    travel = memory.control[0].travel
+    return default if np.isnan(travel) else float(travel)
+
+
+# States.
+
+
+@compilable
+def enter(constants: Constants, memory: Memory, state: int, event: int, verdict: Verdict) -> None:
+    """Go into a state."""
+    control = memory.control[0]
+    if is_moving(control.state) and not is_moving(state):
+        control.brake_until = control.now + constants.calibration.hold_time
+    control.state = state
+    control.since = control.now
+    control.still = 0.0
+    control.free = np.nan
+    if event != _SILENT:
+        note_event(memory, event, verdict)
+    if is_moving(state):
+        for i in range(len(memory.drives)):
+            memory.drives[i].start = memory.drives[i].count
+            memory.drives[i].integral = 0.0
+    if state in (OPENING, CLOSING):
+        begin_run(guard_of(memory, state))
+
+
+@compilable
+def obey(constants: Constants, memory: Memory) -> None:
+    """The driver's button: open, close or stop."""
+    control = memory.control[0]
+    request, state = control.request, control.state
+    control.request = NO_REQUEST
+    if request == STOP and is_moving(state):
+        enter(constants, memory, STOPPED, events.STOPPED_BY_DRIVER, NO_VERDICT)
+    elif request == REQUEST_OPEN and state not in (OPEN, OPENING):
+        enter(constants, memory, OPENING, events.STARTS_OPENING, NO_VERDICT)
+    elif request == REQUEST_CLOSE and state not in (CLOSED, CLOSING):
+        enter(constants, memory, CLOSING, events.STARTS_CLOSING, NO_VERDICT)
+
+
+@compilable
+def update(constants: Constants, memory: Memory, now: float, feedback: Feedback) -> DriveCommand:
+    """One control cycle at a time [s]; what was requested since the last one is obeyed first."""
+    control = memory.control[0]
+    control.now = now
+    memory.drives[0].current = feedback.left_current
+    measure_speed(constants, memory.drives[0], feedback.left_count)
+    if len(memory.drives) > 1:
+        memory.drives[1].current = feedback.right_current
+        measure_speed(constants, memory.drives[1], feedback.right_count)
+    if control.state == UNKNOWN:
+        enter(constants, memory, CLOSED if feedback.latched else STOPPED, _SILENT, NO_VERDICT)
         if feedback.latched:
-            self._zero = list(feedback.counts)
+            take_zero(memory)
+    if control.request != NO_REQUEST:
+        obey(constants, memory)
+    if is_moving(control.state):
+        return move(constants, memory, feedback)
+    return hold(memory)
 
-    def _enter(self, state: GateState, text: str, verdict: Verdict | None = None) -> None:
-        if self.state in MOVING and state not in MOVING:
-            self._brake_until = self._now + self._c.hold_time
-        self.state = state
-        self._since = self._now
-        self._still = 0.0
-        self._free = None
-        if text:
-            self.events.append(Event(self._now, text, verdict))
-        if state in MOVING:
-            self._start = list(self._counts)
-            for control in self._speed:
-                control.reset()
-        if state in self._guard:
-            self._guard[state].begin()
 
-    def _hold(self) -> DriveCommand:
-        """Brake for a moment, then coast: the spindle holds the gate by itself."""
-        braking = self._now < self._brake_until
-        return DriveCommand([0.0 if braking else None for _ in self._drives])
+@compilable
+def hold(memory: Memory) -> DriveCommand:
+    """Brake for a moment, then coast: the spindle holds the gate by itself."""
+    control = memory.control[0]
+    return BRAKING if control.now < control.brake_until else COASTING
 
-    def _move(self, feedback: Feedback) -> DriveCommand:
-        assert self.state is not None
-        sign = -1.0 if self.state is GateState.CLOSING else 1.0
-        if self.state is GateState.CLOSING and feedback.latched:
-            self._zero = list(feedback.counts)
-            self._guard[GateState.CLOSING].learn()
-            self._enter(GateState.CLOSED, "closed and latched")
-            return self._hold()
-        self._watch_ends(sign)
-        if self.state in self._guard:
-            self._watch_trap(feedback, sign)
-        if self.state not in MOVING:
-            return self._hold()
-        sign = -1.0 if self.state is GateState.CLOSING else 1.0
-        wanted = sign * self._wanted_speed()
-        if self.state is GateState.REVERSING and self._mean_speed() < 0.0:
-            return DriveCommand([1.0 for _ in self._drives])  # off the obstacle before all else
-        duties = [self._drive(index, wanted, feedback.voltage) for index in self._drives]
-        elapsed = self._now - self._since
-        release = sign > 0.0 and feedback.latched and elapsed < self._c.latch_pulse
-        return DriveCommand(duties, release)
 
-    def _drive(self, index: int, wanted: float, voltage: float) -> float:
-        """One drive's duty: the wanted speed, less what this drive is ahead of the others."""
-        gone = [count - start for count, start in zip(self._counts, self._start, strict=True)]
-        ahead = gone[index] - sum(gone) / len(gone)
-        target = wanted - self._c.tie * ahead
-        return self._speed[index].update(target, self._sensors[index].speed, voltage)
+@compilable
+def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveCommand:
+    """A cycle of a motion: is it at its end, is something trapped, what do the drives get."""
+    c, control = constants.calibration, memory.control[0]
+    if control.state == CLOSING and feedback.latched:
+        take_zero(memory)
+        learn(memory.guards[1])
+        enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)
+        return hold(memory)
+    watch_ends(constants, memory)
+    if control.state in (OPENING, CLOSING):
+        watch_trap(constants, memory)
+    if not is_moving(control.state):
+        return hold(memory)
+    if control.state == REVERSING and mean_speed(memory) < 0.0:
+        return FULL  # off the obstacle before all else
+    sign = -1.0 if control.state == CLOSING else 1.0
+    wanted = sign * wanted_speed(constants, memory)
+    elapsed = control.now - control.since
+    left = drive_duty(constants, memory, 0, wanted, feedback.voltage)
+    right = left
+    if len(memory.drives) > 1:
+        right = drive_duty(constants, memory, 1, wanted, feedback.voltage)
+    return DriveCommand(
+        left_duty=left,
+        right_duty=right,
+        latch_release=sign > 0.0 and feedback.latched and elapsed < c.latch_pulse,
+    )
 
-    def _cruise(self) -> float:
-        if self.travel is None:
-            return self._c.learning_speed
-        closing = self.state is GateState.CLOSING
-        return self.travel / (self._c.closing_time if closing else self._c.opening_time)
 
-    def _wanted_speed(self) -> float:
-        """Soft start over time, soft stop over the way that is left."""
-        c = self._c
-        cruise = self._cruise()
-        speed = min(cruise, c.creep_speed + cruise * (self._now - self._since) / c.start_time)
-        left = self._way_left()
-        if left is not None:
-            span = c.stop_distance * (self.travel or 10.0 * cruise / 3.5)
-            speed = min(speed, max(c.creep_speed, cruise * left / span))
-        return speed
+@compilable
+def drive_duty(
+    constants: Constants, memory: Memory, index: int, wanted: float, voltage: float
+) -> float:
+    """One drive's duty: the wanted speed, less what this drive is ahead of the others."""
+    drive = memory.drives[index]
+    ahead = drive.count - drive.start - gone(memory)
+    target = wanted - constants.calibration.tie * ahead
+    return controlled_duty(constants, drive, target, voltage)
 
-    def _way_left(self) -> float | None:
-        position = self.position()
-        if position is None:
-            return None
-        if self.state is GateState.CLOSING:
-            return max(position - self._c.seal_zone, 0.0)
-        if self.travel is None:
-            return None
-        return max(self.travel - position, 0.0)
 
-    def _watch_ends(self, sign: float) -> None:
-        """Learned end, stall in the stop, end of a reversal."""
-        c = self._c
-        position, state = self.position(), self.state
-        if state is GateState.REVERSING:
-            gone = sum(self._counts) / len(self._counts) - sum(self._start) / len(self._start)
-            if gone >= c.reverse_distance * (self.travel or 1000.0):
-                self._enter(GateState.STOPPED, "reversal done, stopped")
-                return
-        if (
-            state is not GateState.CLOSING
-            and self.travel is not None
-            and position is not None
-            and position >= self.travel - c.end_margin
-        ):
-            if state is GateState.OPENING:
-                self._guard[GateState.OPENING].learn()
-            self._enter(GateState.OPEN, "open")
-            return
-        speed = sign * self._mean_speed()
-        standing = speed < c.stall_speed
-        self._still = self._still + c.cycle if standing else 0.0
-        in_seal = state is GateState.CLOSING and position is not None and position < c.seal_zone
-        limit = c.seal_stall_time if in_seal else c.stall_time
-        if self._still < limit or self._now - self._since < c.start_time:
-            return
-        if state is GateState.CLOSING:
-            self._enter(GateState.REVERSING, "blocked while closing: reversing")
-        elif state is GateState.OPENING and self.travel is None:
-            # The stalled drive has squeezed the mechanism; the stop is where the load began.
-            if self._free is not None:
-                self.travel = self._free
-                self._guard[GateState.OPENING].learn()
-            self._enter(GateState.OPEN, f"open, travel learned: {self.travel or 0.0:.0f} counts")
-        else:
-            self._enter(GateState.STOPPED, "blocked while opening: stopped")
+@compilable
+def cruise(constants: Constants, memory: Memory) -> float:
+    """The speed between soft start and soft stop [counts/s]."""
+    c, control = constants.calibration, memory.control[0]
+    if np.isnan(control.travel):
+        return c.learning_speed
+    time = c.closing_time if control.state == CLOSING else c.opening_time
+    return float(control.travel / time)
 
-    def _watch_trap(self, feedback: Feedback, sign: float) -> None:
-        state = self.state
-        assert state is not None
-        position = self.position()
-        if state is GateState.CLOSING and position is not None and position < self._c.seal_zone:
-            return
-        starting = self._now - self._since < self._c.start_time + self._c.blank_time
-        verdict = self._guard[state].update(
-            sign * sum(feedback.currents) / len(feedback.currents),
-            sign * self._mean_speed(),
-            self._wanted_speed(),
-            self._place(),
-            starting,
-            slowing=self._wanted_speed() < 0.95 * self._cruise(),
-        )
-        if not self._guard[state].loaded:
-            self._free = position
-        # While the travel is being learned, the stop that is looked for is no obstacle.
-        if verdict is None or (state is GateState.OPENING and self.travel is None):
-            return
-        why = (
-            f"{verdict.current:.2f} A against {verdict.reference:.2f} A, "
-            f"speed {100.0 * verdict.drop:.0f} % down"
-        )
-        if state is GateState.CLOSING:
-            self._enter(GateState.REVERSING, f"trapped while closing ({why}): reversing", verdict)
-        else:
-            self._enter(GateState.STOPPED, f"trapped while opening ({why}): stopped", verdict)
+
+@compilable
+def way_left(constants: Constants, memory: Memory) -> float:
+    """Counts to the end of the motion; NaN: not known."""
+    control = memory.control[0]
+    position = position_of(memory)
+    if np.isnan(position):
+        return np.nan
+    if control.state == CLOSING:
+        return max(position - constants.calibration.seal_zone, 0.0)
+    if np.isnan(control.travel):
+        return np.nan
+    return float(max(control.travel - position, 0.0))
+
+
+@compilable
+def wanted_speed(constants: Constants, memory: Memory) -> float:
+    """Soft start over time, soft stop over the way that is left [counts/s]."""
+    c, control = constants.calibration, memory.control[0]
+    full = cruise(constants, memory)
+    speed = min(full, c.creep_speed + full * (control.now - control.since) / c.start_time)
+    left = way_left(constants, memory)
+    if not np.isnan(left):
+        span = c.stop_distance * travel_or(memory, 10.0 * full / 3.5)
+        speed = min(speed, max(c.creep_speed, full * left / span))
+    return float(speed)
+
+
+@compilable
+def watch_ends(constants: Constants, memory: Memory) -> None:
+    """Learned end, stall in the stop, end of a reversal."""
+    c, control = constants.calibration, memory.control[0]
+    position, state = position_of(memory), control.state
+    if state == REVERSING and gone(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
+        enter(constants, memory, STOPPED, events.REVERSAL_DONE, NO_VERDICT)
+        return
+    # A comparison with NaN (no position, no travel) is false.
+    if state != CLOSING and position >= control.travel - c.end_margin:
+        if state == OPENING:
+            learn(memory.guards[0])
+        enter(constants, memory, OPEN, events.IS_OPEN, NO_VERDICT)
+        return
+    sign = -1.0 if state == CLOSING else 1.0
+    standing = sign * mean_speed(memory) < c.stall_speed
+    control.still = control.still + constants.cycle if standing else 0.0
+    in_seal = state == CLOSING and position < c.seal_zone
+    limit = c.seal_stall_time if in_seal else c.stall_time
+    if control.still >= limit and control.now - control.since >= c.start_time:
+        stalled(constants, memory)
+
+
+@compilable
+def stalled(constants: Constants, memory: Memory) -> None:
+    """The drives stand: in the stop that was looked for, or before something."""
+    control = memory.control[0]
+    if control.state == CLOSING:
+        enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
+    elif control.state == OPENING and np.isnan(control.travel):
+        # The stalled drive has squeezed the mechanism; the stop is where the load began.
+        if not np.isnan(control.free):
+            control.travel = control.free
+            learn(memory.guards[0])
+        enter(constants, memory, OPEN, events.TRAVEL_LEARNED, NO_VERDICT)
+    else:
+        enter(constants, memory, STOPPED, events.BLOCKED_OPENING, NO_VERDICT)
+
+
+@compilable
+def watch_trap(constants: Constants, memory: Memory) -> None:
+    """Is something in the way?"""
+    c, control = constants.calibration, memory.control[0]
+    state, position = control.state, position_of(memory)
+    if state == CLOSING and position < c.seal_zone:
+        return
+    sign = -1.0 if state == CLOSING else 1.0
+    current = 0.0
+    for i in range(len(memory.drives)):
+        current += memory.drives[i].current
+    guard = guard_of(memory, state)
+    wanted = wanted_speed(constants, memory)
+    verdict = watch(
+        constants,
+        guard,
+        sign * current / len(memory.drives),
+        sign * mean_speed(memory),
+        wanted,
+        position / control.travel if control.travel > 0.0 else np.nan,
+        control.now - control.since < c.start_time + c.blank_time,
+        wanted < 0.95 * cruise(constants, memory),
+    )
+    if not guard.is_loaded:
+        control.free = position
+    # While the travel is being learned, the stop that is looked for is no obstacle.
+    if not verdict.is_trapped or (state == OPENING and np.isnan(control.travel)):
+        return
+    if state == CLOSING:
+        enter(constants, memory, REVERSING, events.TRAPPED_CLOSING, verdict)
+    else:
+        enter(constants, memory, STOPPED, events.TRAPPED_OPENING, verdict)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify.decimation import Decimation
-from liftgate_hil.identify.trajectory import INPUTS, REST, Start
+from liftgate_hil.identify.trajectory import REST, Start
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
+from liftgate_plant.rows import AT, INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,7 @@ _CUT = 0.1  # s: a file whose clock shows more where it begins was cut
 @dataclass(frozen=True)
 class Data:
     """One experiment: outputs (n,) at `times` (n,) [s] by their names of trajectory.OUTPUTS, NaN where there is no
-    sample; inputs of trajectory.INPUTS in `rows`, each held until the next one.
+    sample; inputs of rows.INPUT_COLUMNS of the plant in `rows`, each held until the next one.
     """
 
     name: str
@@ -373,15 +374,16 @@ def _midway(
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
-    """Inputs (n, 11) from columns; a drive that nothing is said of is driven like the other one."""
-    rows = np.full((count, len(INPUTS)), np.nan)
-    for place, name in enumerate(INPUTS):
+    """Inputs (n, 14) from columns; a drive that nothing is said of is driven like the other one."""
+    rows = np.full((count, len(INPUT_COLUMNS)), np.nan)
+    for place, name in enumerate(INPUT_COLUMNS):
         if name in columns:
             rows[:, place] = columns[name]
-    for own, other in ((0, 1), (1, 0)):
-        if all(np.all(np.isnan(rows[:, own + shift])) for shift in (0, 2, 4)):
-            for shift in (0, 2, 4):
-                rows[:, own + shift] = rows[:, other + shift]
+    left = (AT.left_voltage_v, AT.left_duty, AT.left_coast)
+    right = (AT.right_voltage_v, AT.right_duty, AT.right_coast)
+    for own, other in ((left, right), (right, left)):
+        if np.all(np.isnan(rows[:, own])):
+            rows[:, own] = rows[:, other]
     return rows
 
 
@@ -389,7 +391,9 @@ def applied_voltage(data: Data, supply: float) -> Floats:
     """The left motor's voltage (n,) [V] at the samples, as far as the inputs tell: 0 while it coasts."""
     held = np.searchsorted(data.rows, data.times * (1.0 + 1e-12), side="right") - 1
     rows = data.inputs[np.maximum(held, 0)]
-    source = np.where(np.isnan(rows[:, 6]), supply, rows[:, 6])
-    driven = np.nan_to_num(rows[:, 0]) + np.nan_to_num(rows[:, 2]) * source
-    voltage: Floats = np.where(np.nan_to_num(rows[:, 4]) > 0.0, 0.0, driven)
+    given = rows[:, AT.supply_voltage_v]
+    source = np.where(np.isnan(given), supply, given)
+    driven = np.nan_to_num(rows[:, AT.left_voltage_v])
+    driven += np.nan_to_num(rows[:, AT.left_duty]) * source
+    voltage: Floats = np.where(np.nan_to_num(rows[:, AT.left_coast]) > 0.0, 0.0, driven)
     return voltage

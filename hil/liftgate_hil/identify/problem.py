@@ -19,8 +19,9 @@ from liftgate_hil.identify.data import (
     without_end,
 )
 from liftgate_hil.identify.parameters import FreeParameter, with_values
-from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, inputs_of, trajectory
+from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, trajectory
 from liftgate_plant.dynamics import Load, Plant
+from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
@@ -273,7 +274,7 @@ def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause:
     currents = {}
     for side in ("left", "right"):
         drive, given = getattr(plant, side), getattr(inputs, side)
-        volts = given.voltage + given.duty * inputs.load.source_voltage
+        volts = given.voltage + given.duty * inputs.load.supply_voltage
         emf = drive.motor.speed_constant * start.speed
         steady = ((0.0 if in_pause else volts) - emf) / drive.motor.resistance
         currents[f"{side}_current"] = 0.0 if given.coast else drive.active * steady

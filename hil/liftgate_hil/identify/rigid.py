@@ -69,8 +69,8 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
     d_l, d_r = on_l * inputs.left.duty, on_r * inputs.right.duty
     a, b, d = r_l + source * d_l * d_l, source * d_l * d_r, r_r + source * d_r * d_r
     scale = 1.0 / (a * d - b * b)
-    u_l = on_l * (inputs.left.voltage + d_l * inputs.load.source_voltage)
-    u_r = on_r * (inputs.right.voltage + d_r * inputs.load.source_voltage)
+    u_l = on_l * (inputs.left.voltage + d_l * inputs.load.supply_voltage)
+    u_r = on_r * (inputs.right.voltage + d_r * inputs.load.supply_voltage)
     e_l = on_l * left.motor.speed_constant * f_l
     e_r = on_r * right.motor.speed_constant * f_r
     now_l, now_r = scale * (d * u_l - b * u_r), scale * (a * u_r - b * u_l)

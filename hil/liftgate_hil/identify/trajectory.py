@@ -13,29 +13,15 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
 from liftgate_plant import dynamics, gate, integrate
-from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
-from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State
+from liftgate_plant.dynamics import DriveState, Load, Plant, State
+from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 
 Floats = NDArray[np.float64]
 
 MODELS = {"full": 0, "third-order": 3, "second-order": 2}
 
-# Columns of the inputs; NaN: as the vehicle has it, 0 V, not coasting, latch released.
-INPUTS = (
-    "left_voltage_v",
-    "right_voltage_v",
-    "left_duty",
-    "right_duty",
-    "left_coast",
-    "right_coast",
-    "supply_voltage_v",
-    "road_slope_deg",
-    "hand_force_n",
-    "ambient_temperature_degc",
-    "latch_released",
-)
 # Columns of the outputs.
 OUTPUTS = (
     "left_current_a",
@@ -69,32 +55,6 @@ class Start(NamedTuple):
 
 
 REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@compilable
-def value_or(value: float, default: float) -> float:
-    """The value, or the default where it is NaN."""
-    return default if np.isnan(value) else float(value)
-
-
-@compilable
-def inputs_of(row: Floats, base: Load) -> Inputs:
-    """A row of INPUTS; what it leaves open is the vehicle's."""
-    return Inputs(
-        DriveInput(value_or(row[2], 0.0), value_or(row[0], 0.0), value_or(row[4], 0.0)),
-        DriveInput(value_or(row[3], 0.0), value_or(row[1], 0.0), value_or(row[5], 0.0)),
-        Load(
-            value_or(row[6], base.source_voltage),
-            base.road_slope if np.isnan(row[7]) else math.radians(row[7]),
-            value_or(row[9], base.ambient_temperature),
-            base.wind_pressure,
-            base.snow_mass,
-            value_or(row[8], base.hand_force),
-            base.measured_torque,
-            value_or(row[10], 1.0),
-            base.obstacle,
-        ),
-    )
 
 
 @compilable
@@ -208,7 +168,7 @@ def trajectory(
     rows: Floats,
     longest: float,
 ) -> Floats:
-    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 11), steps of at most `longest` seconds."""
+    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds."""
     out = np.empty((len(times), len(OUTPUTS)))
     start = Start(*(float(value) for value in start))  # machine code tells 0 from 0.0
     compiled(run)(plant, sensors, base, start, model, times, rows, longest, out)

@@ -7,15 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.outside import Outside, outside_at
+from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compiled
+from liftgate_plant.signals import Sensed, Truth
 
 
 class Peer(Protocol):
@@ -25,49 +31,69 @@ class Peer(Protocol):
         """Take and send what is there at this model time."""
 
 
+Watch = Callable[[NDArray[np.float64]], None]  # gets a row (ROW_WIDTH,)
+
+
 @dataclass
 class Loop:
     """A loop about to run; `state` moves on with it."""
 
-    bench: LoopConfig
+    config: LoopConfig
     state: LoopState
+    timeline: Timeline
     transport: Transport
     recorders: Sequence[Recorder] = ()
     peers: Sequence[Peer] = ()
-    watch: Callable[[Snapshot], None] | None = None
+    watch: Watch | None = None
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
+    held: NDArray[np.float64] = field(default_factory=nothing_held)  # what was posted, see mailbox
+    ticks_missed: int = 0
     frames_sent: int = 0
-    _tick: Callable[..., tuple[LoopState, Frames, Snapshot]] = field(init=False)
+    _tick: Callable[..., tuple[LoopState, Frames, Truth, Sensed]] = field(init=False)
+    _outside: Callable[..., Outside] = field(init=False)
 
     def __post_init__(self) -> None:
         self._tick = compiled(tick)
+        self._outside = compiled(outside_at)
 
     def begin(self) -> None:
         """Compile, or read the cache, before time counts; then the peers may speak first."""
-        self._tick(self.bench, self.state, empty_frames(1), 1, False)
+        outside = self._outside(self.timeline, self.held, 0.0, 0, False, False)
+        self._tick(self.config, self.state, empty_frames(1), outside)
         for peer in self.peers:
             peer.poll(0)
 
     def advance(self, frames: Frames, steps: int, stop: bool = False) -> None:
-        """One tick with its frames. Raises PlantDivergedError."""
-        self.state, replies, snapshot = self._tick(self.bench, self.state, frames, steps, stop)
+        """So many steps; all but the last make up for missed ticks and send nothing. The frames come in the
+        first. Raises PlantDivergedError.
+        """
+        for missed in range(steps - 1, -1, -1):
+            self._step(frames, missed > 0, stop)
+            frames = empty_frames(0)
+        for peer in self.peers:
+            peer.poll(self.state.tick * self.config.step_ns)
+
+    def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
+        self.ticks_missed += is_silent
+        time = self.state.tick * self.config.step
+        outside = self._outside(self.timeline, self.held, time, self.ticks_missed, is_silent, stop)
+        self.state, replies, truth, sensed = self._tick(self.config, self.state, frames, outside)
         self.transport.send(replies)
         self.frames_sent += replies.count
         self.load.add(frames)
         self.load.add(replies)
+        row = np.array([*truth, *sensed])
         for recorder in self.recorders:
-            recorder.write_frames(frames, [snapshot.time_s] * frames.count)
-            recorder.write_frames(replies, [snapshot.time_s] * replies.count)
-            recorder.write_snapshot(snapshot)
+            recorder.write_frames(frames, [truth.time_s] * frames.count)
+            recorder.write_frames(replies, [truth.time_s] * replies.count)
+            recorder.write_rows(row[np.newaxis])
         if self.watch is not None:
-            self.watch(snapshot)
-        for peer in self.peers:
-            peer.poll(self.state.tick * self.bench.step_ns)
-        if not math.isfinite(sum(snapshot)):
+            self.watch(row)
+        if not math.isfinite(sum(truth)):
             raise PlantDivergedError(
-                f"the plant diverged at {snapshot.time_s:.3f} s (angle {snapshot.gate_angle_deg}, "
-                f"current {snapshot.left_current_a}); allowed: a higher --rate, a saner vehicle"
+                f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "
+                f"current {truth.left_current_a}); allowed: a higher --rate, a saner vehicle"
             )
 
     def finish(self) -> None:
@@ -77,12 +103,12 @@ class Loop:
 
     def summary(self, clock: str, timing: Timing = NO_TIMING) -> Summary:
         """The figures so far."""
-        seconds = self.state.tick * self.bench.step
+        seconds = self.state.tick * self.config.step
         return Summary(
             clock=clock,
             ticks=self.state.tick,
             model_time_s=seconds,
-            overruns=self.state.overruns,
+            overruns=self.ticks_missed,
             timing=timing,
             bus_load_percent=self.load.percent(self.bitrate, seconds),
             frames_sent=self.frames_sent,
@@ -142,8 +168,6 @@ def split_after(frames: Frames, identifier: int) -> list[Frames]:
 
 def join(first: Frames, second: Frames) -> Frames:
     """Frames one after the other."""
-    import numpy as np
-
     return Frames(
         first.count + second.count,
         np.concatenate([first.identifiers, second.identifiers]),

@@ -6,18 +6,20 @@ one that every other loop calls.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import ERROR, FD, Frames, bits_of, empty_frames
+from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
-from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared, note_frames, note_row
+from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.stimuli.mailbox import take_letters
+from liftgate_hil.stimuli.outside import outside_at
+from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_plant.compiler import System, borrowed, compilable
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
@@ -38,6 +40,8 @@ class RunParams(NamedTuple):
     limit_ns: int  # lateness at which it gives up
     command: int  # identifier of the drive command
     feedback: NDArray[np.int64]  # identifiers of the messages that show what a command did
+    timeline: Timeline
+    held: NDArray[np.float64]  # what was posted, see mailbox; the loop's own
 
 
 class Room(NamedTuple):
@@ -101,39 +105,6 @@ def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
 
 
 @compilable
-def note_frames(
-    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
-) -> None:
-    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
-    control = shared.control[0]
-    ring = shared.frames
-    at = control.frames
-    bits = 0
-    for i in range(frames.count):
-        row = ring[at % len(ring)]
-        length = int(frames.lengths[i])
-        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
-        row.identifier = frames.identifiers[i]
-        row.length = length
-        for k in range(length):
-            row.payload[k] = frames.data[i, k]
-        bits += bits_of(frames.identifiers[i], length)
-        at += 1
-    control.bits += bits
-    control.frames = at
-
-
-@compilable
-def note_snapshot(shared: Shared, snapshot: Snapshot) -> None:
-    """Put a row into the ring."""
-    control = shared.control[0]
-    row = shared.snapshots[control.snapshots % len(shared.snapshots)]
-    for i in range(len(row)):
-        row[i] = snapshot[i]
-    control.snapshots += 1
-
-
-@compilable
 def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
     """Whether a frame with one of these identifiers is there."""
     for i in range(frames.count):
@@ -142,15 +113,6 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
             if identifier == wanted:
                 return True
     return False
-
-
-@compilable
-def is_sound(snapshot: Snapshot) -> bool:
-    """Whether the plant still gives numbers."""
-    total = 0.0
-    for value in snapshot:
-        total += value
-    return math.isfinite(total)
 
 
 @compilable
@@ -192,6 +154,16 @@ def send_surely(shared: Shared, params: RunParams, room: Room, replies: Frames) 
     shared.control[0].unsent += missed
     shared.control[0].unsent_full += full
     return missed
+
+
+@compilable
+def answer(shared: Shared, params: RunParams, room: Room, replies: Frames, is_last: bool) -> int:
+    """Send what a tick gave; how many the wire did not take."""
+    if is_last:
+        return send_surely(shared, params, room, replies)
+    if replies.count > 0:
+        return send(shared, params, room, replies)
+    return 0
 
 
 @compilable
@@ -245,61 +217,91 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 
 @compilable
-def run_hard(
-    bench: LoopConfig, start: LoopState, params: RunParams, shared: Shared, room: Room
+def catch_up(
+    config: LoopConfig,
+    state: LoopState,
+    params: RunParams,
+    shared: Shared,
+    frames: Frames,
+    missed: int,
+) -> LoopState:
+    """The ticks that were missed: they are made up at once, each with its row, and send nothing. The frames that
+    have come are taken in the first of them.
+    """
+    for k in range(missed):
+        number = shared.control[0].overruns + 1
+        outside = outside_at(
+            params.timeline, params.held, state.tick * config.step, number, True, False
+        )
+        given = frames if k == 0 else config.nothing
+        state, _, truth, sensed = tick(config, state, given, outside)
+        note_row(shared, truth, sensed)
+        shared.control[0].overruns = number
+    return state
+
+
+@compilable
+def run_realtime(
+    config: LoopConfig, start: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
 
     The state, and ENDED, OVERRUN or DIVERGED.
     """
-    bench, params, shared, room = borrowed((bench, params, shared, room))
+    config, params, shared, room = borrowed((config, params, shared, room))
     state = start
     control = shared.control[0]
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
-    now_stamps = np.zeros(len(bench.outputs.messages), dtype=np.int64)
+    now_stamps = np.zeros(len(config.outputs.messages), dtype=np.int64)
     none = Frames(0, room.identifiers, room.lengths, room.data)
     # Model time 0 is now: taken here, where no interpreter lock can hold up what follows.
-    start_ns = clock_ns(_MONOTONIC, room) - start.tick * bench.step_ns
-    control.epoch_ns = clock_ns(_REALTIME, room) - start.tick * bench.step_ns
+    start_ns = clock_ns(_MONOTONIC, room) - start.tick * config.step_ns
+    control.epoch_ns = clock_ns(_REALTIME, room) - start.tick * config.step_ns
     room.drained[0] = start_ns
     stopping = False
     while not stopping:
         stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
-        frames, steps = none, 1
+        frames, missed = none, 0
         woken = clock_ns(_MONOTONIC, room)
         if not stopping:
-            deadline = start_ns + (state.tick + 1) * bench.step_ns
+            deadline = start_ns + (state.tick + 1) * config.step_ns
             woken = wait_until(deadline, room)
             late = woken - deadline
             note(shared.histograms[LATENESS], late)
             if late > params.limit_ns:
                 outcome = OVERRUN
                 continue
-            steps = min(1 + late // bench.step_ns, params.ticks - state.tick)
+            missed = min(late // config.step_ns, params.ticks - state.tick - 1)
             frames = receive(shared, params, room)
 
         accepted = state.counts.accepted
-        state, replies, snapshot = tick(bench, state, frames, steps, stopping)
+        take_letters(shared.box, params.held)
+        state = catch_up(config, state, params, shared, frames, missed)
+        outside = outside_at(
+            params.timeline,
+            params.held,
+            state.tick * config.step,
+            control.overruns,
+            False,
+            stopping,
+        )
+        given = frames if missed == 0 else none
+        state, replies, truth, sensed = tick(config, state, given, outside)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, params.command)
         note_frames(shared, frames, room.stamps, start_ns, woken)
-        missed = 0
-        if stopping:
-            missed = send_surely(shared, params, room, replies)
-        elif replies.count > 0:
-            missed = send(shared, params, room, replies)
+        unsent = answer(shared, params, room, replies, stopping)
         done = clock_ns(_MONOTONIC, room)
-        if waiting_since != 0 and missed == 0 and is_among(replies, params.feedback):
+        if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
             note(shared.histograms[DELAY], done - waiting_since)
             waiting_since = 0
 
         note_frames(shared, replies, now_stamps, start_ns, done)
-        note_snapshot(shared, snapshot)
+        note_row(shared, truth, sensed)
         control.tick = state.tick
-        control.overruns = state.overruns
         if not stopping:
             note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
-        if not is_sound(snapshot):
+        if not is_sound(truth):
             outcome = DIVERGED
     return state, outcome

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.rig import Rig
@@ -24,7 +25,8 @@ from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.stimuli.mailbox import nothing_held, post
+from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_hil.transport.base import Line
 from liftgate_plant.compiler import compiled
 
@@ -53,8 +55,9 @@ def feedback_identifiers(rig: Rig) -> list[int]:
 class RealtimeRun:
     """A run about to begin; `begin`, then `run`."""
 
-    bench: LoopConfig
+    config: LoopConfig
     state: LoopState
+    timeline: Timeline
     line: Line
     memory: Memory
     rig: Rig
@@ -62,7 +65,7 @@ class RealtimeRun:
     limit_ns: int
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
-    watch: Callable[[Snapshot], None] | None = None
+    watch: Callable[[NDArray[np.float64]], None] | None = None
     realtime: Realtime | None = None
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
@@ -71,12 +74,10 @@ class RealtimeRun:
 
     def begin(self) -> None:
         """Compile, or read the cache, before time counts."""
-        self.state = self.state._replace(timing=self.memory.shared.timing)
-        self.state.timing[:] = np.nan
-        self._run = compiled(realtime_loop.run_hard)
+        self._run = compiled(realtime_loop.run_realtime)
         nowhere = self._course(0)._replace(descriptor=-1)
         scratch = Memory(1, 1)  # the recorder already looks at the real one
-        self._run(self.bench, self.state, nowhere, scratch.shared, self._room)
+        self._run(self.config, self.state, nowhere, scratch.shared, self._room)
         scratch.close()
         if self.realtime is not None:
             self.realtime.prepare()
@@ -112,7 +113,7 @@ class RealtimeRun:
             )
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError(
-                f"the plant diverged at {self.state.tick * self.bench.step:.3f} s; allowed: a higher "
+                f"the plant diverged at {self.state.tick * self.config.step:.3f} s; allowed: a higher "
                 "--rate, a saner vehicle"
             )
 
@@ -124,7 +125,7 @@ class RealtimeRun:
     def summary(self, lost_rows: int = 0) -> Summary:
         """The figures so far."""
         control = self.memory.shared.control[0]
-        seconds = self.state.tick * self.bench.step
+        seconds = self.state.tick * self.config.step
         mine = self.line.counts()
         link = mine._replace(
             send_failures=int(control.unsent) + mine.send_failures,
@@ -137,7 +138,7 @@ class RealtimeRun:
             clock="realtime",
             ticks=self.state.tick,
             model_time_s=seconds,
-            overruns=self.state.overruns,
+            overruns=int(control.overruns),
             timing=self.timing(),
             bus_load_percent=load,
             frames_sent=int(control.sent),
@@ -155,6 +156,8 @@ class RealtimeRun:
             self.limit_ns,
             self.rig.command_identifier(),
             np.array(feedback_identifiers(self.rig), dtype=np.int64),
+            self.timeline,
+            nothing_held(),
         )
 
     def _in_thread(self, ticks: int) -> None:
@@ -164,7 +167,9 @@ class RealtimeRun:
                 self.realtime.enter()
             self._entered.set()
             params, shared = self._course(ticks), self.memory.shared
-            self.state, self.outcome = self._run(self.bench, self.state, params, shared, self._room)
+            self.state, self.outcome = self._run(
+                self.config, self.state, params, shared, self._room
+            )
         except BaseException as error:  # told by the thread that can tell
             self._failure = error
         finally:
@@ -173,7 +178,7 @@ class RealtimeRun:
     def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
         shared = self.memory.shared
         control = shared.control[0]
-        reader = RingReader(shared.snapshots, shared.control, "snapshots")
+        reader = RingReader(shared.rows, shared.control, "rows")
         pause = _PEERS if self.peers else _WATCH
         next_look = next_figures = 0.0
         while thread.is_alive():
@@ -184,17 +189,18 @@ class RealtimeRun:
                 next_look = now + _WATCH
                 news = self.line.watch(control)
                 if news:
-                    seconds = int(control.tick) * self.bench.step
+                    seconds = int(control.tick) * self.config.step
                     self.say(f"{seconds:.3f} s: {self.line.name} {news}")
             if now >= next_figures:
                 next_figures = now + _FIGURES
-                shared.timing[:] = self.timing().on_bus()
+                timing = self.timing().on_bus()
+                post(shared.box[0], timing._fields[0], timing)
             if self.watch is not None:
                 for row in reader.take():
-                    self.watch(Snapshot(*row.tolist()))
+                    self.watch(row)
             for peer in self.peers:
-                peer.poll(int(control.tick) * self.bench.step_ns)
+                peer.poll(int(control.tick) * self.config.step_ns)
             thread.join(pause)
         if self.watch is not None:
             for row in reader.take():
-                self.watch(Snapshot(*row.tolist()))
+                self.watch(row)

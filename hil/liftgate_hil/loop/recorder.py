@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_hil.codec.frames import Frames
-from liftgate_hil.snapshot import Snapshot
 
 
 class Recorder(Protocol):
     """Takes what happened, a format what it can hold. Closing it completes the file."""
 
-    def write_snapshot(self, snapshot: Snapshot) -> None:
-        """A tick."""
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Ticks (n, ROW_WIDTH), in the order of signals.COLUMNS."""
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
         """Frames on the bus, either way, with the time of each [s since the run's start]."""

@@ -13,16 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import LOGGED
-from liftgate_hil.codec.quantities import TIMING
+from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.loop.row import write_row
+from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.stimuli.mailbox import BOX
+from liftgate_plant.compiler import compilable
+from liftgate_plant.signals import Sensed, Truth
 
 CONTROL = np.dtype(
     [
         ("stop", "i8"),  # written by the outside: 1 ends the run
         ("epoch_ns", "i8"),  # CLOCK_REALTIME at model time 0, written before the first tick
-        ("snapshots", "i8"),  # rows written so far
+        ("rows", "i8"),  # written so far
         ("frames", "i8"),
         ("tick", "i8"),  # plant steps done
         ("overruns", "i8"),  # periods skipped
@@ -45,10 +48,41 @@ class Shared(NamedTuple):
     """The loop's side of it, all arrays."""
 
     control: Any  # (1,) CONTROL
-    snapshots: NDArray[np.float64]  # (rows, columns of Snapshot)
+    rows: NDArray[np.float64]  # (rows, ROW_WIDTH): truth and what was sensed
     frames: Any  # (rows,) LOGGED
     histograms: NDArray[np.int64]  # (3, BINS): LATENESS, EXECUTION, DELAY
-    timing: NDArray[np.float64]  # quantiles of these for the bus, in the order of quantities.TIMING
+    box: Any  # (1,) mailbox.BOX: what is posted into the loop
+
+
+@compilable
+def note_frames(
+    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
+) -> None:
+    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
+    control = shared.control[0]
+    ring = shared.frames
+    at = control.frames
+    bits = 0
+    for i in range(frames.count):
+        row = ring[at % len(ring)]
+        length = int(frames.lengths[i])
+        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
+        row.identifier = frames.identifiers[i]
+        row.length = length
+        for k in range(length):
+            row.payload[k] = frames.data[i, k]
+        bits += bits_of(frames.identifiers[i], length)
+        at += 1
+    control.bits += bits
+    control.frames = at
+
+
+@compilable
+def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> None:
+    """Put a tick's row into the ring."""
+    control = shared.control[0]
+    write_row(shared.rows[control.rows % len(shared.rows)], truth, sensed)
+    control.rows += 1
 
 
 class Memory:
@@ -58,10 +92,10 @@ class Memory:
         self.sizes = (rows, frames)
         parts: list[tuple[Any, tuple[int, ...]]] = [
             (CONTROL, (1,)),
-            (np.dtype("f8"), (rows, len(Snapshot._fields))),
+            (np.dtype("f8"), (rows, ROW_WIDTH)),
             (LOGGED, (frames,)),
             (np.dtype("i8"), (3, BINS)),
-            (np.dtype("f8"), (len(TIMING),)),
+            (BOX, (1,)),
         ]
         sizes = [-(-kind.itemsize * int(np.prod(shape)) // 64) * 64 for kind, shape in parts]
         if descriptor is None:

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
+from liftgate_hil import signals
 from liftgate_hil.codec.frames import Frames, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, rejected
 from liftgate_hil.loop.histogram import NOTHING, Distribution
@@ -44,14 +45,20 @@ class Timing(NamedTuple):
     execution: Distribution = NOTHING  # of one tick
     delay: Distribution = NOTHING  # from a command on the bus to the first feedback that shows it
 
-    def on_bus(self) -> list[float]:
-        """In the order of quantities.TIMING; NaN where there is no figure."""
+    def on_bus(self) -> signals.Timing:
+        """The same as the bus tells it; NaN where there is no figure."""
         late, took, delay = self
-        return [
-            late.p50_us, late.p99_us, late.p999_us, late.max_us,
-            took.p50_us, took.max_us,
-            delay.p50_us, delay.max_us, force_of(delay.max_us),
-        ]  # fmt: skip
+        return signals.Timing(
+            lateness_p50=late.p50_us,
+            lateness_p99=late.p99_us,
+            lateness_p999=late.p999_us,
+            lateness_max=late.max_us,
+            execution_p50=took.p50_us,
+            execution_max=took.max_us,
+            command_delay_p50=delay.p50_us,
+            command_delay_max=delay.max_us,
+            command_delay_force=force_of(delay.max_us),
+        )
 
 
 NO_TIMING = Timing()

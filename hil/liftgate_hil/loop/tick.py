@@ -1,23 +1,24 @@
-"""One tick: frames in, one plant step (more where periods were skipped), frames and a snapshot out.
+"""One tick: frames in, one plant step, frames out, and the rows of what is so and of what was sensed.
 
-A pure function: no I/O, no clock, and its arguments are left as they were. Real time, free running and lockstep
-all call this one.
+State in, state out: no I/O, no clock, no memory that others write. What a codec remembers lies in arrays of the
+state that are written in place, so that compiled loops allocate nothing and count no references; `copied` gives a
+state of one's own. Real time, the Python loop, lockstep and the episode all call this one.
 
     frames → receive → Command ┐
-              scenario → Load ─┤→ plant step → sensors → transmit → frames
-                                       └→ Snapshot
+            outside → Load ────┤→ plant step → sensors → transmit → frames
+                               └→ Truth, Sensed
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames
-from liftgate_hil.codec.quantities import INPUTS, TIMING
+from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import (
     NO_COUNTS,
     Counts,
@@ -28,19 +29,18 @@ from liftgate_hil.codec.receive import (
     rejected,
 )
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import transmit
-from liftgate_hil.snapshot import Snapshot
-from liftgate_hil.stimuli.timeline import NOT_ARMED, ObstacleArming, Timeline, load_at, present
+from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
+from liftgate_hil.signals import IN, INPUT_COUNT, OUTPUT_COUNT, Status
+from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
+from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from liftgate_plant.compiler import compilable
-from liftgate_plant.dynamics import Inputs, Load, Outputs, Plant, State
+from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.sensors import Sensed, Sensors, SensorState
-
-# Rows of Reception.values, in the order of quantities.INPUTS.
-LEFT_DUTY, RIGHT_DUTY, LEFT_DIRECTION, RIGHT_DIRECTION, LATCH_RELEASE = 0, 1, 2, 3, 4
-OBSTACLE_ANGLE, OBSTACLE_RATE, ROAD_SLOPE, SUPPLY_VOLTAGE, HAND_FORCE = 5, 6, 7, 8, 9
+from liftgate_plant.rows import overlaid, truth_of, value_or
+from liftgate_plant.sensors import Sensors, SensorState
+from liftgate_plant.signals import Sensed, Surroundings, Truth
 
 WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
@@ -51,7 +51,6 @@ class LoopConfig(NamedTuple):
     plant: Plant
     sensors: Sensors
     load: Load  # as the vehicle file has it
-    timeline: Timeline  # what the scenario does to it
     inputs: BusConfig
     outputs: BusConfig
     signed_left: int  # 1: the duty's sign is the direction
@@ -61,6 +60,7 @@ class LoopConfig(NamedTuple):
     step: float  # s
     step_ns: int
     seed: int
+    nothing: Frames  # no frames
 
 
 class LoopState(NamedTuple):
@@ -68,32 +68,51 @@ class LoopState(NamedTuple):
 
     plant: State
     sensors: SensorState
-    arming: ObstacleArming  # of the obstacle
+    arming: ObstacleArming
     reception: Reception
     counts: Counts
-    sent: NDArray[np.int64]  # frames sent, per message
+    transmission: Transmission
     tick: int  # plant steps done
-    overruns: int  # periods skipped
     timeouts: int  # times a command went stale
-    timing: NDArray[
-        np.float64
-    ]  # what the clock around the tick says of itself, as in quantities.TIMING
 
 
-def initial_loop(bench: LoopConfig, plant_state: State) -> LoopState:
+def initial_loop(config: LoopConfig, plant_state: State) -> LoopState:
     """Before the first tick."""
     return LoopState(
-        plant_state,
-        sensors.initial_sensors(bench.sensors, plant_state),
-        NOT_ARMED,
-        nothing_received(bench.inputs, len(INPUTS)),
-        NO_COUNTS,
-        np.zeros(len(bench.outputs.messages), dtype=np.int64),
-        0,
-        0,
-        0,
-        np.full(len(TIMING), np.nan),
+        plant=plant_state,
+        sensors=sensors.initial_sensors(config.sensors, plant_state),
+        arming=NOT_ARMED,
+        reception=nothing_received(config.inputs, INPUT_COUNT),
+        counts=NO_COUNTS,
+        transmission=first_transmission(config.outputs, OUTPUT_COUNT),
+        tick=0,
+        timeouts=0,
     )
+
+
+def copied(state: LoopState) -> LoopState:
+    """The same state with arrays of its own."""
+    return copy.deepcopy(state)
+
+
+@compilable
+def with_arrays(state: LoopState, owner: LoopState) -> LoopState:
+    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
+    return LoopState(
+        plant=state.plant,
+        sensors=state.sensors,
+        arming=state.arming,
+        reception=owner.reception,
+        counts=state.counts,
+        transmission=owner.transmission,
+        tick=state.tick,
+        timeouts=state.timeouts,
+    )
+
+
+def no_frames() -> Frames:
+    """What a tick gets when nothing has come."""
+    return empty_frames(0)
 
 
 @compilable
@@ -111,56 +130,61 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 
 @compilable
-def surroundings(
-    bench: LoopConfig,
-    values: NDArray[np.float64],
-    opening: bool,
-    time: float,
-    arming: ObstacleArming,
-    angle: float,
-) -> tuple[ObstacleArming, Load]:
-    """The scenario's surroundings, replaced by what a test bench's panel says."""
-    load = load_at(bench.timeline, bench.load, time)
-    obstacle = load.obstacle
-    if not np.isnan(values[OBSTACLE_RATE]) and not np.isnan(values[OBSTACLE_ANGLE]):
-        obstacle = Obstacle(
-            math.radians(values[OBSTACLE_ANGLE]),
-            bench.obstacle_distance,
-            1000.0 * values[OBSTACLE_RATE],
-            0.0,
-            0.0,
-            1.0,
-        )
-    slope = values[ROAD_SLOPE]
-    voltage = values[SUPPLY_VOLTAGE]
-    hand = values[HAND_FORCE]
-    released = values[LATCH_RELEASE]
-    if bench.latch_mapped == 0:
-        released = 1.0 if opening else 0.0
-    arming, obstacle = present(arming, obstacle, angle)
-    return arming, Load(
-        load.source_voltage if np.isnan(voltage) else float(voltage),
-        load.road_slope if np.isnan(slope) else math.radians(slope),
-        load.ambient_temperature,
-        load.wind_pressure,
-        load.snow_mass,
-        load.hand_force if np.isnan(hand) else float(hand),
-        load.measured_torque,
-        0.0 if np.isnan(released) else float(released),
-        obstacle,
+def panel_obstacle(config: LoopConfig, values: NDArray[np.float64], below: Obstacle) -> Obstacle:
+    """The rod that a panel has set, or the obstacle below it."""
+    rate, angle = values[IN.obstacle_rate], values[IN.obstacle_angle]
+    if np.isnan(rate) or np.isnan(angle):
+        return below
+    return Obstacle(
+        angle=math.radians(angle),
+        distance=config.obstacle_distance,
+        stiffness=1000.0 * rate,
+        damping=0.0,
+        gap=0.0,
+        direction=1.0,
     )
 
 
 @compilable
+def surroundings(
+    config: LoopConfig,
+    values: NDArray[np.float64],
+    outside: Outside,
+    opening: bool,
+    arming: ObstacleArming,
+    angle: float,
+) -> tuple[ObstacleArming, Load]:
+    """The vehicle's surroundings, and over them the scenario's, the panel's, and what was posted."""
+    panel = Surroundings(
+        supply_voltage_v=values[IN.supply_voltage],
+        road_slope_deg=values[IN.road_slope],
+        ambient_temperature_degc=values[IN.ambient_temperature],
+        wind_pressure_pa=values[IN.wind_pressure],
+        snow_mass_kg=values[IN.snow_mass],
+        hand_force_n=values[IN.hand_force],
+        external_torque_nm=values[IN.external_torque],
+    )
+    load = overlaid(overlaid(overlaid(config.load, outside.profiles), panel), outside.posted)
+    obstacle = panel_obstacle(config, values, outside.obstacle)
+    if not np.isnan(outside.posted_obstacle.stiffness):
+        obstacle = outside.posted_obstacle
+    released = value_or(values[IN.latch_release], 0.0)
+    if config.latch_mapped == 0:
+        released = 1.0 if opening else 0.0
+    arming, obstacle = armed(arming, obstacle, angle)
+    return arming, dynamics.with_latch(dynamics.with_obstacle(load, obstacle), released)
+
+
+@compilable
 def command(
-    bench: LoopConfig, values: NDArray[np.float64], stop: bool
+    config: LoopConfig, values: NDArray[np.float64], stop: bool
 ) -> tuple[DriveInput, DriveInput]:
     """What both motors get."""
     if stop:
         return drive_input(COAST, 0.0), drive_input(COAST, 0.0)
     return (
-        bridge_command(values[LEFT_DUTY], values[LEFT_DIRECTION], bench.signed_left),
-        bridge_command(values[RIGHT_DUTY], values[RIGHT_DIRECTION], bench.signed_right),
+        bridge_command(values[IN.left_duty], values[IN.left_direction], config.signed_left),
+        bridge_command(values[IN.right_duty], values[IN.right_direction], config.signed_right),
     )
 
 
@@ -169,156 +193,75 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
     """What the emulator says of itself."""
     if stop:
         return STOPPED
-    if not np.isnan(reception.values[LEFT_DUTY]):
+    if not np.isnan(reception.values[IN.left_duty]):
         return RUNNING
     return TIMEOUT if timeouts > 0 else WAITING
 
 
 @compilable
-def bus_values(
-    sensed: Sensed,
-    pinch_force: float,
-    overruns: int,
-    timeouts: int,
-    refused: int,
-    state: int,
-    timing: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """The outputs, in the order of quantities.OUTPUTS."""
-    left_a, left_b = sensors.hall_signals(sensed.left_count)
-    right_a, right_b = sensors.hall_signals(sensed.right_count)
-    shown = (
-        sensed.left_current,
-        sensed.right_current,
-        float(sensed.left_count),
-        float(sensed.right_count),
-        float(sensed.left_hall_speed),
-        float(sensed.right_hall_speed),
-        sensed.gate_angle_deg,
-        sensed.latched,
-        sensed.terminal_voltage,
-        sensed.ambient_temperature,
-        sensed.left_motor_temperature,
-        sensed.right_motor_temperature,
-        sensed.road_slope_deg,
-        sensed.gate_acceleration,
-        pinch_force,
-        float(overruns),
-        float(timeouts),
-        float(refused),
-        float(state),
-        timing[0],
-        timing[1],
-        timing[2],
-        timing[3],
-        timing[4],
-        timing[5],
-        timing[6],
-        timing[7],
-        timing[8],
-        float(left_a),
-        float(left_b),
-        float(right_a),
-        float(right_b),
-    )
-    values = np.empty(len(shown))  # numba would make a list first for np.array
-    for i in range(len(shown)):
-        values[i] = shown[i]
-    return values
-
-
-@compilable
-def snapshot_of(
-    bench: LoopConfig, time: float, state: State, inputs: Inputs, shown: Outputs
-) -> Snapshot:
-    """The row of a recording."""
-    degrees = 180.0 / math.pi
-    left, right, load = state.left, state.right, inputs.load
-    return Snapshot(
-        time,
-        shown.left_voltage,
-        left.current,
-        left.speed,
-        left.position,
-        float(sensors.hall_count(bench.sensors, left.position)),
-        shown.left_force,
-        shown.right_voltage,
-        right.current,
-        right.speed,
-        right.position,
-        float(sensors.hall_count(bench.sensors, right.position)),
-        shown.right_force,
-        state.gate_angle * degrees,
-        state.gate_rate * degrees,
-        shown.pinch_force,
-        shown.terminal_voltage,
-        inputs.left.duty,
-        inputs.right.duty,
-        inputs.left.coast,
-        inputs.right.coast,
-        state.latched,
-        load.source_voltage,
-        load.road_slope * degrees,
-        load.hand_force,
-        left.winding_temperature,
-        right.winding_temperature,
-    )
+def line_up(
+    values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside
+) -> None:
+    """Fill the values of all outputs (OUTPUT_COUNT,): the rows of the catalogue, one after the other."""
+    at = 0
+    for i in range(len(sensed)):
+        values[at + i] = sensed[i]
+    at += len(sensed)
+    for i in range(len(truth)):
+        values[at + i] = truth[i]
+    at += len(truth)
+    for i in range(len(status)):
+        values[at + i] = status[i]
+    at += len(status)
+    for i in range(len(outside.timing)):
+        values[at + i] = outside.timing[i]
 
 
 @compilable
 def tick(
-    bench: LoopConfig, state: LoopState, frames: Frames, steps: int, stop: bool
-) -> tuple[LoopState, Frames, Snapshot]:
-    """Advance by `steps` plant steps with the frames that have come; `stop` turns the motors off and
-    sends every message once more.
+    config: LoopConfig, state: LoopState, frames: Frames, outside: Outside
+) -> tuple[LoopState, Frames, Truth, Sensed]:
+    """Advance by one plant step with the frames that have come and what acts from outside.
+
+    The frames that it gives are good until the next tick.
     """
-    since_ns = state.tick * bench.step_ns
-    reception, counts = receive(bench.inputs, state.reception, state.counts, frames, since_ns)
-    timeouts = state.timeouts
-    plant_state, memory, arming = state.plant, state.sensors, state.arming
-    done = state.tick
-    while True:
-        reception, stale = forget_stale(bench.inputs, reception, done * bench.step_ns)
-        timeouts += stale
-        left, right = command(bench, reception.values, stop)
-        opening = left.duty > 0.0 or right.duty > 0.0
-        angle = plant_state.gate_angle
-        time = done * bench.step
-        arming, load = surroundings(bench, reception.values, opening, time, arming, angle)
-        inputs = Inputs(left, right, load)
-        plant_state = integrate.step(bench.plant, plant_state, inputs, bench.step)
-        done += 1
-        shown = dynamics.outputs(bench.plant, plant_state, inputs)
-        memory, sensed = sensors.sense(
-            bench.sensors, bench.plant, plant_state, inputs, shown, memory,
-            bench.seed, done, bench.step,
-        )  # fmt: skip
-        if done - state.tick >= steps:
-            break
-    overruns = state.overruns + steps - 1
-    values = bus_values(
-        sensed,
-        shown.pinch_force,
-        overruns,
-        timeouts,
-        rejected(counts),
-        emulator_state(reception, timeouts, stop),
-        state.timing,
+    start_ns = state.tick * config.step_ns
+    reception, transmission = state.reception, state.transmission
+    counts = receive(config.inputs, reception, state.counts, frames, start_ns)
+    timeouts = state.timeouts + forget_stale(config.inputs, reception, start_ns)
+    left, right = command(config, reception.values, outside.is_stop)
+    opening = left.duty > 0.0 or right.duty > 0.0
+    arming, load = surroundings(
+        config, reception.values, outside, opening, state.arming, state.plant.gate_angle
     )
-    replies, sent = transmit(
-        bench.outputs, values, state.sent, since_ns, done * bench.step_ns, stop
-    )
+    inputs = Inputs(left, right, load)
+    plant_state = integrate.step(config.plant, state.plant, inputs, config.step)
+    done = state.tick + 1
+    shown = dynamics.outputs(config.plant, plant_state, inputs)
+    memory, sensed = sensors.sense(
+        config.sensors, config.plant, plant_state, inputs, shown, state.sensors,
+        config.seed, done, config.step,
+    )  # fmt: skip
+    truth = truth_of(config.sensors, done * config.step, plant_state, inputs, shown)
+    replies = config.nothing
+    end_ns = done * config.step_ns
+    if is_due(transmission, end_ns, outside.is_silent, outside.is_stop):
+        status = Status(
+            tick_overruns=float(outside.ticks_missed),
+            command_timeouts=float(timeouts),
+            rejected_frames=float(rejected(counts)),
+            emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
+        )
+        line_up(transmission.values, sensed, truth, status, outside)
+        replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)
     after = LoopState(
-        plant_state,
-        memory,
-        arming,
-        reception,
-        counts,
-        sent,
-        done,
-        overruns,
-        timeouts,
-        state.timing,
+        plant=plant_state,
+        sensors=memory,
+        arming=arming,
+        reception=reception,
+        counts=counts,
+        transmission=transmission,
+        tick=done,
+        timeouts=timeouts,
     )
-    shown_row = snapshot_of(bench, done * bench.step, plant_state, inputs, shown)
-    return after, replies, shown_row
+    return after, replies, truth, sensed

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec import quantities
 from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.receive import Counts, rejected
@@ -24,21 +23,17 @@ from liftgate_hil.loop.tick import bridge_command
 from liftgate_hil.measurement.log_frames import read_frames
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.walk import events_in
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PROFILES, Command
+from liftgate_plant.signals import Sensed, Signal, bus_name, signals_of
 
 # Our column of a quantity that is one by itself.
-_PANEL = {
-    "supply_voltage": "supply_voltage_v",
-    "road_slope": "road_slope_deg",
-    "hand_force": "hand_force_n",
-}
+_PANEL = {bus_name(column, signal): column for column, signal in PROFILES.items()}
 _SENSED = {
-    "left_current": "left_current_a",
-    "right_current": "right_current_a",
-    "left_hall_count": "left_hall_count",
-    "right_hall_count": "right_hall_count",
-    "gate_angle": "gate_angle_deg",
+    bus_name(column, signal): column
+    for column, signal in signals_of(Sensed).items()
+    if column in OUTPUTS
 }
-_COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
+_COMMANDS = Command._fields
 _SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
 
@@ -75,10 +70,8 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)
-    given, counts = _tracks(rig.input_config(), quantities.INPUTS, frames, times)
-    sensed, sensor_counts = _tracks(
-        rig.output_config(sending=False), quantities.OUTPUTS, frames, times
-    )
+    given, counts = _tracks(rig.input_config(), BUS_INPUTS, frames, times)
+    sensed, sensor_counts = _tracks(rig.output_config(sending=False), BUS_OUTPUTS, frames, times)
     sensed = {name: track.without_stale() for name, track in sensed.items()}
     _check_content(path, rig, given, sensed, _add(counts, sensor_counts))
     marks = np.unique(np.concatenate([t.times for t in (*given.values(), *sensed.values())]))
@@ -135,7 +128,7 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
 
 def _tracks(
     layout: BusConfig,
-    names: Mapping[str, quantities.BusQuantity],
+    names: Mapping[str, Signal],
     frames: Frames,
     times: NDArray[np.int64],
 ) -> tuple[dict[str, Track], Counts]:
@@ -207,7 +200,8 @@ def _check_content(
 def _check_ranges(path: Path, columns: Mapping[str, Floats]) -> None:
     issues = []
     for name, values in columns.items():
-        low, high = {**INPUTS, **OUTPUTS}[name]
+        signal = {**INPUTS, **OUTPUTS}[name]
+        low, high = signal.low, signal.high
         bad = np.flatnonzero((values < low) | (values > high))
         if len(bad):
             issues.append(

@@ -62,11 +62,13 @@ def _soundness(measurement: Measurement) -> list[str]:
         row = int(np.argmin(np.append(np.diff(measurement.times) > 0.0, False))) + 2
         issues.append(f"time_s: row {row}; allowed: finite and rising")
     for name, values in measurement.columns.items():
-        low, high = {**INPUTS, **OUTPUTS}[name]
+        signal = {**INPUTS, **OUTPUTS}[name]
         bad = ~np.isfinite(values) if name in INPUTS else np.isinf(values)
         if np.any(bad):
             row = int(np.argmax(bad))
-            issues.append(f"{name}: {values[row]} in row {row + 1}; allowed: {low:g} to {high:g}")
+            issues.append(
+                f"{name}: {values[row]} in row {row + 1}; allowed: {signal.low:g} to {signal.high:g}"
+            )
         samples = int(np.sum(np.isfinite(values)))
         if name in OUTPUTS and samples < MIN_ROWS <= rows:
             issues.append(f"{name}: {samples} samples; allowed: {MIN_ROWS} or more")

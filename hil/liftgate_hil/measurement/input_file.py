@@ -10,21 +10,19 @@ import numpy as np
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.read import open_columns
 from liftgate_hil.measurement.table import time_issue
+from liftgate_hil.signals import INPUT_SIGNALS
 from liftgate_hil.stimuli.samples import Floats, Samples
 
-# Column of an input file, the rows of the step's inputs that it fills, and its allowed range.
-_COLUMNS: dict[str, tuple[tuple[str, ...], float, float]] = {
-    "voltage_v": (("left_voltage", "right_voltage"), -1000.0, 1000.0),
-    "left_voltage_v": (("left_voltage",), -1000.0, 1000.0),
-    "right_voltage_v": (("right_voltage",), -1000.0, 1000.0),
-    "left_duty": (("left_duty",), -1.0, 1.0),
-    "right_duty": (("right_duty",), -1.0, 1.0),
-    "left_coast": (("left_coast",), 0.0, 1.0),
-    "right_coast": (("right_coast",), 0.0, 1.0),
-    "supply_voltage_v": (("supply_voltage",), 0.0, 1000.0),
-    "road_slope_deg": (("road_slope",), -45.0, 45.0),
-    "hand_force_n": (("hand_force",), -1e5, 1e5),
+# Column of an input file, and the columns of the step's inputs that it fills.
+_FILLS: dict[str, tuple[str, ...]] = {
+    "voltage_v": ("left_voltage_v", "right_voltage_v"),
+    **{name: (name,) for name in INPUT_SIGNALS},
 }
+
+
+def _range_of(name: str) -> tuple[float, float]:
+    signal = INPUT_SIGNALS[_FILLS[name][0]]
+    return signal.low, signal.high
 
 
 def read_samples(path: Path) -> Samples:
@@ -32,12 +30,12 @@ def read_samples(path: Path) -> Samples:
     file = open_columns(path)
     issues: list[str] = []
     # A recording of ours is an input too; its output columns are not for us.
-    used = [name for name in file.names if name in _COLUMNS]
+    used = [name for name in file.names if name in _FILLS]
     by_rows = file.sample == "row"
     if by_rows and "time_s" not in file.names:
         issues.append(f"{path}: time_s: missing; allowed: a column of seconds")
     if not used:
-        issues.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_COLUMNS])}")
+        issues.append(f"{path}: no input column; allowed: {', '.join(['time_s', *_FILLS])}")
     issues += _clashes(path, used)
     wanted = [
         name for name in ("time_s", *used) if name in file.names and (by_rows or name in used)
@@ -55,16 +53,14 @@ def read_samples(path: Path) -> Samples:
         raise ConfigError(issues)
     own = [each.times for each in series.values() if each.times is not None]
     times = series["time_s"].values if by_rows else np.unique(np.concatenate(own))
-    values: dict[str, Floats] = {}
+    columns: dict[str, Floats] = {}
     for name in used:
         held = series[name].values
         at = series[name].times
         if at is not None:
             held = held[np.maximum(np.searchsorted(at, times, side="right") - 1, 0)]
-        factor = np.pi / 180.0 if name.endswith("_deg") else 1.0
-        for row_name in _COLUMNS[name][0]:
-            values[row_name] = held * factor
-    return Samples(times, values)
+        columns |= dict.fromkeys(_FILLS[name], held)
+    return Samples(times, columns)
 
 
 def _clashes(path: Path, used: Sequence[str]) -> list[str]:
@@ -79,7 +75,7 @@ def _clashes(path: Path, used: Sequence[str]) -> list[str]:
 
 
 def _range_issues(path: Path, name: str, values: Floats, word: str) -> list[str]:
-    _, low, high = _COLUMNS[name]
+    low, high = _range_of(name)
     bad = np.flatnonzero(~((values >= low) & (values <= high)))
     if len(bad) == 0:
         return []

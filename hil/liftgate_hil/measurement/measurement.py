@@ -8,33 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.signals import COLUMNS, INPUT_SIGNALS
+from liftgate_plant.signals import Signal
+
 Floats = NDArray[np.float64]
 
-# Column: lowest and highest value allowed. Inputs hold from their row to the next one.
-INPUTS: Mapping[str, tuple[float, float]] = {
-    "left_voltage_v": (-1000.0, 1000.0),
-    "right_voltage_v": (-1000.0, 1000.0),
-    "left_duty": (-1.0, 1.0),
-    "right_duty": (-1.0, 1.0),
-    "left_coast": (0.0, 1.0),
-    "right_coast": (0.0, 1.0),
-    "supply_voltage_v": (0.0, 1000.0),
-    "road_slope_deg": (-45.0, 45.0),
-    "hand_force_n": (-1e5, 1e5),
-    "ambient_temperature_degc": (-60.0, 150.0),
-    "latch_released": (0.0, 1.0),
-}
-OUTPUTS: Mapping[str, tuple[float, float]] = {
-    "left_current_a": (-1e4, 1e4),
-    "right_current_a": (-1e4, 1e4),
-    "left_speed_rps": (-1e5, 1e5),
-    "right_speed_rps": (-1e5, 1e5),
-    "left_position_rev": (-1e9, 1e9),
-    "right_position_rev": (-1e9, 1e9),
-    "left_hall_count": (-1e12, 1e12),
-    "right_hall_count": (-1e12, 1e12),
-    "gate_angle_deg": (-360.0, 360.0),
-}
+# Inputs hold from their row to the next one.
+INPUTS: Mapping[str, Signal] = INPUT_SIGNALS
+OUTPUTS: Mapping[str, Signal] = {
+    name: COLUMNS[name]
+    for name in (
+        *(f"{side}_{what}" for what in ("current_a", "speed_rps", "position_rev", "hall_count")
+          for side in ("left", "right")),
+        "gate_angle_deg",
+    )
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from liftgate_hil.measurement.series import Columns, Series
 from liftgate_hil.measurement.units import allowed_units, conversion, near_miss
 
 SIDES = ("left", "right")
-RANGES = {**INPUTS, **OUTPUTS, "voltage_v": INPUTS["left_voltage_v"]}
+SIGNALS = {**INPUTS, **OUTPUTS, "voltage_v": INPUTS["left_voltage_v"]}
 _KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
 # What only a recording of the emulator has; there the voltages come from duty and supply.
 RECORDED = ("left_coast", "latched")
@@ -158,7 +158,7 @@ def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap)
 def _check_range(reading: _Reading, ours: str, series: Series) -> None:
     if ours == "time_s":
         return
-    low, high = RANGES[ours]
+    low, high = SIGNALS[ours].low, SIGNALS[ours].high
     values = series.values
     bad = np.flatnonzero((values < low) | (values > high))
     if len(bad):

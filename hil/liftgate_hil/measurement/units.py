@@ -34,6 +34,9 @@ _POSITION = {
 _ANGLE = {**_factors(deg=1.0, rad=360.0 / _TURN, mrad=0.36 / _TURN), "°": (1.0, 0.0)}
 _COUNT = {**_factors(count=1.0, counts=1.0), **_SAME}
 _FORCE = _factors(N=1.0, kN=1e3)
+_TORQUE = {**_factors(Nm=1.0, mNm=1e-3), "N m": (1.0, 0.0), "N·m": (1.0, 0.0)}
+_PRESSURE = _factors(Pa=1.0, hPa=1e2, kPa=1e3, mbar=1e2)
+_MASS = _factors(kg=1.0, g=1e-3)
 _TEMPERATURE = {
     "degC": (1.0, 0.0),
     "°C": (1.0, 0.0),
@@ -58,6 +61,9 @@ _ENDINGS: Mapping[str, Mapping[str, Conversion]] = {
     "_degc": _TEMPERATURE,
     "_deg": _ANGLE,
     "_n": _FORCE,
+    "_nm": _TORQUE,
+    "_pa": _PRESSURE,
+    "_kg": _MASS,
 }
 
 

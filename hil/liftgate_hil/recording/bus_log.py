@@ -9,9 +9,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames
 from liftgate_hil.errors import TransportError
-from liftgate_hil.snapshot import Snapshot
 
 CONVERTED = (".asc", ".blf", ".mf4", ".trc")
 
@@ -44,7 +46,7 @@ class CandumpRecorder:
         self._epoch = epoch
         self._stream = path.open("w", encoding="ascii", newline="")
 
-    def write_snapshot(self, snapshot: Snapshot) -> None:
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
@@ -70,7 +72,7 @@ class ConvertedRecorder:
         self._log = path.with_name(path.name + ".log")
         self._live = CandumpRecorder(self._log, channel, epoch)
 
-    def write_snapshot(self, snapshot: Snapshot) -> None:
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
@@ -92,7 +94,7 @@ class ConvertedRecorder:
 def convert(source: Path, target: Path) -> None:
     """Turn one bus log into another; the suffixes say the formats. Raises TransportError, and keeps the log."""
     done = subprocess.run(
-        [sys.executable, "-m", "can.logconvert", str(source), str(target)],
+        [sys.executable, "-P", "-m", "can.logconvert", str(source), str(target)],
         capture_output=True,
         text=True,
         check=False,

@@ -6,12 +6,14 @@ import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.recording.bus_log import CONVERTED, CandumpRecorder, ConvertedRecorder
 from liftgate_hil.recording.table import CsvRecorder
-from liftgate_hil.snapshot import Snapshot
 
 
 def check_record(name: str) -> Path:
@@ -41,9 +43,9 @@ class GuardedRecorder:
         self._recorder = recorder
         self.failure = ""
 
-    def write_snapshot(self, snapshot: Snapshot) -> None:
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""
-        self._try(self._recorder.write_snapshot, snapshot)
+        self._try(self._recorder.write_rows, rows)
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
         """See Recorder."""

@@ -24,7 +24,6 @@ from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.rings import Memory, RingReader
 from liftgate_hil.recording.open import GuardedRecorder, open_recorder
-from liftgate_hil.snapshot import Snapshot
 
 _PAUSE = 0.05  # s between two looks at the rings
 _READY = "ready"
@@ -52,7 +51,7 @@ class RecorderProcess:
         self._names = ", ".join(names)
         self._is_ready = False
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__, json.dumps(asdict(job))],
+            [sys.executable, "-P", "-m", __name__, json.dumps(asdict(job))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=[memory.descriptor],
@@ -98,7 +97,7 @@ class Writer:
 
     def __init__(self, memory: Memory, recorders: Sequence[Recorder]) -> None:
         shared = memory.shared
-        self._snapshots = RingReader(shared.snapshots, shared.control, "snapshots")
+        self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
         self._recorders = recorders
@@ -106,17 +105,17 @@ class Writer:
     @property
     def lost(self) -> int:
         """Rows that came and went between two looks."""
-        return self._snapshots.lost + self._frames.lost
+        return self._rows.lost + self._frames.lost
 
     def take(self) -> None:
         """Write what has come since the last time, down to the operating system."""
-        rows = self._snapshots.take()
+        rows = self._rows.take()
         logged = self._frames.take()
         frames = Frames(len(logged), logged["identifier"], logged["length"], logged["payload"])
         times = ((logged["time_ns"] + self._control["epoch_ns"]) * 1e-9).tolist()
         for recorder in self._recorders:
-            for row in rows:
-                recorder.write_snapshot(Snapshot(*row.tolist()))
+            if len(rows):
+                recorder.write_rows(rows)
             if frames.count:
                 recorder.write_frames(frames, times)
             recorder.flush()

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.recording.table import RowText
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
 Blocks = Iterable[NDArray[np.float64]]
 
@@ -26,42 +28,29 @@ def check_output(name: str) -> None:
         raise ConfigError(f"--output {name}: no folder {path.parent}; allowed: one that exists")
 
 
-def write_rows(
-    name: str, blocks: Blocks, names: Sequence[str], integers: Sequence[str], keep: Sequence[int]
-) -> None:
-    """Write the kept columns of all blocks."""
+def write_rows(name: str, blocks: Blocks, names: Sequence[str]) -> None:
+    """Write these columns of all blocks of rows (n, ROW_WIDTH)."""
     if name == "-":
-        _write_csv(sys.stdout, blocks, names, integers, keep)
+        _write_csv(sys.stdout, blocks, names)
         return
     try:
         if name.endswith(".mf4"):
-            _write_mf4(name, blocks, names, keep)
+            _write_mf4(name, blocks, names)
             return
         with Path(name).open("w", encoding="ascii", newline="") as stream:
-            _write_csv(stream, blocks, names, integers, keep)
+            _write_csv(stream, blocks, names)
     except OSError as error:
         raise ConfigError(f"--output {name}: cannot be written: {error.strerror}") from error
 
 
-def _write_csv(
-    stream: TextIO,
-    blocks: Blocks,
-    names: Sequence[str],
-    integers: Sequence[str],
-    keep: Sequence[int],
-) -> None:
-    stream.write(",".join(names[i] for i in keep) + "\n")
-    whole = [k for k, i in enumerate(keep) if names[i] in integers]
+def _write_csv(stream: TextIO, blocks: Blocks, names: Sequence[str]) -> None:
+    text = RowText(names)
+    stream.write(text.head)
     for rows in blocks:
-        lines = []
-        for row in rows[:, keep].tolist():
-            for k in whole:
-                row[k] = int(row[k])
-            lines.append(",".join(map(repr, row)))
-        stream.write("\n".join(lines) + "\n" if lines else "")
+        stream.write(text.lines(rows))
 
 
-def _write_mf4(name: str, blocks: Blocks, names: Sequence[str], keep: Sequence[int]) -> None:
+def _write_mf4(name: str, blocks: Blocks, names: Sequence[str]) -> None:
     try:
         from asammdf import MDF, Signal
     except ImportError as error:
@@ -69,17 +58,18 @@ def _write_mf4(name: str, blocks: Blocks, names: Sequence[str], keep: Sequence[i
             f"--output {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
         ) from error
     rows = np.concatenate(list(blocks))
+    times = np.ascontiguousarray(rows[:, COLUMN_PLACE["time_s"]])
     with MDF(version="4.10") as measurement:
         measurement.append(
             [
                 Signal(
-                    samples=np.ascontiguousarray(rows[:, i]),
-                    timestamps=np.ascontiguousarray(rows[:, 0]),
-                    name=names[i],
-                    unit=names[i].rpartition("_")[2],
+                    samples=np.ascontiguousarray(rows[:, COLUMN_PLACE[column]]),
+                    timestamps=times,
+                    name=column,
+                    unit=COLUMNS[column].suffix.removeprefix("_"),
                 )
-                for i in keep
-                if i
+                for column in names
+                if column != "time_s"
             ],
             comment="liftgate-hil simulate",
         )

@@ -2,42 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from liftgate_plant.rows import INPUT_COLUMNS
 
-ROWS = (
-    "left_voltage",
-    "right_voltage",
-    "left_duty",
-    "right_duty",
-    "supply_voltage",
-    "road_slope",
-    "hand_force",
-    "left_coast",
-    "right_coast",
-)
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Times (n,) and, per row of ROWS that the file has, values (n,); SI."""
+    """Times (n,) [s] and, per column of INPUT_COLUMNS that is known, values (n,)."""
 
     times: Floats
-    values: dict[str, Floats]
+    columns: Mapping[str, Floats]
 
-    def at(self, times: Floats, row: str) -> Floats:
-        """The row at these times, each sample held until the next; NaN before the first."""
-        if row not in self.values:
-            return np.full(len(times), np.nan)
+    def rows_at(self, times: Floats) -> Floats:
+        """Rows (m, 14) of INPUT_COLUMNS at these times; NaN before the first sample and where there is none."""
         index = np.searchsorted(self.times, times, side="right") - 1
-        return np.where(index >= 0, self.values[row][np.maximum(index, 0)], np.nan)
+        rows = np.full((len(times), len(INPUT_COLUMNS)), np.nan)
+        for place, name in enumerate(INPUT_COLUMNS):
+            if name in self.columns:
+                held = self.columns[name][np.maximum(index, 0)]
+                rows[:, place] = np.where(index >= 0, held, np.nan)
+        return rows
 
 
 def constant_voltage(volts: float) -> Samples:
     """A step of the motor voltage at time 0, on both drives."""
     value = np.array([volts])
-    return Samples(np.zeros(1), {"left_voltage": value, "right_voltage": value})
+    return Samples(np.zeros(1), {"left_voltage_v": value, "right_voltage_v": value})

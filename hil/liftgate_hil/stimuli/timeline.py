@@ -1,75 +1,93 @@
-"""What the surroundings do over time: a scenario's profiles and obstacles, as tables for the loop."""
+"""What happens around the gate over time: a scenario's profiles and obstacles, as tables for the loop."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import namedtuple
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_plant.compiler import compilable
-from liftgate_plant.dynamics import NO_OBSTACLE, Load
-from liftgate_plant.obstacle import Obstacle, depth
-
-# Quantities that a scenario can move, in the order of `Program.first`; the name in a file, and its unit there
-# as a factor to SI.
-CHANNELS: dict[str, float] = {
-    "supply_voltage_v": 1.0,
-    "road_slope_deg": np.pi / 180.0,
-    "ambient_temperature_degc": 1.0,
-    "wind_pressure_pa": 1.0,
-    "snow_mass_kg": 1.0,
-    "hand_force_n": 1.0,
-    "external_torque_nm": 1.0,
-}
-
+from liftgate_plant.dynamics import NO_OBSTACLE
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
 
 CHANNEL = np.dtype(
     [
         ("first", "i8"),  # row of the first knot
-        ("count", "i8"),  # knots; 0: the vehicle file's value holds
+        ("count", "i8"),  # knots; 0: the profile says nothing
         ("linear", "i8"),  # 1: straight lines between knots, 0: held
     ]
 )
+OBSTACLE = np.dtype([("start", "f8"), ("end", "f8"), *((name, "f8") for name in Obstacle._fields)])
+
+# Where each quantity's profile stands in `Timeline.channels`.
+_PLACES: Any = namedtuple("Channels", Surroundings._fields)(*range(len(Surroundings._fields)))
 
 
 class Timeline(NamedTuple):
-    """Profiles, a row a channel, and obstacles; SI, times in seconds."""
+    """Profiles in the units of files, a row a column of Surroundings, and obstacles in SI; times in seconds."""
 
-    channels: Any  # (channels,) CHANNEL
+    channels: Any  # (columns of Surroundings,) CHANNEL
     knots: NDArray[np.float64]  # (knots, 2): time, value
-    obstacles: NDArray[np.float64]  # (obstacles, 8): start, end, then Obstacle's fields
+    obstacles: Any  # (obstacles,) OBSTACLE
+
+
+class Profile(NamedTuple):
+    """A quantity over time: points (time, value), joined by straight lines or held."""
+
+    points: Sequence[tuple[float, float]]
+    is_linear: bool = True
+
+
+class TimedObstacle(NamedTuple):
+    """An obstacle and when it is there [s]."""
+
+    obstacle: Obstacle
+    start: float = 0.0
+    end: float = np.inf
 
 
 def timeline_of(
-    channels: Sequence[tuple[int, int, int]],
-    knots: Sequence[tuple[float, float]],
-    obstacles: Sequence[Sequence[float]],
+    profiles: Mapping[str, Profile], obstacles: Sequence[TimedObstacle] = ()
 ) -> Timeline:
-    """The tables of these rows."""
+    """The tables of profiles, by columns of Surroundings, and of obstacles."""
+    channels = np.zeros(len(Surroundings._fields), dtype=CHANNEL)
+    knots: list[tuple[float, float]] = []
+    for name, profile in profiles.items():
+        channel = channels[Surroundings._fields.index(name)]
+        channel["first"], channel["count"] = len(knots), len(profile.points)
+        channel["linear"] = int(profile.is_linear)
+        knots += profile.points
+    rows = np.zeros(len(obstacles), dtype=OBSTACLE)
+    for row, each in zip(rows, obstacles, strict=True):
+        row["start"], row["end"] = each.start, each.end
+        for name, value in each.obstacle._asdict().items():
+            row[name] = value
     return Timeline(
-        np.array(channels, dtype=CHANNEL).view(np.recarray),
+        channels.view(np.recarray),
         np.array(knots, dtype=np.float64).reshape(-1, 2),
-        np.array(obstacles, dtype=np.float64).reshape(-1, 8),
+        rows.view(np.recarray),
     )
 
 
 def no_timeline() -> Timeline:
-    """Nothing moves."""
-    return timeline_of([(0, 0, 0)] * len(CHANNELS), [], [])
+    """Nothing happens."""
+    return timeline_of({})
 
 
 @compilable
-def value_at(timeline: Timeline, channel: int, default: float, time: float) -> float:
-    """A channel's value; before its first knot the default, after its last knot the last value."""
-    profile = timeline.channels[channel]
+def value_at(timeline: Timeline, place: int, time: float) -> float:
+    """A profile's value; NaN before its first knot, after its last knot the last value."""
+    profile = timeline.channels[place]
     if profile.count == 0:
-        return default
+        return np.nan
     knots = timeline.knots
     low, high = profile.first, profile.first + profile.count - 1
     if time < knots[low, 0]:
-        return default
+        return np.nan
     if time >= knots[high, 0]:
         return float(knots[high, 1])
     while high - low > 1:
@@ -85,72 +103,32 @@ def value_at(timeline: Timeline, channel: int, default: float, time: float) -> f
 
 
 @compilable
-def obstacle_at(timeline: Timeline, default: Obstacle, time: float) -> Obstacle:
-    """The obstacle that is there; of several, the first in the file."""
+def profiles_at(timeline: Timeline, time: float) -> Surroundings:
+    """What the profiles say at a time [s]; NaN where there is none."""
+    return Surroundings(
+        supply_voltage_v=value_at(timeline, _PLACES.supply_voltage_v, time),
+        road_slope_deg=value_at(timeline, _PLACES.road_slope_deg, time),
+        ambient_temperature_degc=value_at(timeline, _PLACES.ambient_temperature_degc, time),
+        wind_pressure_pa=value_at(timeline, _PLACES.wind_pressure_pa, time),
+        snow_mass_kg=value_at(timeline, _PLACES.snow_mass_kg, time),
+        hand_force_n=value_at(timeline, _PLACES.hand_force_n, time),
+        external_torque_nm=value_at(timeline, _PLACES.external_torque_nm, time),
+    )
+
+
+@compilable
+def obstacle_at(timeline: Timeline, time: float) -> Obstacle:
+    """The obstacle that is there at a time [s]; of several, the first in the file."""
     table = timeline.obstacles
-    for row in range(table.shape[0]):
-        if table[row, 0] <= time < table[row, 1]:
+    for place in range(len(table)):
+        row = table[place]
+        if row.start <= time < row.end:
             return Obstacle(
-                float(table[row, 2]),
-                float(table[row, 3]),
-                float(table[row, 4]),
-                float(table[row, 5]),
-                float(table[row, 6]),
-                float(table[row, 7]),
+                angle=row.angle,
+                distance=row.distance,
+                stiffness=row.stiffness,
+                damping=row.damping,
+                gap=row.gap,
+                direction=row.direction,
             )
-    return default
-
-
-class ObstacleArming(NamedTuple):
-    """The obstacle as it was last, and whether the gate has been clear of it since it was put there."""
-
-    obstacle: Obstacle
-    clear: float
-
-
-NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
-
-
-@compilable
-def is_same_place(a: Obstacle, b: Obstacle) -> bool:
-    """Whether an obstacle has stayed where it was."""
-    return (
-        a.stiffness > 0.0
-        and a.angle == b.angle
-        and a.distance == b.distance
-        and a.gap == b.gap
-        and a.direction == b.direction
-    )
-
-
-@compilable
-def present(
-    arming: ObstacleArming, obstacle: Obstacle, angle: float
-) -> tuple[ObstacleArming, Obstacle]:
-    """The obstacle as the gate can meet it: one that is put where the gate already is (a rod under the
-    closed gate) is not in the way before the gate has been clear of it.
-    """
-    if obstacle.stiffness == 0.0:
-        return ObstacleArming(obstacle, 0.0), obstacle
-    clear = arming.clear if is_same_place(arming.obstacle, obstacle) else 0.0
-    if depth(obstacle, angle) <= 0.0:
-        clear = 1.0
-    if clear == 0.0:
-        return ObstacleArming(obstacle, 0.0), NO_OBSTACLE
-    return ObstacleArming(obstacle, 1.0), obstacle
-
-
-@compilable
-def load_at(timeline: Timeline, base: Load, time: float) -> Load:
-    """The surroundings at a time [s]."""
-    return Load(
-        value_at(timeline, 0, base.source_voltage, time),
-        value_at(timeline, 1, base.road_slope, time),
-        value_at(timeline, 2, base.ambient_temperature, time),
-        value_at(timeline, 3, base.wind_pressure, time),
-        value_at(timeline, 4, base.snow_mass, time),
-        value_at(timeline, 5, base.hand_force, time),
-        value_at(timeline, 6, base.measured_torque, time),
-        base.latch_released,
-        obstacle_at(timeline, base.obstacle, time),
-    )
+    return NO_OBSTACLE

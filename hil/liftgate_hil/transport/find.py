@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from typing import Any, NamedTuple
 
@@ -16,6 +15,17 @@ _MISSING = (
     "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
     "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or --serial PORT"
 )
+
+
+class WireChoice(NamedTuple):
+    """What the user said of the wire: a bus by one text or by python-can's own words, or a serial port."""
+
+    bus: str | None = None  # INTERFACE:CHANNEL[@BITRATE]
+    serial: str | None = None  # PORT[@BAUD]
+    interface: str | None = None
+    channel: str | None = None
+    bitrate: int | None = None  # bit/s
+    is_fd: bool = False
 
 
 class Way(NamedTuple):
@@ -34,16 +44,14 @@ class Way(NamedTuple):
         return math.nan if self.serial is not None else rig.bitrate
 
 
-def find_way(args: argparse.Namespace, rig: Rig) -> Way:
-    """What the flags of `commands.options.add_bus` mean. Raises ConfigError."""
-    if args.serial is None:
-        arguments = bus_arguments(args.bus, args.interface, args.channel, args.bitrate, rig)
-        return Way(arguments, None, rig.is_fd or args.fd)
-    given = (args.bus, args.interface, args.channel, args.bitrate, args.fd or None)
-    if any(value is not None for value in given):
+def find_way(choice: WireChoice, rig: Rig) -> Way:
+    """The wire that is meant. Raises ConfigError."""
+    if choice.serial is None:
+        return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
+    if choice._replace(serial=None) != WireChoice():
         raise ConfigError("--serial and --bus/-i/-c/-b/--fd: allowed: one or the other")
     check_serial(rig)
-    return Way(None, parse_serial(args.serial), rig.is_fd)
+    return Way(None, parse_serial(choice.serial), rig.is_fd)
 
 
 def open_transport(way: Way) -> Transport:
@@ -80,17 +88,14 @@ def check_serial(rig: Rig) -> None:
         raise ConfigError(issues)
 
 
-def bus_arguments(
-    bus: str | None,
-    interface: str | None,
-    channel: str | None,
-    bitrate: int | None,
-    rig: Rig,
-) -> dict[str, Any]:
-    """python-can's arguments, from `--bus`, from its own `-i -c -b`, or from its own configuration.
+def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
+    """python-can's arguments, from `bus`, from its own words, or from its own configuration.
 
     Raises ConfigError.
     """
+    bus, interface, channel, bitrate = (
+        choice.bus, choice.interface, choice.channel, choice.bitrate,
+    )  # fmt: skip
     if bus is not None:
         if interface is not None or channel is not None:
             raise ConfigError("--bus and -i/-c: allowed: one or the other")

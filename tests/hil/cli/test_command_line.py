@@ -9,12 +9,15 @@ import subprocess
 import sys
 import uuid
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
 import can
 import pytest
 
+import liftgate_hil
 from liftgate_hil.cli.main import COMMANDS, main
+from liftgate_hil.version import version
 
 ROOT = Path(__file__).parents[3]
 
@@ -311,6 +314,45 @@ def test_help_and_usage_errors_load_nothing_heavy(name: str):
         [sys.executable, "-c", code, "--help"], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("name", [None, *COMMANDS])
+def test_every_subcommand_tells_the_version(capsys: pytest.CaptureFixture[str], name: str | None):
+    assert call(*([name] if name else []), "--version") == 0
+    assert capsys.readouterr() == (f"liftgate-hil {liftgate_hil.__version__}\n", "")
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert liftgate_hil.__version__ == metadata.version("liftgate-hil")
+    with pytest.raises(AttributeError, match="nosuch"):
+        _ = liftgate_hil.nosuch
+
+
+def test_the_version_of_sources_that_were_never_installed_is_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    def missing(name: str) -> str:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "version", missing)
+    assert version.__wrapped__() == "unknown"
+
+
+def test_a_working_folder_with_packages_of_names_that_we_import_disturbs_nothing(tmp_path: Path):
+    for name in ("hil", "plant", "tools", "can", "numpy"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit('not ours')\n")
+    done = subprocess.run(
+        [  # -P, as the installed command does: that has no working folder among its places for modules
+            sys.executable, "-P", "-m", "liftgate_hil", "--bus", "virtual:x", "--duration", "0.05",
+            "--record", "run.csv", "--record", "run.blf", "--json",
+        ],
+        capture_output=True, text=True, timeout=300, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["ticks"] > 0
+    assert (tmp_path / "run.csv").stat().st_size > 0
+    assert (tmp_path / "run.blf").stat().st_size > 0
 
 
 def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):

@@ -1,0 +1,58 @@
+"""A folder to start from: database, vehicle, rig, scenario, a pytest test, and an ECU in C with the header of the
+serial line. All of it is a copy, to be changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+COPIES = "--vehicle vehicle.toml --rig rig.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument("folder", metavar="FOLDER", help="is made; an existing one must be empty")
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.config.starter import create_starter
+
+    written = create_starter(Path(args.folder))
+    if not args.quiet:
+        print("\n".join([*_contents(args.folder, written), "", *_next_steps(args.folder)]))
+    return 0
+
+
+def _contents(folder: str, written: Sequence[Path]) -> list[str]:
+    """What was written, a line for each folder."""
+    names: dict[Path, list[str]] = {}
+    for path in written:
+        names.setdefault(Path(folder, path.parent), []).append(path.name)
+    return [f"written: {parent}: {', '.join(each)}" for parent, each in names.items()]
+
+
+def _next_steps(folder: str) -> list[str]:
+    """What to do there, as commands that run as they stand."""
+    program, pytest, make = "liftgate-hil", "pytest", "make -C ecu"
+    python = Path(sys.executable)
+    if Path(shutil.which("python3") or "").parent != python.parent:
+        # An environment that is not activated: PATH leads to another Python, without this package.
+        quoted = shlex.quote(str(python))
+        program, pytest = f"{quoted} -m liftgate_hil", f"{quoted} -m pytest"
+        make += f" PYTHON={quoted}"
+    return [
+        "next:",
+        f"  cd {shlex.quote(folder)}",
+        f"  {program} demo --clock free {COPIES} --scenario scenario.toml",
+        f"  {pytest}      # needs pytest",
+        f"  {make}      # needs a C compiler and make; then, on two ends of a bus:",
+        f"  {program} --bus socketcan:can0 {COPIES}",
+        "  ecu/build/ecu-can can0",
+    ]

@@ -1,0 +1,85 @@
+"""What the reference ECU has to tell, as codes in its records and as texts for people."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.ecu.memory import EVENTS, Memory
+from liftgate_plant.compiler import compilable
+
+(
+    STOPPED_BY_DRIVER,
+    STARTS_OPENING,
+    STARTS_CLOSING,
+    IS_CLOSED,
+    REVERSAL_DONE,
+    IS_OPEN,
+    BLOCKED_CLOSING,
+    TRAVEL_LEARNED,
+    BLOCKED_OPENING,
+    TRAPPED_CLOSING,
+    TRAPPED_OPENING,
+) = range(11)
+_WHY = "({current:.2f} A against {reference:.2f} A, speed {percent:.0f} % down)"
+TEXTS = (
+    "stopped by the driver",
+    "opening",
+    "closing",
+    "closed and latched",
+    "reversal done, stopped",
+    "open",
+    "blocked while closing: reversing",
+    "open, travel learned: {travel:.0f} counts",
+    "blocked while opening: stopped",
+    f"trapped while closing {_WHY}: reversing",
+    f"trapped while opening {_WHY}: stopped",
+)
+
+
+class Event(NamedTuple):
+    """Something worth telling."""
+
+    time: float  # s
+    code: int
+    text: str
+
+
+class Verdict(NamedTuple):
+    """Why a run was judged to be trapped."""
+
+    is_trapped: bool
+    current: float  # A, mean of the drives, positive along the motion
+    reference: float  # A
+    drop: float  # share of the wanted speed
+
+
+NO_VERDICT = Verdict(False, 0.0, 0.0, 0.0)
+
+
+@compilable
+def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
+    """Put an event into the ring."""
+    control = memory.control[0]
+    event = memory.events[control.events % EVENTS]
+    event.time = control.now
+    event.code = code
+    event.current = verdict.current
+    event.reference = verdict.reference
+    event.drop = verdict.drop
+    event.travel = 0.0 if np.isnan(control.travel) else control.travel
+    control.events += 1
+
+
+def events_since(memory: Memory, told: int) -> list[Event]:
+    """The events after the first `told`, as far as the ring still has them."""
+    total = int(memory.control.events[0])
+    return [_event(memory.events[i % EVENTS]) for i in range(max(told, total - EVENTS), total)]
+
+
+def _event(row: Any) -> Event:
+    text = TEXTS[int(row.code)].format(
+        current=row.current, reference=row.reference, percent=100.0 * row.drop, travel=row.travel
+    )
+    return Event(float(row.time), int(row.code), text)

@@ -1,0 +1,119 @@
+"""All that the reference ECU remembers, as records: state in, state out. Its steps write into them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.ecu.calibration import BINS, Calibration
+
+# Where the gate is in its life.
+UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
+STATES = ("unknown", "closed", "opening", "open", "closing", "stopped", "reversing")
+
+# What the driver asks for, as in the C interface.
+NO_REQUEST, STOP, REQUEST_OPEN, REQUEST_CLOSE = -1, 0, 1, 2
+ACTIONS = ("stop", "open", "close")
+
+MAX_WINDOW = 64  # control cycles over which counts may be differenced
+EVENTS = 64  # that are kept
+
+DRIVE = np.dtype(
+    [
+        ("current", "f8"),  # A
+        ("count", "f8"),
+        ("zero", "f8"),  # count when closed
+        ("start", "f8"),  # count when the motion began
+        ("speed", "f8"),  # counts/s
+        ("integral", "f8"),  # of the speed control, duty
+        ("held", "i8"),  # counts in the history
+        ("history", "f8", (MAX_WINDOW + 1,)),  # counts of the last cycles
+    ]
+)
+GUARD = np.dtype(
+    [
+        ("filtered", "f8"),  # A
+        ("recent", "f8"),  # A; NaN: none yet
+        ("time", "f8"),  # s since the run began
+        ("suspect", "i8"),  # cycles in a row
+        ("is_loaded", "i8"),  # more current than expected, whatever the speed does
+        ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet
+        ("sum", "f8", (BINS,)),  # of this run's currents
+        ("samples", "i8", (BINS,)),
+    ]
+)
+CONTROL = np.dtype(
+    [
+        ("state", "i8"),
+        ("began_ns", "i8"),  # what its clock counts from; -1: from when the gate is first heard
+        ("now", "f8"),  # s
+        ("since", "f8"),  # when the state was entered
+        ("brake_until", "f8"),
+        ("still", "f8"),  # s of standing
+        ("free", "f8"),  # position where the drives last ran without unusual load; NaN: none
+        ("travel", "f8"),  # counts from closed to open; NaN: not learned
+        ("is_zero_known", "i8"),
+        ("request", "i8"),  # waiting to be obeyed
+        ("next_ns", "i8"),  # the next control cycle
+        ("sent", "i8"),  # commands
+        ("events", "i8"),  # that have happened
+    ]
+)
+EVENT = np.dtype(
+    [
+        ("time", "f8"),
+        ("code", "i8"),  # of events.TEXTS
+        # Why, where a run was judged to be trapped.
+        ("current", "f8"),  # A, mean of the drives, positive along the motion
+        ("reference", "f8"),  # A
+        ("drop", "f8"),  # share of the wanted speed
+        ("travel", "f8"),  # counts
+    ]
+)
+
+
+class Memory(NamedTuple):
+    """The records."""
+
+    control: Any  # (1,) CONTROL
+    drives: Any  # (drives,) DRIVE
+    guards: Any  # (2,) GUARD: opening, closing
+    events: Any  # (EVENTS,) EVENT, a ring
+
+
+class Constants(NamedTuple):
+    """What does not change: calibration, and what follows from the control cycle."""
+
+    calibration: Calibration
+    cycle: float  # s
+    window: int  # cycles over which counts are differenced
+    samples: int  # cycles in a row in which a trap must show
+
+
+def constants_of(calibration: Calibration, cycle: float) -> Constants:
+    """The constants of a control cycle [s]."""
+    window = max(1, round(calibration.speed_window / cycle))
+    return Constants(
+        calibration=calibration,
+        cycle=cycle,
+        window=min(window, MAX_WINDOW),
+        samples=max(1, round(calibration.detection_time / cycle)),
+    )
+
+
+def new_memory(drives: int, shares_clock: bool = True) -> Memory:
+    """Of an ECU just switched on; its clock is the gate's, or begins when the gate is first heard."""
+    control = np.zeros(1, dtype=CONTROL).view(np.recarray)
+    control.state, control.request = UNKNOWN, NO_REQUEST
+    control.began_ns = 0 if shares_clock else -1
+    control.free = control.travel = np.nan
+    guards = np.zeros(2, dtype=GUARD).view(np.recarray)
+    guards.recent = np.nan
+    guards["reference"][:] = np.nan
+    return Memory(
+        control=control,
+        drives=np.zeros(drives, dtype=DRIVE).view(np.recarray),
+        guards=guards,
+        events=np.zeros(EVENTS, dtype=EVENT).view(np.recarray),
+    )

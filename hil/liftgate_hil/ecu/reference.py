@@ -1,0 +1,188 @@
+"""The reference ECU: the rig seen from the other side of the bus, around the controller.
+
+`step` is called with the frames that have come since the last call; once a control cycle it computes a command and
+gives its frames. Plain Python, and compiled as part of the episode.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.receive import (
+    NO_COUNTS,
+    Counts,
+    Reception,
+    nothing_received,
+    receive,
+)
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.rig import COMMANDS, Rig
+from liftgate_hil.ecu.calibration import Calibration
+from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, update
+from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
+from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
+from liftgate_plant.compiler import compilable
+
+_COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
+_NOMINAL_V = 12.0  # where the bus does not tell the terminal voltage
+
+
+class EcuConfig(NamedTuple):
+    """All that does not change."""
+
+    constants: Constants
+    drives: int
+    inputs: BusConfig  # what it receives: the rig's outputs
+    outputs: BusConfig  # what it sends: the rig's inputs
+    commands: NDArray[np.int64]  # rows of `outputs` that are its own
+    has_latch: int  # 0: the angle says when the gate is home
+    signed: int  # 1: the duty's sign is the direction
+    cycle_ns: int
+    nothing: Frames
+
+
+class EcuState(NamedTuple):
+    """All that does; its arrays are written in place."""
+
+    reception: Reception
+    counts: Counts
+    memory: Memory
+    values: NDArray[np.float64]  # of all quantities, in hand
+    frames: Frames  # what it sends in this cycle
+
+
+def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) -> EcuConfig:
+    """The ECU of a rig; its control cycle is that of the rig's command."""
+    outputs = rig.input_config()
+    cycle = rig.command_cycle_ms() * 1e-3
+    return EcuConfig(
+        constants=constants_of(calibration or Calibration(), cycle),
+        drives=drives,
+        inputs=rig.output_config(sending=False),
+        outputs=outputs,
+        commands=np.array(_command_rows(rig), dtype=np.int64),
+        has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
+        signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
+        cycle_ns=round(cycle * 1e9),
+        nothing=empty_frames(0),
+    )
+
+
+def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
+    """Just switched on; see `memory.new_memory`."""
+    return EcuState(
+        reception=nothing_received(config.inputs, OUTPUT_COUNT),
+        counts=NO_COUNTS,
+        memory=new_memory(config.drives, shares_clock),
+        values=np.full(INPUT_COUNT, np.nan),
+        frames=empty_frames(len(config.commands)),
+    )
+
+
+@compilable
+def with_arrays(state: EcuState, owner: EcuState) -> EcuState:
+    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
+    return EcuState(
+        reception=owner.reception,
+        counts=state.counts,
+        memory=owner.memory,
+        values=owner.values,
+        frames=owner.frames,
+    )
+
+
+def _command_rows(rig: Rig) -> list[int]:
+    """The messages that an ECU sends; the test bench's are not its own."""
+    names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
+    own = {each.message for each in rig.inputs if each.quantity in (*COMMANDS, "latch_release")}
+    return [row for row, name in enumerate(names) if name in own]
+
+
+@compilable
+def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, Feedback]:
+    """(whether all that is needed has been heard, what it says)."""
+    left, right = values[OUT.left_current], values[OUT.right_current]
+    left_count, right_count = values[OUT.left_hall_count], values[OUT.right_hall_count]
+    # A rig without a latch switch has the angle say when the gate is home; one that is not there is not home.
+    latched = values[OUT.latch_state]
+    if config.has_latch == 0:
+        latched = 1.0 if values[OUT.gate_angle] <= 0.0 else 0.0
+    voltage = values[OUT.terminal_voltage]
+    heard = not (np.isnan(left) or np.isnan(left_count) or np.isnan(latched))
+    if config.drives > 1:
+        heard = heard and not (np.isnan(right) or np.isnan(right_count))
+    return heard, Feedback(
+        left_current=left,
+        right_current=right,
+        left_count=left_count,
+        right_count=right_count,
+        latched=latched > 0.5,
+        voltage=_NOMINAL_V if np.isnan(voltage) else float(voltage),
+    )
+
+
+@compilable
+def direction_of(duty: float) -> float:
+    """The bridge state of a signed duty; NaN coasts, 0 brakes."""
+    if np.isnan(duty):
+        return _COAST
+    if duty == 0.0:
+        return _BRAKE
+    return _OPEN if duty > 0.0 else _CLOSE
+
+
+@compilable
+def percent_of(duty: float, signed: int) -> float:
+    """The duty as the bus has it."""
+    if np.isnan(duty):
+        return 0.0
+    return 100.0 * duty if signed else abs(100.0 * duty)
+
+
+@compilable
+def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand) -> Frames:
+    """The frames that carry a command; good until the next ones."""
+    values, frames, control = state.values, state.frames, state.memory.control[0]
+    values[IN.left_duty] = percent_of(command.left_duty, config.signed)
+    values[IN.left_direction] = direction_of(command.left_duty)
+    if config.drives > 1:
+        values[IN.right_duty] = percent_of(command.right_duty, config.signed)
+        values[IN.right_direction] = direction_of(command.right_duty)
+    values[IN.latch_release] = 1.0 if command.latch_release else 0.0
+    count = len(config.commands)
+    for row in range(count):
+        encode(config.outputs, config.commands[row], values, control.sent, frames, row)
+    control.sent += 1
+    return Frames(count, frames.identifiers, frames.lengths, frames.data)
+
+
+@compilable
+def step(
+    config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
+) -> tuple[EcuState, Frames]:
+    """Take the frames that have come by a time [ns]; give a command where a control cycle is due."""
+    counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
+    after = EcuState(
+        reception=state.reception,
+        counts=counts,
+        memory=state.memory,
+        values=state.values,
+        frames=state.frames,
+    )
+    control = state.memory.control[0]
+    if now_ns < control.next_ns:
+        return after, config.nothing
+    control.next_ns += config.cycle_ns * (1 + (now_ns - control.next_ns) // config.cycle_ns)
+    heard, feedback = feedback_of(config, state.reception.values)
+    command = COASTING
+    if heard:
+        if control.began_ns < 0:
+            control.began_ns = now_ns
+        now = (now_ns - control.began_ns) * 1e-9
+        command = update(config.constants, state.memory, now, feedback)
+    return after, command_frames(config, state, command)

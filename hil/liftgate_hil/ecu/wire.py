@@ -1,0 +1,128 @@
+"""Frames as the C interface of an ECU has them (`liftgate_ecu.h`), and the ECU as machine code calls it.
+
+A C library and a Python object are called alike: a function at an address gets the frames that have come and
+writes its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_plant.compiler import call_long_int, call_step, compilable
+
+# struct liftgate_frame
+FRAME = np.dtype(
+    [("id", "u4"), ("length", "u1"), ("flags", "u1"), ("data", "u1", (64,))], align=True
+)
+FLAG_FD = 1
+CAPACITY = 1024  # frames a call, either way
+
+# What a call gives instead of a number of frames.
+BAD_COUNT, BAD_FRAME = -1, -2
+
+
+class Port(NamedTuple):
+    """An ECU behind functions in machine code; addresses are 0 where there is none."""
+
+    step: int
+    request: int
+    instance: int
+    period_ns: int  # it is called so often; 0: every tick
+
+
+class PortState(NamedTuple):
+    """What is on its way to and from such an ECU; written in place."""
+
+    inbox: Any  # (CAPACITY,) FRAME
+    outbox: Any  # (CAPACITY,) FRAME
+    head: Any  # (1,) HEAD
+    sent: Frames  # (CAPACITY) what it sent last
+
+
+HEAD = np.dtype(
+    [
+        ("waiting", "i8"),  # frames in the inbox
+        ("dropped", "i8"),  # frames for which it had no room
+        ("next_ns", "i8"),  # the next call
+        ("answer", "i8"),  # of the last call that failed
+    ]
+)
+
+NO_PORT = Port(0, 0, 0, 0)
+
+
+def new_port_state() -> PortState:
+    """Nothing on its way."""
+    return PortState(
+        np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
+        np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
+        np.zeros(1, dtype=HEAD).view(np.recarray),
+        empty_frames(CAPACITY),
+    )
+
+
+@compilable
+def put_in(state: PortState, frames: Frames) -> None:
+    """Put frames into the inbox; what it has no room for is counted."""
+    head = state.head[0]
+    for i in range(frames.count):
+        if head.waiting == CAPACITY:
+            head.dropped += 1
+            continue
+        row = state.inbox[head.waiting]
+        identifier = frames.identifiers[i]
+        row.id = identifier & 0xFFFFFFFF
+        row.length = frames.lengths[i]
+        row.flags = FLAG_FD if identifier & FD else 0
+        for k in range(frames.lengths[i]):
+            row.data[k] = frames.data[i, k]
+        head.waiting += 1
+
+
+@compilable
+def take_out(state: PortState, count: int) -> int:
+    """The outbox's first `count` frames as `state.sent`; BAD_FRAME where one is no frame."""
+    for i in range(count):
+        row = state.outbox[i]
+        length = int(np.int64(row.length))
+        is_fd = (int(np.int64(row.flags)) & FLAG_FD) != 0
+        if length > (64 if is_fd else 8):
+            return BAD_FRAME
+        state.sent.identifiers[i] = int(np.int64(row.id)) | (FD if is_fd else 0)
+        state.sent.lengths[i] = length
+        for k in range(length):
+            state.sent.data[i, k] = row.data[k]
+    return count
+
+
+@compilable
+def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
+    """Give an ECU the frames that have come by a time [ns]; call it if its time has come. How many frames are in
+    `state.sent`, or what is wrong (`state.head.answer` has the details).
+    """
+    put_in(state, frames)
+    head = state.head[0]
+    if now_ns < head.next_ns:
+        return 0
+    if port.period_ns > 0:
+        head.next_ns += port.period_ns * (1 + (now_ns - head.next_ns) // port.period_ns)
+    waiting = head.waiting
+    head.waiting = 0
+    answer = call_step(
+        port.step, port.instance, now_ns, state.inbox.ctypes.data, waiting,
+        state.outbox.ctypes.data, CAPACITY,
+    )  # fmt: skip
+    if answer < 0 or answer > CAPACITY:
+        head.answer = answer
+        return BAD_COUNT
+    return take_out(state, answer)
+
+
+@compilable
+def request_of_port(port: Port, action: int) -> None:
+    """What the driver asks for (0 stop, 1 open, 2 close)."""
+    if port.request != 0:
+        call_long_int(port.request, port.instance, action)

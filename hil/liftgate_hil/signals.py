@@ -1,0 +1,146 @@
+"""The catalogue: the plant's quantities, and those of bus and loop.
+
+A rig file wires `BUS_INPUTS` and `BUS_OUTPUTS` to signals of a database; recordings and `simulate` have `COLUMNS`;
+scenarios move `PROFILES`. All of them derive from the rows, here and in `liftgate_plant.signals`: a new sensor
+signal is a field of `Sensed`, and with that a column, and an output that a rig can wire.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Annotated, Any, NamedTuple
+
+from liftgate_plant.signals import (
+    LATCH_RELEASED,
+    Drives,
+    Sensed,
+    Signal,
+    Surroundings,
+    Truth,
+    bus_name,
+    signals_of,
+)
+
+DIRECTIONS = ("coast", "open", "close", "brake")
+LATCH_COMMANDS = ("hold", "release")
+EMULATOR_STATES = ("waiting", "running", "timeout", "stopped")
+
+_DUTY = Signal("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped")
+_DIRECTION = Signal("", 0.0, 3.0, "bridge state", DIRECTIONS)
+_TIME = Signal("µs", 0.0, 1e12, "")
+
+
+class Command(NamedTuple):
+    """What the ECU says. NaN: not there."""
+
+    left_duty: Annotated[float, _DUTY]
+    right_duty: Annotated[float, _DUTY]
+    left_direction: Annotated[float, _DIRECTION]
+    right_direction: Annotated[float, _DIRECTION]
+    latch_release: Annotated[float, Signal("", 0.0, 1.0, "drives the latch open", LATCH_COMMANDS)]
+
+
+class Rod(NamedTuple):
+    """The obstacle that a test bench's panel sets, met while closing."""
+
+    obstacle_angle: Annotated[float, Signal("deg", -10.0, 180.0, "where the gate meets it")]
+    obstacle_rate: Annotated[
+        float, Signal("N/mm", 0.0, 1e4, "the obstacle's spring rate; 0 is no obstacle")
+    ]
+
+
+class Status(NamedTuple):
+    """What the emulator says of itself."""
+
+    tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "periods skipped")]
+    command_timeouts: Annotated[float, Signal("", 0.0, 1e18, "times the command went stale")]
+    rejected_frames: Annotated[float, Signal("", 0.0, 1e18, "frames of ours that were refused")]
+    emulator_state: Annotated[float, Signal("", 0.0, 3.0, "of this program", EMULATOR_STATES)]
+
+
+class Timing(NamedTuple):
+    """How well the loop keeps time; NaN on a clock that is not real time."""
+
+    lateness_p50: Annotated[float, _TIME._replace(meaning="median lateness of a tick")]
+    lateness_p99: Annotated[float, _TIME._replace(meaning="99 % of the ticks are not later")]
+    lateness_p999: Annotated[float, _TIME._replace(meaning="99.9 % of the ticks are not later")]
+    lateness_max: Annotated[float, _TIME._replace(meaning="of the latest tick")]
+    execution_p50: Annotated[float, _TIME._replace(meaning="median time that a tick takes")]
+    execution_max: Annotated[float, _TIME._replace(meaning="of the longest tick")]
+    command_delay_p50: Annotated[float, _TIME._replace(meaning="command to feedback, median")]
+    command_delay_max: Annotated[float, _TIME._replace(meaning="command to feedback, longest")]
+    command_delay_force: Annotated[float, Signal("N", 0.0, 1e9, "what that is on the 10 N/mm rod")]
+
+
+NO_TIMING = Timing(*(float("nan") for _ in Timing._fields))
+
+# Scenarios' profiles, and what a panel or a program may set: column of Surroundings.
+PROFILES: dict[str, Signal] = signals_of(Surroundings)
+
+# What a test bench's panel moves, not the ECU: the rod, and all surroundings by their names on a bus.
+PANEL: dict[str, Signal] = {
+    **signals_of(Rod),
+    **{bus_name(name, signal): signal for name, signal in PROFILES.items()},
+}
+BUS_INPUTS: dict[str, Signal] = {**signals_of(Command), **PANEL}
+
+_SENSED = signals_of(Sensed)
+_TRUTH = signals_of(Truth)
+
+_GIVEN = {bus_name(name, signal) for name, signal in _SENSED.items()}
+
+
+def _true_name(column: str, signal: Signal) -> str:
+    """What a rig calls a quantity of the truth: by its plain name what no sensor gives."""
+    name = bus_name(column, signal)
+    return f"true_{name}" if name in _GIVEN else name
+
+
+# What a rig can wire to be sent, in the order in which `tick.bus_values` lines the rows up.
+BUS_OUTPUTS: dict[str, Signal] = {
+    **{bus_name(name, signal): signal for name, signal in _SENSED.items()},
+    **{_true_name(name, signal): signal for name, signal in _TRUTH.items()},
+    **signals_of(Status),
+    **signals_of(Timing),
+}
+INPUT_COUNT = len(BUS_INPUTS)
+OUTPUT_COUNT = len(Sensed._fields) + len(Truth._fields) + len(Status._fields) + len(Timing._fields)
+
+
+def _places(name: str, signals: dict[str, Signal]) -> Any:
+    return namedtuple(name, signals)(*range(len(signals)))
+
+
+# Where each stands, for compiled code: `values[IN.left_duty]`.
+IN: Any = _places("InputPlaces", BUS_INPUTS)
+OUT: Any = _places("OutputPlaces", BUS_OUTPUTS)
+
+# Columns of recordings and of `simulate`.
+SENSED_PREFIX = "sensed_"
+COLUMNS: dict[str, Signal] = {
+    **_TRUTH,
+    **{SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
+}
+ROW_WIDTH = len(COLUMNS)
+COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}
+
+
+# What `simulate`, measured files and identification may be given.
+INPUT_SIGNALS: dict[str, Signal] = {
+    **signals_of(Drives),
+    **PROFILES,
+    "latch_released": LATCH_RELEASED,
+}
+# What says nothing new beside the inputs that a file of `simulate` was made from, and holds from its row on, where
+# a recording's led to it.
+_LEFT_OUT = {*INPUT_SIGNALS} - {"left_voltage_v", "right_voltage_v"}
+
+
+def columns_of(drives: int, offline: bool = False) -> list[str]:
+    """The columns of a recording, or of `simulate`, that a gate with so many drives has."""
+    return [
+        name
+        for name in COLUMNS
+        if (drives == 2 or not name.removeprefix(SENSED_PREFIX).startswith("right_"))
+        and not (offline and name in _LEFT_OUT)
+    ]

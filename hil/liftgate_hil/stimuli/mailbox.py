@@ -1,0 +1,64 @@
+"""A mailbox into the running loop: what is posted holds from the next tick on, until it is posted anew.
+
+One side posts, the loop takes; neither waits. A letter says which of the held values it replaces.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.signals import Timing
+from liftgate_plant.compiler import compilable
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
+
+# The values that are held: surroundings (NaN: not said), an obstacle (stiffness NaN: not said), timing.
+_NAMES = (
+    *Surroundings._fields,
+    *(f"obstacle_{name}" for name in Obstacle._fields),
+    *Timing._fields,
+)
+HELD: Any = namedtuple("Held", _NAMES)(*range(len(_NAMES)))
+
+LETTER = np.dtype(
+    [
+        ("place", "i8"),  # of the first value replaced
+        ("count", "i8"),
+        ("values", "f8", (max(len(Obstacle._fields), len(Timing._fields)),)),
+    ]
+)
+LETTERS = 256  # that may wait; the loop empties the box every tick
+# Counters: letters posted so far (written by who posts), letters taken (written by the loop).
+BOX = np.dtype([("posted", "i8"), ("taken", "i8"), ("letters", LETTER, (LETTERS,))])
+
+
+def nothing_held() -> NDArray[np.float64]:
+    """Nothing was posted."""
+    return np.full(len(_NAMES), np.nan)
+
+
+def post(box: Any, name: str, values: Sequence[float]) -> bool:
+    """Post values that stand one after the other from `name` on; False where the box (a row of BOX) is full."""
+    if box["posted"] - box["taken"] >= LETTERS:
+        return False
+    letter = box["letters"][box["posted"] % LETTERS]
+    letter["place"], letter["count"] = _NAMES.index(name), len(values)
+    letter["values"][: len(values)] = values
+    box["posted"] += 1
+    return True
+
+
+@compilable
+def take_letters(box: Any, held: NDArray[np.float64]) -> None:
+    """Put all that was posted into the held values; `box` is (1,) BOX."""
+    posted = box[0].posted
+    while box[0].taken < posted:
+        letter = box[0].letters[box[0].taken % LETTERS]
+        for i in range(letter.count):
+            held[letter.place + i] = letter.values[i]
+        box[0].taken += 1

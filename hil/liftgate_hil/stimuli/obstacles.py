@@ -1,0 +1,48 @@
+"""Obstacles: an object is in the gate's way only once the gate has been clear of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.dynamics import NO_OBSTACLE
+from liftgate_plant.obstacle import Obstacle, depth
+
+
+class ObstacleArming(NamedTuple):
+    """The obstacle as it was last, and whether the gate has been clear of it since it was put there."""
+
+    obstacle: Obstacle
+    clear: float
+
+
+NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
+
+
+@compilable
+def is_same_place(a: Obstacle, b: Obstacle) -> bool:
+    """Whether an obstacle has stayed where it was."""
+    return (
+        a.stiffness > 0.0
+        and a.angle == b.angle
+        and a.distance == b.distance
+        and a.gap == b.gap
+        and a.direction == b.direction
+    )
+
+
+@compilable
+def armed(
+    arming: ObstacleArming, obstacle: Obstacle, angle: float
+) -> tuple[ObstacleArming, Obstacle]:
+    """The obstacle as the gate can meet it: one that is put where the gate already is (a rod under the
+    closed gate) is not in the way before the gate has been clear of it.
+    """
+    if obstacle.stiffness == 0.0:
+        return ObstacleArming(obstacle, 0.0), obstacle
+    clear = arming.clear if is_same_place(arming.obstacle, obstacle) else 0.0
+    if depth(obstacle, angle) <= 0.0:
+        clear = 1.0
+    if clear == 0.0:
+        return ObstacleArming(obstacle, 0.0), NO_OBSTACLE
+    return ObstacleArming(obstacle, 1.0), obstacle

@@ -1,0 +1,79 @@
+"""All that acts from outside during one tick, as one value: timeline, and what was posted while the loop runs.
+
+What acts on one quantity: the scenario's profile, over it the bus panel, over both the API and the page. The
+panel's frames are read by the tick itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.signals import Timing
+from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.timeline import Timeline, obstacle_at, profiles_at
+from liftgate_plant.compiler import compilable
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
+
+
+class Outside(NamedTuple):
+    """One tick's."""
+
+    profiles: Surroundings  # the scenario's; NaN: not said
+    obstacle: Obstacle  # the scenario's; stiffness 0: none
+    posted: Surroundings  # by API or page; NaN: not said
+    posted_obstacle: Obstacle  # stiffness NaN: not said
+    timing: Timing  # what the loop says of itself
+    ticks_missed: int  # so far
+    is_silent: bool  # makes up for a missed tick: sends nothing
+    is_stop: bool  # the last tick: motors off, every message once more
+
+
+@compilable
+def outside_at(
+    timeline: Timeline,
+    held: NDArray[np.float64],
+    time: float,
+    ticks_missed: int,
+    is_silent: bool,
+    is_stop: bool,
+) -> Outside:
+    """What acts from a time [s] on; `held` is what was posted, see `mailbox`."""
+    return Outside(
+        profiles=profiles_at(timeline, time),
+        obstacle=obstacle_at(timeline, time),
+        posted=Surroundings(
+            supply_voltage_v=held[HELD.supply_voltage_v],
+            road_slope_deg=held[HELD.road_slope_deg],
+            ambient_temperature_degc=held[HELD.ambient_temperature_degc],
+            wind_pressure_pa=held[HELD.wind_pressure_pa],
+            snow_mass_kg=held[HELD.snow_mass_kg],
+            hand_force_n=held[HELD.hand_force_n],
+            external_torque_nm=held[HELD.external_torque_nm],
+        ),
+        posted_obstacle=Obstacle(
+            angle=held[HELD.obstacle_angle],
+            distance=held[HELD.obstacle_distance],
+            stiffness=held[HELD.obstacle_stiffness],
+            damping=held[HELD.obstacle_damping],
+            gap=held[HELD.obstacle_gap],
+            direction=held[HELD.obstacle_direction],
+        ),
+        timing=Timing(
+            lateness_p50=held[HELD.lateness_p50],
+            lateness_p99=held[HELD.lateness_p99],
+            lateness_p999=held[HELD.lateness_p999],
+            lateness_max=held[HELD.lateness_max],
+            execution_p50=held[HELD.execution_p50],
+            execution_max=held[HELD.execution_max],
+            command_delay_p50=held[HELD.command_delay_p50],
+            command_delay_max=held[HELD.command_delay_max],
+            command_delay_force=held[HELD.command_delay_force],
+        ),
+        ticks_missed=ticks_missed,
+        is_silent=is_silent,
+        is_stop=is_stop,
+    )

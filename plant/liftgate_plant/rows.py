@@ -1,0 +1,141 @@
+"""Between rows of the catalogue (`signals`, in the units of files) and the plant's own values (SI, radians)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_plant import dynamics, sensors
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compilable
+from liftgate_plant.dynamics import Inputs, Load, Outputs, State
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.signals import Drives, Surroundings, Truth
+
+_DEGREES = 180.0 / math.pi
+
+
+@compilable
+def value_or(value: float, default: float) -> float:
+    """The value, or the default where it is NaN."""
+    return default if np.isnan(value) else float(value)
+
+
+@compilable
+def overlaid(load: Load, said: Surroundings) -> Load:
+    """The load where `said` is silent (NaN), and what it says elsewhere."""
+    return Load(
+        supply_voltage=value_or(said.supply_voltage_v, load.supply_voltage),
+        road_slope=value_or(math.radians(said.road_slope_deg), load.road_slope),
+        ambient_temperature=value_or(said.ambient_temperature_degc, load.ambient_temperature),
+        wind_pressure=value_or(said.wind_pressure_pa, load.wind_pressure),
+        snow_mass=value_or(said.snow_mass_kg, load.snow_mass),
+        hand_force=value_or(said.hand_force_n, load.hand_force),
+        external_torque=value_or(said.external_torque_nm, load.external_torque),
+        latch_released=load.latch_released,
+        obstacle=load.obstacle,
+    )
+
+
+class InputRow(NamedTuple):
+    """The columns of offline inputs: those of Drives and of Surroundings, and the latch."""
+
+    left_voltage_v: int
+    right_voltage_v: int
+    left_duty: int
+    right_duty: int
+    left_coast: int
+    right_coast: int
+    supply_voltage_v: int
+    road_slope_deg: int
+    ambient_temperature_degc: int
+    wind_pressure_pa: int
+    snow_mass_kg: int
+    hand_force_n: int
+    external_torque_nm: int
+    latch_released: int
+
+
+INPUT_COLUMNS: tuple[str, ...] = (*Drives._fields, *Surroundings._fields, "latch_released")
+# Where each stands in a row.
+AT = InputRow(**{name: place for place, name in enumerate(INPUT_COLUMNS)})
+
+
+@compilable
+def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
+    """What a row (14,) of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
+    load = overlaid(
+        base,
+        Surroundings(
+            supply_voltage_v=row[AT.supply_voltage_v],
+            road_slope_deg=row[AT.road_slope_deg],
+            ambient_temperature_degc=row[AT.ambient_temperature_degc],
+            wind_pressure_pa=row[AT.wind_pressure_pa],
+            snow_mass_kg=row[AT.snow_mass_kg],
+            hand_force_n=row[AT.hand_force_n],
+            external_torque_nm=row[AT.external_torque_nm],
+        ),
+    )
+    return Inputs(
+        DriveInput(
+            duty=value_or(row[AT.left_duty], 0.0),
+            voltage=value_or(row[AT.left_voltage_v], 0.0),
+            coast=value_or(row[AT.left_coast], 0.0),
+        ),
+        DriveInput(
+            duty=value_or(row[AT.right_duty], 0.0),
+            voltage=value_or(row[AT.right_voltage_v], 0.0),
+            coast=value_or(row[AT.right_coast], 0.0),
+        ),
+        dynamics.with_latch(load, value_or(row[AT.latch_released], base.latch_released)),
+    )
+
+
+@compilable
+def truth_of(
+    sensor: Sensors,
+    time: float,
+    state: State,
+    inputs: Inputs,
+    shown: Outputs,
+) -> Truth:
+    """The row of a state, of the inputs that led to it and of what it shows under them."""
+    left, right, load = state.left, state.right, inputs.load
+    return Truth(
+        time_s=time,
+        left_voltage_v=shown.left_voltage,
+        left_current_a=left.current,
+        left_speed_rps=left.speed,
+        left_position_rev=left.position,
+        left_hall_count=float(sensors.hall_count(sensor, left.position)),
+        left_force_n=shown.left_force,
+        right_voltage_v=shown.right_voltage,
+        right_current_a=right.current,
+        right_speed_rps=right.speed,
+        right_position_rev=right.position,
+        right_hall_count=float(sensors.hall_count(sensor, right.position)),
+        right_force_n=shown.right_force,
+        gate_angle_deg=state.gate_angle * _DEGREES,
+        gate_rate_degps=state.gate_rate * _DEGREES,
+        pinch_force_n=shown.pinch_force,
+        terminal_voltage_v=shown.terminal_voltage,
+        left_duty=inputs.left.duty,
+        right_duty=inputs.right.duty,
+        left_coast=inputs.left.coast,
+        right_coast=inputs.right.coast,
+        latched=state.latched,
+        supply_voltage_v=load.supply_voltage,
+        road_slope_deg=load.road_slope * _DEGREES,
+        ambient_temperature_degc=load.ambient_temperature,
+        wind_pressure_pa=load.wind_pressure,
+        snow_mass_kg=load.snow_mass,
+        hand_force_n=load.hand_force,
+        external_torque_nm=load.external_torque,
+        left_winding_temperature_degc=left.winding_temperature,
+        right_winding_temperature_degc=right.winding_temperature,
+        left_housing_temperature_degc=left.housing_temperature,
+        right_housing_temperature_degc=right.housing_temperature,
+    )

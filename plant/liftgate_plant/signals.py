@@ -1,0 +1,186 @@
+"""Every physical quantity once: unit, range, meaning, and the rows that hold them.
+
+A row is a NamedTuple whose fields are the columns of files: name and unit (`left_current_a`). Each field says
+which `Signal` it is, so that whatever reads or writes rows (recordings, `simulate`, measured files, profiles,
+signals on a bus) takes names, units and ranges from here. Code fills rows by keyword and never by position.
+
+Positive opens: voltage, current, speed, position, force and torque alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, get_type_hints
+
+from liftgate_plant.quantity import Quantity
+
+# What a unit adds to a column's name.
+SUFFIXES: Mapping[str, str] = {
+    "s": "_s",
+    "V": "_v",
+    "A": "_a",
+    "rev/s": "_rps",
+    "rev": "_rev",
+    "N": "_n",
+    "N m": "_nm",
+    "deg": "_deg",
+    "deg/s": "_degps",
+    "°C": "_degc",
+    "Pa": "_pa",
+    "kg": "_kg",
+    "m/s²": "_mps2",
+    "": "",
+}
+
+
+class Signal(NamedTuple):
+    """A quantity over time; `low` and `high` are inclusive. Enumerations name their values 0, 1, 2, …"""
+
+    unit: str
+    low: float
+    high: float
+    meaning: str
+    values: tuple[str, ...] = ()
+    bus_name: str = ""  # in a rig file, where it is not the column's name without its unit
+    is_whole: bool = False  # a count or a state: written without a decimal point
+
+    @property
+    def suffix(self) -> str:
+        """What a column's name ends in."""
+        return SUFFIXES[self.unit]
+
+    def parameter(self, symbol: str) -> Quantity:
+        """The same as a key of the vehicle file, which holds it as long as nothing else is said."""
+        return Quantity(symbol, self.unit, self.low, self.high, self.meaning)
+
+
+LATCH_STATES = ("open", "latched")
+
+TIME = Signal("s", 0.0, 1e9, "model time")
+MOTOR_VOLTAGE = Signal("V", -1e3, 1e3, "on the motor's terminals")
+CURRENT = Signal("A", -1e4, 1e4, "motor current")
+SPEED = Signal("rev/s", -1e5, 1e5, "motor speed")
+POSITION = Signal("rev", -1e9, 1e9, "motor position")
+HALL_COUNT = Signal("", -1e12, 1e12, "signed count of the Hall sensors' edges", is_whole=True)
+HALL_SPEED = Signal("", -1e6, 1e6, "counts in one sample period", is_whole=True)
+HALL_A = Signal("", 0.0, 1.0, "square wave; leads B while opening", is_whole=True)
+HALL_B = Signal("", 0.0, 1.0, "square wave", is_whole=True)
+DRIVE_FORCE = Signal("N", -1e7, 1e7, "of the drive on the gate")
+DUTY = Signal("", -1.0, 1.0, "signed share of the terminal voltage")
+COAST = Signal("", 0.0, 1.0, "all switches of the bridge off", is_whole=True)
+GATE_ANGLE = Signal("deg", -360.0, 360.0, "of the gate, 0 is closed")
+GATE_RATE = Signal("deg/s", -1e6, 1e6, "of the gate")
+GATE_ACCELERATION = Signal("m/s²", -1e6, 1e6, "accelerometer on the gate, with its weight")
+PINCH_FORCE = Signal("N", 0.0, 1e7, "on the obstacle")
+TERMINAL_VOLTAGE = Signal("V", -1e3, 1e3, "at the bridges")
+LATCHED = Signal("", 0.0, 1.0, "latch", LATCH_STATES, "latch_state", is_whole=True)
+LATCH_RELEASED = Signal("", 0.0, 1.0, "latch driven open", is_whole=True)
+# 60 V: above that no road vehicle's low-voltage supply goes (voltage class A of ISO 6469-3).
+SUPPLY_VOLTAGE = Signal("V", 0.0, 60.0, "of the source, open-circuit")
+ROAD_SLOPE = Signal("deg", -45.0, 45.0, "positive with the rear of the car raised")
+AMBIENT_TEMPERATURE = Signal("°C", -55.0, 130.0, "of the surroundings")
+WINDING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "motor winding")
+HOUSING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "motor housing")
+WIND_PRESSURE = Signal("Pa", -5e3, 5e3, "dynamic pressure, positive opens")
+SNOW_MASS = Signal("kg", 0.0, 500.0, "lying on the gate")
+HAND_FORCE = Signal("N", -5e3, 5e3, "of a hand on the gate, positive opens")
+EXTERNAL_TORQUE = Signal("N m", -5e3, 5e3, "on the gate, positive opens")
+
+
+class Drives(NamedTuple):
+    """What drives the motors offline: `simulate`'s inputs, measured ones, those of identification."""
+
+    left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
+    right_voltage_v: Annotated[float, MOTOR_VOLTAGE]
+    left_duty: Annotated[float, DUTY]
+    right_duty: Annotated[float, DUTY]
+    left_coast: Annotated[float, COAST]
+    right_coast: Annotated[float, COAST]
+
+
+class Surroundings(NamedTuple):
+    """What the surroundings do to the gate; each may be a profile, a panel's, an input file's. NaN: not said."""
+
+    supply_voltage_v: Annotated[float, SUPPLY_VOLTAGE]
+    road_slope_deg: Annotated[float, ROAD_SLOPE]
+    ambient_temperature_degc: Annotated[float, AMBIENT_TEMPERATURE]
+    wind_pressure_pa: Annotated[float, WIND_PRESSURE]
+    snow_mass_kg: Annotated[float, SNOW_MASS]
+    hand_force_n: Annotated[float, HAND_FORCE]
+    external_torque_nm: Annotated[float, EXTERNAL_TORQUE]
+
+
+class Truth(NamedTuple):
+    """What is so at the end of a step, with the inputs that led there."""
+
+    time_s: Annotated[float, TIME]
+    left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
+    left_current_a: Annotated[float, CURRENT]
+    left_speed_rps: Annotated[float, SPEED]
+    left_position_rev: Annotated[float, POSITION]
+    left_hall_count: Annotated[float, HALL_COUNT]
+    left_force_n: Annotated[float, DRIVE_FORCE]
+    right_voltage_v: Annotated[float, MOTOR_VOLTAGE]
+    right_current_a: Annotated[float, CURRENT]
+    right_speed_rps: Annotated[float, SPEED]
+    right_position_rev: Annotated[float, POSITION]
+    right_hall_count: Annotated[float, HALL_COUNT]
+    right_force_n: Annotated[float, DRIVE_FORCE]
+    gate_angle_deg: Annotated[float, GATE_ANGLE]
+    gate_rate_degps: Annotated[float, GATE_RATE]
+    pinch_force_n: Annotated[float, PINCH_FORCE]
+    terminal_voltage_v: Annotated[float, TERMINAL_VOLTAGE]
+    left_duty: Annotated[float, DUTY]
+    right_duty: Annotated[float, DUTY]
+    left_coast: Annotated[float, COAST]
+    right_coast: Annotated[float, COAST]
+    latched: Annotated[float, LATCHED]
+    supply_voltage_v: Annotated[float, SUPPLY_VOLTAGE]
+    road_slope_deg: Annotated[float, ROAD_SLOPE]
+    ambient_temperature_degc: Annotated[float, AMBIENT_TEMPERATURE]
+    wind_pressure_pa: Annotated[float, WIND_PRESSURE]
+    snow_mass_kg: Annotated[float, SNOW_MASS]
+    hand_force_n: Annotated[float, HAND_FORCE]
+    external_torque_nm: Annotated[float, EXTERNAL_TORQUE]
+    left_winding_temperature_degc: Annotated[float, WINDING_TEMPERATURE]
+    right_winding_temperature_degc: Annotated[float, WINDING_TEMPERATURE]
+    left_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
+    right_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
+
+
+class Sensed(NamedTuple):
+    """What the sensors make of it: all that the ECU can know."""
+
+    left_current_a: Annotated[float, CURRENT]
+    right_current_a: Annotated[float, CURRENT]
+    left_hall_a: Annotated[float, HALL_A]
+    left_hall_b: Annotated[float, HALL_B]
+    right_hall_a: Annotated[float, HALL_A]
+    right_hall_b: Annotated[float, HALL_B]
+    left_hall_count: Annotated[float, HALL_COUNT]
+    right_hall_count: Annotated[float, HALL_COUNT]
+    left_hall_speed: Annotated[float, HALL_SPEED]
+    right_hall_speed: Annotated[float, HALL_SPEED]
+    gate_angle_deg: Annotated[float, GATE_ANGLE]
+    latched: Annotated[float, LATCHED]
+    terminal_voltage_v: Annotated[float, TERMINAL_VOLTAGE]
+    ambient_temperature_degc: Annotated[float, AMBIENT_TEMPERATURE]
+    left_winding_temperature_degc: Annotated[
+        float, WINDING_TEMPERATURE._replace(bus_name="left_motor_temperature")
+    ]
+    right_winding_temperature_degc: Annotated[
+        float, WINDING_TEMPERATURE._replace(bus_name="right_motor_temperature")
+    ]
+    road_slope_deg: Annotated[float, ROAD_SLOPE]
+    gate_acceleration_mps2: Annotated[float, GATE_ACCELERATION]
+
+
+def signals_of(row: type[Any]) -> dict[str, Signal]:
+    """Column: signal, of a row's type, in its order."""
+    hints = get_type_hints(row, include_extras=True)
+    return {name: hint.__metadata__[0] for name, hint in hints.items()}
+
+
+def bus_name(column: str, signal: Signal) -> str:
+    """What a rig file calls a column: its name without the unit, or the signal's own."""
+    return signal.bus_name or column.removesuffix(signal.suffix)

@@ -1,0 +1,173 @@
+"""`liftgate-hil init`: a folder that runs as it is, wherever it stands and whatever lies beside it."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.config import shipped
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.starter import create_starter
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.errors import ConfigError
+
+needs_compiler = pytest.mark.skipif(
+    shutil.which("cc") is None or shutil.which("make") is None, reason="no C compiler or make"
+)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file under a folder."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_the_folder_is_made_with_its_parents_and_every_file_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = tmp_path / "some where" / "gate"
+    assert main(["init", str(folder)]) == 0
+    out = capsys.readouterr().out
+    written = contents(folder)
+    assert {"liftgate.dbc", "vehicle.toml", "rig.toml", "scenario.toml", "test_gate.py"} < set(
+        written
+    )
+    assert {"ecu/Makefile", "ecu/ecu.c", "ecu/liftgate_serial.h"} < set(written)
+    assert all(Path(name).name in out for name in written)
+    assert f"cd {shlex.quote(str(folder))}" in out
+
+
+def test_an_empty_folder_is_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", ".", "--quiet"]) == 0
+    assert (tmp_path / "rig.toml").is_file()
+
+
+def test_a_folder_with_anything_in_it_is_refused_and_left_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert main(["init", str(tmp_path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == (
+        f"liftgate-hil: {tmp_path}: is not empty; allowed: a new or an empty folder\n"
+    )
+    assert contents(tmp_path) == {"mine.txt": b"mine"}
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("file", "is a file"), ("file/gate", "Not a directory"), ("x" * 300, "long")]
+)
+def test_a_folder_that_cannot_be_is_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, said: str
+):
+    (tmp_path / "file").write_text("")
+    assert main(["init", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / name) in line
+    assert said in line
+
+
+def test_quiet_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["init", str(tmp_path / "gate"), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_every_copy_is_valid_and_the_rig_is_on_the_database_beside_it(tmp_path: Path):
+    create_starter(tmp_path / "gate")
+    assert load_rig(tmp_path / "gate/rig.toml").database == tmp_path / "gate/liftgate.dbc"
+    assert load_vehicle(tmp_path / "gate/vehicle.toml").drives == 2
+    assert load_scenario(tmp_path / "gate/scenario.toml").requests
+    compile((tmp_path / "gate/test_gate.py").read_text(), "test_gate.py", "exec")
+
+
+def test_copies_may_be_changed_where_the_shipped_files_may_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    root = tmp_path / "installed"
+    for name in ("dbc", "configs"):
+        shutil.copytree(shipped.data_root() / name, root / name)
+    for path in root.rglob("*.*"):
+        path.chmod(0o444)
+    monkeypatch.setattr("liftgate_hil.config.starter.data_root", lambda: root)
+    create_starter(tmp_path / "gate")
+    assert (tmp_path / "gate/rig.toml").stat().st_mode & 0o200
+
+
+def test_a_failed_write_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(ConfigError, match=r"liftgate\.dbc: No space left on device"):
+        create_starter(tmp_path / "gate")
+
+
+def test_the_ecu_is_copied_without_what_was_built_of_it():
+    names = [source.name for source in shipped.ecu_sources()]
+    assert "Makefile" in names
+    assert {Path(name).suffix for name in names} == {"", ".c", ".h"}
+
+
+def test_no_two_files_of_the_ecu_have_one_name():
+    names = [source.name for source in (*shipped.ecu_sources(), *shipped.c_headers())]
+    assert len(names) == len(set(names))
+    assert "liftgate_serial.h" in names
+
+
+@needs_compiler
+def test_the_copied_ecu_is_made_from_the_copies_alone(tmp_path: Path):
+    folder = tmp_path / "gate"
+    create_starter(folder)
+    # The Makefile's places in a checkout, as somebody else's project may have them.
+    theirs = tmp_path / "hil/liftgate_hil/transport"
+    theirs.mkdir(parents=True)
+    (theirs / "liftgate_serial.h").write_text("#error not ours\n")
+    (tmp_path / "dbc").mkdir()
+    (tmp_path / "dbc/liftgate.dbc").write_text("not ours")
+    subprocess.run(
+        ["make", "-C", str(folder / "ecu"), f"PYTHON={sys.executable}"],
+        check=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+    for name in ("ecu-can", "ecu-serial"):
+        done = subprocess.run([folder / "ecu/build" / name], capture_output=True, check=False)
+        assert done.returncode == 2  # no wire named
+        assert b"WIRE" in done.stderr
+
+
+@needs_compiler
+def test_the_copied_ecu_takes_python_from_the_path(tmp_path: Path):
+    create_starter(tmp_path / "gate")
+    done = subprocess.run(
+        ["make", "-n", "-C", str(tmp_path / "gate/ecu")],
+        check=True, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert "\npython3 -m cantools" in done.stdout
+    assert " ../liftgate.dbc" in done.stdout
+
+
+@pytest.mark.parametrize("is_active", [True, False])
+def test_the_next_steps_name_a_python_that_has_this_package(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    is_active: bool,
+):
+    here = str(Path(sys.executable).with_name("python3"))
+    monkeypatch.setattr(shutil, "which", lambda name: here if is_active else "/usr/bin/python3")
+    assert main(["init", str(tmp_path / "gate")]) == 0
+    out = capsys.readouterr().out
+    assert ("  liftgate-hil demo" in out) == is_active
+    assert (f"  {sys.executable} -m liftgate_hil demo" in out) != is_active
+    assert (f"PYTHON={sys.executable}" in out) != is_active
