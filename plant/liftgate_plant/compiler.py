@@ -11,14 +11,16 @@ A `System` is a function of the C library that both can call.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import fcntl
 import functools
 import hashlib
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -129,8 +131,57 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         if helper not in _known_to_numba:
             register_jitable(**_OPTIONS, **_HELPER_OPTIONS)(helper)
             _known_to_numba.add(helper)
-    machine_code: Callable[..., Any] = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
-    return machine_code
+    machine_code: Any = numba.njit(nogil=True, cache=cache, **_OPTIONS)(function)
+    if cache:
+        _compile_once(
+            machine_code, cache_folder() / f"{function.__module__}.{function.__qualname__}.lock"
+        )
+    return machine_code  # type: ignore[no-any-return]
+
+
+class _SharedCache:
+    """numba's disk cache of a function, in which one process at a time compiles; others wait and load.
+
+    numba's own would have each of them compile, and may mix up what they save at the same time.
+    """
+
+    def __init__(self, cache: Any, path: Path) -> None:
+        self._cache = cache
+        self._path = path
+        self._lock: IO[bytes] | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """What is kept for the signature; where there is None it is this process's turn to compile."""
+        found = self._cache.load_overload(signature, context)
+        if found is None and self._lock is None:
+            # Without locks, or in a folder that this user may not write to, each compiles by itself.
+            with contextlib.suppress(OSError):
+                self._lock = self._path.open("ab")
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
+                found = self._cache.load_overload(signature, context)
+        return found
+
+    def release(self) -> None:
+        """Let another process have its turn."""
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+
+def _compile_once(machine_code: Any, path: Path) -> None:
+    cache = machine_code._cache = _SharedCache(machine_code._cache, path)
+    compile_here = machine_code.compile
+
+    def compile_in_turn(signature: Any) -> Any:
+        try:
+            return compile_here(signature)
+        finally:
+            cache.release()
+
+    machine_code.compile = compile_in_turn
 
 
 @functools.cache

@@ -87,3 +87,49 @@ def test_an_edit_of_either_package_asks_for_new_machine_code_wherever_they_are_i
     with (tmp_path / edited).open("a") as stream:
         stream.write("# edited\n")
     assert cache_of(tmp_path) != before
+
+
+_LONG = """
+import sys
+from liftgate_plant.compiler import compiled
+
+def long(x: float) -> float:
+    %s
+    return x
+
+def main() -> None:
+    function = compiled(long)
+    print("ready", flush=True)
+    sys.stdin.readline()
+    assert function(1.0) == 41.0
+    print(function.stats.cache_misses[(function.signatures[0])] if function.stats.cache_misses else 0)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_processes_that_begin_together_compile_once(tmp_path: Path):
+    program = tmp_path / "long.py"
+    program.write_text(_LONG % "\n    ".join(40 * ["x = x + 1.0 if x > 0.0 else x * 2.0"]))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    children = [
+        subprocess.Popen(
+            [sys.executable, str(program)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    for child in children:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+    answers = []
+    for child in children:
+        assert child.stdin is not None
+        child.stdin.write("go\n")
+        child.stdin.flush()
+    for child in children:
+        out, complaints = child.communicate(timeout=120)
+        assert child.returncode == 0, complaints
+        answers.append(int(out))
+    assert sorted(answers) == [0, 1]

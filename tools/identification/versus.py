@@ -1,6 +1,6 @@
 """Run 1 of the thesis on 10 s at 1 kHz: the command, against scipy's least_squares on a solve_ivp model.
 
-Both have the same data, the same equations (4.1-4.13 as plant/identify/rigid.py corrects them), the same unknowns
+Both have the same data, the same equations (4.1-4.13 as identify/rigid.py corrects them), the same unknowns
 and start, and weights from the same noise. The other side is what an engineer would write down in an afternoon:
 the equations in Python, LSODA, two-point differences. It is compared twice: with four steps of voltage, each of
 which LSODA crosses with long steps, and with a voltage as it is measured, different at every sample.

@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +19,45 @@ ROOT = Path(__file__).parents[3]
 SHORT = ("--duration", "0.1")
 
 
-def doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+# What the user may not read or do must not stop it. All is imported first: the user may not see the interpreter.
+_UNPRIVILEGED = """
+import contextlib, io, os, sys
+from liftgate_hil.cli.main import main
+with contextlib.redirect_stdout(io.StringIO()):
+    main(["doctor", "--json", "--duration", "0.1"])
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+sys.exit(main(["doctor", "--json", "--realtime", "--duration", "0.1"]))
+"""
+_DOCTOR = ("-m", "liftgate_hil", "doctor")
+_PLAIN = {"LIFTGATE_COMPILE": "0"}
+_CALLS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
+    "json": ((*_DOCTOR, "--json", *SHORT, "--realtime"), {}),
+    "in words": ((*_DOCTOR, *SHORT), _PLAIN),
+    "quiet": ((*_DOCTOR, *SHORT, "--quiet"), _PLAIN),
+    "no such CPU": ((*_DOCTOR, *SHORT, "--quiet", "--cpu", "1023"), {}),
+    "unprivileged": (("-c", _UNPRIVILEGED), {}),
+}
+
+Done = subprocess.CompletedProcess[str]
+
+
+def call(name: str) -> Done:
+    arguments, environment = _CALLS[name]
     return subprocess.run(
-        [sys.executable, "-m", "liftgate_hil", "doctor", *arguments],
+        [sys.executable, *arguments],
         capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
         env={**os.environ, **environment},
     )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def answers() -> Mapping[str, Done]:
+    """All calls at once: each waits 5 s for drivers to answer."""
+    names = [name for name in _CALLS if name != "unprivileged" or os.getuid() == 0]
+    with ThreadPoolExecutor(len(names)) as pool:
+        return dict(zip(names, pool.map(call, names), strict=True))
 
 
 def assert_sound(answer: dict[str, Any], code: int) -> None:
@@ -38,17 +73,16 @@ def assert_sound(answer: dict[str, Any], code: int) -> None:
     assert figures["lateness"]["count"] + figures["lateness"]["missed"] == 100
 
 
-def test_the_answer_as_json():
-    done = doctor("--json", *SHORT, "--realtime")
+def test_the_answer_as_json(answers: Mapping[str, Done]):
+    done = answers["json"]
     assert done.stderr == ""
     answer = json.loads(done.stdout)
     assert_sound(answer, done.returncode)
     assert "--realtime" in [each["check"] for each in answer["checks"]]
 
 
-def test_the_answer_in_words_and_only_what_is_not_ok():
-    loud = doctor(*SHORT, LIFTGATE_COMPILE="0")
-    quiet = doctor(*SHORT, "--quiet", LIFTGATE_COMPILE="0")
+def test_the_answer_in_words_and_only_what_is_not_ok(answers: Mapping[str, Done]):
+    loud, quiet = answers["in words"], answers["quiet"]
     for done in (loud, quiet):
         assert done.returncode in (0, 1)
         assert "Traceback" not in done.stderr
@@ -59,31 +93,15 @@ def test_the_answer_in_words_and_only_what_is_not_ok():
     assert loud.stdout.startswith("ok       platform")
 
 
-def test_a_cpu_that_is_not_there_is_a_problem():
-    done = doctor(*SHORT, "--quiet", "--cpu", "1023")
+def test_a_cpu_that_is_not_there_is_a_problem(answers: Mapping[str, Done]):
+    done = answers["no such CPU"]
     assert done.returncode == 1
     assert "CPU 1023 is not one" in done.stdout
 
 
-# What the user may not read or do must not stop it. All is imported first: the user may not see the interpreter.
-_UNPRIVILEGED = """
-import contextlib, io, os, sys
-from liftgate_hil.cli.main import main
-with contextlib.redirect_stdout(io.StringIO()):
-    main(["doctor", "--json", "--duration", "0.1"])
-os.setgroups([])
-os.setgid(65534)
-os.setuid(65534)
-sys.exit(main(["doctor", "--json", "--realtime", "--duration", "0.1"]))
-"""
-
-
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody else")
-def test_an_unprivileged_user_gets_an_answer():
-    done = subprocess.run(
-        [sys.executable, "-c", _UNPRIVILEGED],
-        capture_output=True, text=True, timeout=120, check=False, cwd=ROOT,
-    )  # fmt: skip
+def test_an_unprivileged_user_gets_an_answer(answers: Mapping[str, Done]):
+    done = answers["unprivileged"]
     assert "Traceback" not in done.stderr
     answer = json.loads(done.stdout)
     assert_sound(answer, done.returncode)

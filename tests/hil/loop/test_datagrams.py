@@ -35,11 +35,13 @@ Rows = list[tuple[int, bytes]]
 Pair = tuple[socket.socket, socket.socket]
 
 close_descriptor = System("close", "i", "i")
+sleep_us = System("usleep", "i", "i")
 
 
 @compilable
 def error_of_closing(descriptor: int) -> int:
     close_descriptor(descriptor)
+    sleep_us(200)  # so that another thread fails in between
     return last_error()
 
 
@@ -300,7 +302,7 @@ def test_the_error_number_is_this_threads(wire: SignalMapping):
     thread = threading.Thread(target=fail_otherwise)
     thread.start()
     try:
-        errors = {wire.error_of_closing(-1) for _ in range(3000)}
+        errors = {wire.error_of_closing(-1) for _ in range(200)}
     finally:
         stop.set()
         thread.join()
