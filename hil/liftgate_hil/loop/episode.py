@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from liftgate_hil.ecu import reference
 from liftgate_hil.ecu.node import Node, NodeState, ask, outgoing, turn
 from liftgate_hil.ecu.wire import CAPACITY
-from liftgate_hil.loop.rings import Shared, note_frames, note_row
+from liftgate_hil.loop.rings import Shared, count_bits, note_frames, note_row
 from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
 from liftgate_hil.stimuli.mailbox import take_letters
@@ -75,10 +75,13 @@ def run_stretch(
         loop, replies, truth, sensed = tick(config, loop, given, outside)
         now_ns = loop.tick * config.step_ns
         note_row(shared, truth, sensed)
-        if given.count + replies.count > 0 and script.is_recorded:
-            note_frames(shared, given, stamps, 0, now_ns, 0)
-            note_frames(shared, replies, stamps, 0, now_ns, 1)
-            room -= given.count + replies.count
+        if given.count + replies.count > 0:
+            count_bits(shared, given)
+            count_bits(shared, replies)
+            if script.is_recorded:
+                note_frames(shared, given, stamps, 0, now_ns, 0)
+                note_frames(shared, replies, stamps, 0, now_ns, 1)
+                room -= given.count + replies.count
         control.sent += replies.count
         control.tick = loop.tick
         if not is_sound(truth):

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
-from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared, note_frames, note_row
+from liftgate_hil.loop.rings import (
+    DELAY,
+    EXECUTION,
+    LATENESS,
+    Shared,
+    count_bits,
+    note_frames,
+    note_row,
+)
 from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
 from liftgate_hil.stimuli.mailbox import take_letters
@@ -291,6 +299,7 @@ def run_realtime(
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, params.command)
         note_frames(shared, frames, room.stamps, start_ns, woken, 0)
+        count_bits(shared, frames)
         unsent = answer(shared, params, room, replies, stopping)
         done = clock_ns(_MONOTONIC, room)
         if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
@@ -298,6 +307,7 @@ def run_realtime(
             waiting_since = 0
 
         note_frames(shared, replies, now_stamps, start_ns, done, 1)
+        count_bits(shared, replies)
         note_row(shared, truth, sensed)
         control.tick = state.tick
         if not stopping:

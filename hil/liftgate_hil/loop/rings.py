@@ -55,6 +55,15 @@ class Shared(NamedTuple):
 
 
 @compilable
+def count_bits(shared: Shared, frames: Frames) -> None:
+    """Add frames to what the bus has carried."""
+    bits = 0
+    for i in range(frames.count):
+        bits += bits_of(frames.identifiers[i], int(frames.lengths[i]))
+    shared.control[0].bits += bits
+
+
+@compilable
 def note_frames(
     shared: Shared,
     frames: Frames,
@@ -67,7 +76,6 @@ def note_frames(
     control = shared.control[0]
     ring = shared.frames
     at = control.frames
-    bits = 0
     for i in range(frames.count):
         row = ring[at % len(ring)]
         length = int(frames.lengths[i])
@@ -77,9 +85,7 @@ def note_frames(
         row.is_sent = is_sent
         for k in range(length):
             row.payload[k] = frames.data[i, k]
-        bits += bits_of(frames.identifiers[i], length)
         at += 1
-    control.bits += bits
     control.frames = at
 
 

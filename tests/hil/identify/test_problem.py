@@ -9,10 +9,7 @@ import pytest
 
 from liftgate_hil.identify.data import Data, changes_of
 from liftgate_hil.identify.problem import Problem
-<<<<<<< HEAD
 from liftgate_plant.rows import AT
-=======
->>>>>>> speed
 from tests.hil.identify.simulated import NOISE, TRUTH, measured, sought, true_vehicle
 from tests.plant.runs import suv
 
