@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
-from itertools import count
 from pathlib import Path
-from typing import Any, get_type_hints
 
 from hil_support import decoded, rig_of
 
@@ -66,17 +64,3 @@ def outputs_in(rig: Rig, frames: Frames) -> dict[str, float]:
             found[name] = float(rows[0]["Value"])
     assert len(found) == frames.count
     return found
-
-
-def distinct(kind: type[Any], numbers: Iterator[float] | None = None) -> Any:
-    """A NamedTuple, and all that it holds, of numbers of which no two are alike: 1.5, 2.5, …"""
-    numbers = count(1.5) if numbers is None else numbers
-    hints = get_type_hints(kind)
-    return kind(
-        **{
-            name: distinct(hints[name], numbers)
-            if hasattr(hints[name], "_fields")
-            else next(numbers)
-            for name in kind._fields
-        }
-    )

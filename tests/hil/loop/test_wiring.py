@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from catalogue_bus import catalogue_rig, distinct, input_frames, outputs_in
+from catalogue_bus import catalogue_rig, input_frames, outputs_in
 from hil_support import NO_TIMELINE, frames_of, loop_config, outside, start_of
 
 from liftgate_hil.codec.frames import Frames, empty_frames
@@ -34,6 +34,7 @@ from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Sensed, Surroundings, Truth, bus_name, signals_of
+from tests.plant.distinct import distinct
 
 Tick = Callable[..., Any]
 
