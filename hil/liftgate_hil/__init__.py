@@ -1,15 +1,68 @@
-"""Everything around the plant: bus, loop, scenarios, recordings, the reference ECU and the commands."""
+"""Hardware-in-the-loop emulator of a power lift gate.
 
+    import liftgate_hil as lh
+    with lh.Gate(vehicle="suv", rig="liftgate") as gate:            # step it yourself
+        gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+        frames = gate.step(0.010)
+    result = lh.run("demo", ecu="reference", clock="free")          # or run a scenario against an ECU
+
+What is named here is public; all else may change. Errors are those of `liftgate_hil.errors`.
+"""
+
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from liftgate_hil import errors
+    from liftgate_hil.config.rig import Rig, load_rig
+    from liftgate_hil.config.scenario import Scenario, load_scenario
+    from liftgate_hil.config.vehicle import load_vehicle
+    from liftgate_hil.gate import Gate
+    from liftgate_hil.runs import Result, run
+    from liftgate_plant.vehicle import Vehicle
+
     __version__: str
+
+# Public name: the module that has it. Imported where it is asked for, so that starting a command stays fast.
+_HOMES = {
+    "Gate": "liftgate_hil.gate",
+    "Result": "liftgate_hil.runs",
+    "Rig": "liftgate_hil.config.rig",
+    "Scenario": "liftgate_hil.config.scenario",
+    "Vehicle": "liftgate_plant.vehicle",
+    "load_rig": "liftgate_hil.config.rig",
+    "load_scenario": "liftgate_hil.config.scenario",
+    "load_vehicle": "liftgate_hil.config.vehicle",
+    "run": "liftgate_hil.runs",
+}
+
+__all__ = [
+    "Gate",
+    "Result",
+    "Rig",
+    "Scenario",
+    "Vehicle",
+    "errors",
+    "load_rig",
+    "load_scenario",
+    "load_vehicle",
+    "run",
+]
 
 
 def __getattr__(name: str) -> object:
-    """What is looked up only where it is asked for, so that an import costs nothing."""
+    """A public name, from where it is."""
     if name == "__version__":
         from liftgate_hil.version import version
 
         return version()
+    if name == "errors":
+        return import_module("liftgate_hil.errors")
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return [*__all__, "__version__"]

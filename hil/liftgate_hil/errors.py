@@ -6,6 +6,7 @@
     ├── TransportError       a bus that cannot be opened or is lost for good
     ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
+    ├── EcuError             the ECU under test did what none may, crashed or hung
     └── PlantDivergedError   the plant's state is no longer finite
 
 A bad frame on the bus is none of these: it is counted and survived.
@@ -42,6 +43,10 @@ class RecordingError(LiftgateError):
 
 class OverrunError(LiftgateError):
     """Too many periods in a row were missed."""
+
+
+class EcuError(LiftgateError):
+    """The ECU under test did what none may, raised, crashed or hung."""
 
 
 class PlantDivergedError(LiftgateError):

@@ -9,7 +9,7 @@ import contextlib
 import math
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,9 +42,31 @@ def rig_from(name: str) -> Rig:
     return load_rig(find_config("rigs", name))
 
 
-def scenario_from(name: str | None) -> Scenario:
-    """The scenario of a shipped name or a path, or none. Raises ConfigError."""
-    return no_scenario() if name is None else load_scenario(find_config("scenarios", name))
+def scenario_from(name: str | None, parameters: Mapping[str, float] | None = None) -> Scenario:
+    """The scenario of a shipped name or a path with its parameters replaced, or none. Raises ConfigError."""
+    if name is None:
+        return no_scenario()
+    return load_scenario(find_config("scenarios", name), parameters or {})
+
+
+def angle_from(initial: float | str, open_angle: float, others: str = "") -> float:
+    """The angle [rad] of "closed", "open" (`open_angle`, rad) or degrees; `others` are allowed besides.
+
+    Raises ConfigError.
+    """
+    named = {"closed": 0.0, "open": open_angle}
+    if initial in named:
+        return named[str(initial)]
+    try:
+        degrees = float(initial)
+    except ValueError:
+        degrees = math.nan
+    top = math.degrees(open_angle)
+    if not 0.0 <= degrees <= top:
+        raise ConfigError(
+            f"initial {initial}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+        )
+    return math.radians(degrees)
 
 
 def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
@@ -127,6 +149,7 @@ class Emulator:
     scenario: Scenario
     way: Way
     options: RunOptions = field(default_factory=RunOptions)
+    start_angle: float = 0.0  # rad
     peers: Sequence[Peer] = ()
     watch: Watch | None = None
     say: Callable[[str], None] = _nothing
@@ -140,7 +163,7 @@ class Emulator:
         self.options.check()
         options = self.options
         self.config = loop_config_of(self.vehicle, self.rig, options.rate, options.seed)
-        self.state = start_of(self.config)
+        self.state = start_of(self.config, self.start_angle)
         duration = self.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
         if options.clock == "realtime" and POSSIBLE:
@@ -235,7 +258,7 @@ class Emulator:
         """Run the Python loop on the clock that was asked for; its timing."""
         from liftgate_hil.loop.clock import RealtimeClock
         from liftgate_hil.loop.histogram import distribution
-        from liftgate_hil.loop.python_loop import run_clocked, run_free, run_lockstep
+        from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
         from liftgate_hil.loop.statistics import Timing
 
         options, rig = self.options, self.rig
@@ -246,6 +269,11 @@ class Emulator:
         if options.clock == "free":
             run_free(loop, self.ticks, self.stopped)
         else:
-            period = max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate))
-            run_lockstep(loop, rig.command_identifier(), period, self.ticks, self.stopped)
+            lockstep = Lockstep(
+                command=rig.command_identifier(),
+                ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate)),
+                wall_timeout=options.wall_timeout,
+                say=self.say if not self.peers else _nothing,
+            )
+            run_lockstep(loop, lockstep, self.ticks, self.stopped)
         return Timing()

@@ -47,6 +47,7 @@ class Sensors(NamedTuple):
 
 
 _MOST_EDGES = 100_000  # in a tick
+_FARTHEST = 1e12  # rev; a count beyond it does not fit into 64 bits
 
 
 class HallState(NamedTuple):
@@ -106,7 +107,7 @@ def hall_after(sensors: Sensors, hall: HallState, position: float, sample: bool)
     """The Hall sensors at the end of a tick: the decoder sees every edge that the shaft has passed, one after the
     other. At the end of a sample period the speed is the counts that came during it.
     """
-    target = hall_count(sensors, position) if math.isfinite(position) else hall.step
+    target = hall_count(sensors, position) if abs(position) < _FARTHEST else hall.step
     step, a, b, count = hall.step, hall.a, hall.b, hall.count
     if abs(target - step) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
         count += target - step

@@ -1,9 +1,11 @@
-"""What several tests of `hil` need: frames made by cantools and crccheck, rigs from text, a bench."""
+"""What several tests of `hil` need: frames made by cantools and crccheck, rigs from text, a loop's constants,
+and what acts on it from outside.
+"""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +15,23 @@ from hypothesis import settings
 
 from liftgate_hil import session
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
-from liftgate_hil.codec.frames import EXTENDED, Frames
+from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.codec.quantities import BusQuantity
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
+from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.timeline import Timeline, no_timeline
+from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import initial_state
+from liftgate_plant.signals import Signal
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
-FREE = BusQuantity("", -1e300, 1e300, "anything")
+FREE = Signal("", -1e300, 1e300, "anything")
+
+NO_TIMELINE = no_timeline()
 
 COMMAND, BENCH_CONTROL = 0x120, 0x7E1
 LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS = 0x210, 0x211, 0x220, 0x230, 0x7E0
@@ -119,16 +126,52 @@ def decoded(rig: Rig, frames: Frames, name: str) -> list[dict[str, Any]]:
     ]
 
 
-def bench(
+def loop_config(
     rate: float = 1000.0,
     rig: Rig | None = None,
-    timeline: Timeline | None = None,
     settings: Sequence[str] = (),
     seed: int = 0,
 ) -> LoopConfig:
     """The shipped vehicle, as a loop's constants."""
     vehicle = session.vehicle_from("suv", settings)
-    return session.bench_of(vehicle, rig or shipped_rig(), timeline or no_timeline(), rate, seed)
+    return session.loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
+
+
+def outside(
+    timeline: Timeline | None = None,
+    time: float = 0.0,
+    missed: int = 0,
+    silent: bool = False,
+    stop: bool = False,
+) -> Outside:
+    """What acts on one tick that begins at a time [s]; nothing was posted."""
+    given = NO_TIMELINE if timeline is None else timeline
+    return compiled(outside_at)(given, nothing_held(), time, missed, silent, stop)
+
+
+Ticked = list[tuple[LoopState, Frames, Any, Any]]
+
+
+def catch_up(
+    call: Callable[..., Any],
+    config: LoopConfig,
+    state: LoopState,
+    frames: Frames,
+    steps: int,
+    missed: int = 0,
+    timeline: Timeline | None = None,
+) -> Ticked:
+    """So many ticks at once, and what each gave: the frames come in the first, all but the last make up for a
+    missed one and send nothing. `missed` were missed before.
+    """
+    ticked: Ticked = []
+    for left in range(steps - 1, -1, -1):
+        silent = left > 0
+        missed += silent
+        around = outside(timeline, state.tick * config.step, missed, silent=silent)
+        ticked.append(call(config, state, frames, around))
+        state, frames = ticked[-1][0], empty_frames(0)
+    return ticked
 
 
 def shipped_rig() -> Rig:
@@ -136,9 +179,9 @@ def shipped_rig() -> Rig:
     return session.rig_from("liftgate")
 
 
-def start_of(some: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:
+def start_of(config: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:
     """A loop at rest at an angle [rad]."""
-    return initial_loop(some, initial_state(some.plant, angle, latched=latched))
+    return initial_loop(config, initial_state(config.plant, angle, latched=latched))
 
 
 def write_rig(folder: Path, database: str, text: str) -> Path:
@@ -158,7 +201,7 @@ def bus_config_of(
     messages: Mapping[str, Any],
     mappings: Sequence[SignalMapping],
     options: Mapping[str, MessageOptions] | None = None,
-    quantities: Mapping[str, BusQuantity] | None = None,
+    quantities: Mapping[str, Signal] | None = None,
     sending: bool = False,
 ) -> BusConfig:
     """Tables for wires whose quantities may be anything."""

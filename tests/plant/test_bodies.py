@@ -377,16 +377,6 @@ def test_a_warm_motor_has_more_resistance_and_less_flux_if_enabled() -> None:
 # Sensors and noise.
 
 
-def test_hall_signals_decode_back_to_the_count() -> None:
-    codes = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
-    total, last = 0, codes[sensors.hall_signals(0)]
-    for count in [*range(1, 50), *range(48, -50, -1)]:
-        code = codes[sensors.hall_signals(count)]
-        total += {1: 1, 3: -1}[(code - last) % 4]
-        last = code
-        assert total == count
-
-
 def test_a_count_is_the_nearest_quarter_turn() -> None:
     table = sensors.Sensors()
     assert [sensors.hall_count(table, p) for p in (0.0, 0.12, 0.13, -0.12, -0.13, 10.0)] == [

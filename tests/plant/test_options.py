@@ -13,6 +13,7 @@ from liftgate_plant import dynamics, gate, integrate, obstacle, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import State
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Sensed
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.plant.runs import (
     COAST,
@@ -284,7 +285,7 @@ def test_a_warm_coasting_motor_shows_its_weaker_emf() -> None:
 # Sensors in the whole.
 
 
-def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[sensors.Sensed]:
+def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[Sensed]:
     plant, given_inputs = plant_of(vehicle), inputs(vehicle, OPEN, road_slope=0.1)
     memory = sensors.initial_sensors(vehicle.sensors, state_of(rows[0]))
     readings = []
@@ -302,7 +303,10 @@ def test_hall_speed_is_the_whole_counts_of_each_sample_period() -> None:
     vehicle = suv("sensors.hall_sample_period=0.005")
     rows = fast_run(plant_of(vehicle), at_rest(vehicle, 30.0), inputs(vehicle, OPEN), STEP, 300)
     readings = sensed(vehicle, rows, STEP)
-    counts = [0, *(reading.left_count - round(4.0 * rows[0][2]) for reading in readings)]
+    counts = [
+        0,
+        *(round(reading.left_hall_count) - round(4.0 * rows[0][2]) for reading in readings),
+    ]
     for tick in range(5, 300):
         last = tick - tick % 5
         assert readings[tick - 1].left_hall_speed == counts[last] - counts[last - 5]
@@ -319,7 +323,7 @@ def test_the_accelerometer_on_the_gate_feels_motion_and_weight() -> None:
     rate = dynamics.outputs(plant, state, given_inputs).gate_acceleration
     assert abs(rate) > 0.1
     weight = 9.81 * math.cos(state.gate_angle + math.atan2(-0.45, 0.30) + 0.1)
-    assert reading.gate_acceleration == pytest.approx(0.7 * rate + weight, rel=ROUND_OFF)
+    assert reading.gate_acceleration_mps2 == pytest.approx(0.7 * rate + weight, rel=ROUND_OFF)
     assert reading.gate_angle_deg == pytest.approx(math.degrees(state.gate_angle) + 1.5)
     assert reading.road_slope_deg == pytest.approx(math.degrees(0.1))
-    assert reading.left_current == column(rows, "left_current")[-1]
+    assert reading.left_current_a == column(rows, "left_current")[-1]

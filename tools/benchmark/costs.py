@@ -26,12 +26,15 @@ from liftgate_hil.loop.realtime_loop import (
     clock_ns,
     make_room,
     note_frames,
-    note_snapshot,
+    note_row,
     receive,
     send,
 )
 from liftgate_hil.loop.rings import Memory, Shared
-from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
+from liftgate_hil.stimuli.mailbox import nothing_held, take_letters
+from liftgate_hil.stimuli.outside import Outside, outside_at
+from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -52,31 +55,16 @@ def many_steps(plant: Plant, state: State, inputs: Inputs, step: float, count: i
 
 
 @compilable
-def many_ticks(bench: LoopConfig, state: LoopState, count: int) -> LoopState:
+def many_ticks(config: LoopConfig, state: LoopState, outside: Outside, count: int) -> LoopState:
     """`count` whole ticks (receive, step, sense, encode) in one call, without system calls."""
-    frames = empty(1)
     for _ in range(count):
-        state, _, _ = tick(bench, state, frames, 1, False)
+        state, _, _, _ = tick(config, state, config.nothing, outside)
     return state
 
 
 @compilable
-def empty(capacity: int):  # type: ignore[no-untyped-def]
-    """No frames, made where compiled code needs them."""
-    return frames_type(
-        0,
-        np.zeros(capacity, dtype=np.int64),
-        np.zeros(capacity, dtype=np.int64),
-        np.zeros((capacity, 64), dtype=np.uint8),
-    )
-
-
-frames_type = type(empty_frames(1))
-
-
-@compilable
 def hot_ticks(
-    bench: LoopConfig,
+    config: LoopConfig,
     start: LoopState,
     params: RunParams,
     shared: Shared,
@@ -85,10 +73,10 @@ def hot_ticks(
     every: int,
     count: int,
 ) -> int:
-    """Ticks one after the other as in `run_hard`, with a command to read every so many. Only they are timed, not
-    what the other end does; their time [ns].
+    """Ticks one after the other as in `run_realtime`, with a command to read every so many. Only they are timed,
+    not what the other end does; their time [ns].
     """
-    bench, params, shared, room = borrowed((bench, params, shared, room))
+    config, params, shared, room = borrowed((config, params, shared, room))
     state = start
     total = 0
     for number in range(count):
@@ -96,12 +84,16 @@ def hot_ticks(
             write_frames(peer.descriptor, peer.buffers, peer.command)
         begin = clock_ns(1, room)
         frames = receive(shared, params, room)
-        state, replies, snapshot = tick(bench, state, frames, 1, False)
+        take_letters(shared.box, params.held)
+        outside = outside_at(
+            params.timeline, params.held, state.tick * config.step, 0, False, False
+        )
+        state, replies, truth, sensed = tick(config, state, frames, outside)
         if replies.count > 0:
             send(shared, params, room, replies)
         note_frames(shared, frames, room.stamps, 0, begin)
         note_frames(shared, replies, room.stamps, 0, begin)
-        note_snapshot(shared, snapshot)
+        note_row(shared, truth, sensed)
         total += clock_ns(1, room) - begin
         read_frames(peer.descriptor, peer.buffers, peer.room, peer.stamps)
     return total
@@ -123,16 +115,14 @@ def hot_tick(sent: int | None) -> float:
     read and so many frames to send each tick.
     """
     rig = session.rig_from("liftgate")
-    bench = session.bench_of(
-        session.vehicle_from("suv"), rig, session.scenario_from(None).timeline, 1000.0, 0
-    )
+    config = session.loop_config_of(session.vehicle_from("suv"), rig, 1000.0, 0)
     if sent is not None:
-        others = len(bench.outputs.messages) - sent
-        bench.outputs.messages.cycle_ns[:] = [bench.step_ns] * sent + [0] * others
+        others = len(config.outputs.messages) - sent
+        config.outputs.messages.cycle_ns[:] = [config.step_ns] * sent + [0] * others
     # The command always the same, so without a counter.
-    bench.inputs.messages.counter[:] = -1
-    bench.inputs.messages.kind[:] = 0
-    state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
+    config.inputs.messages.counter[:] = -1
+    config.inputs.messages.kind[:] = 0
+    state = session.start_of(config)
     command = empty_frames(1)._replace(count=1)
     command.identifiers[0], command.lengths[0] = rig.command_identifier(), 8
     payload = rig.messages["DriveCommand"].encode(
@@ -149,7 +139,7 @@ def hot_tick(sent: int | None) -> float:
         Realtime().enter()
         for _ in range(ROUNDS + 1):
             nanoseconds = run(
-                bench,
+                config,
                 state,
                 params,
                 memory.shared,
@@ -161,7 +151,15 @@ def hot_tick(sent: int | None) -> float:
             rounds.append(nanoseconds * 1e-9 / 20_000)
 
     with ours, theirs:
-        params = RunParams(ours.fileno(), 0, 10**9, 0x120, np.array([0x210], dtype=np.int64))
+        params = RunParams(
+            descriptor=ours.fileno(),
+            ticks=0,
+            limit_ns=10**9,
+            command=0x120,
+            feedback=np.array([0x210], dtype=np.int64),
+            timeline=no_timeline(),
+            held=nothing_held(),
+        )
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
         )
@@ -217,28 +215,28 @@ def measure() -> dict[str, float]:
         lambda: many_steps(plant, state, inputs, 0.001, 200), 200
     )
 
-    scenario = session.scenario_from(None)
-    bench = session.bench_of(vehicle, rig, scenario.timeline, 1000.0, 0)
-    loop_state = initial_loop(bench, initial_state(plant, 0.0, latched=True))
+    config = session.loop_config_of(vehicle, rig, 1000.0, 0)
+    loop_state = session.start_of(config)
+    outside = compiled(outside_at)(no_timeline(), nothing_held(), 0.0, 0, False, False)
     ticks = compiled(many_ticks)
-    ticks(bench, loop_state, 1)
+    ticks(config, loop_state, outside, 1)
     figures["tick, compiled, in a loop"] = per_call(
-        lambda: ticks(bench, loop_state, 50_000), 50_000
+        lambda: ticks(config, loop_state, outside, 50_000), 50_000
     )
     one_tick = compiled(tick)
     frames = empty_frames(1)
-    one_tick(bench, loop_state, frames, 1, False)
+    one_tick(config, loop_state, frames, outside)
 
     def called() -> None:
         for _ in range(5000):
-            one_tick(bench, loop_state, frames, 1, False)
+            one_tick(config, loop_state, frames, outside)
 
     figures["tick, compiled, called from Python"] = per_call(called, 5000)
 
     figures[HOT] = hot_tick(None)
     figures["hot tick with a command read and one frame sent"] = hot_tick(1)
     figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(3)
-    with_bus = portable_tick(one_tick, bench, loop_state)
+    with_bus = portable_tick(one_tick, config, loop_state)
     figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(5000), 5000)
 
     with tempfile.TemporaryDirectory() as folder:
@@ -256,15 +254,19 @@ def measure() -> dict[str, float]:
 
 
 def portable_tick(
-    one_tick: Callable[..., tuple[LoopState, object, object]], bench: LoopConfig, state: LoopState
+    one_tick: Callable[..., tuple[LoopState, Frames, object, object]],
+    config: LoopConfig,
+    state: LoopState,
 ) -> Callable[[int], None]:
-    """The Python loop's work without waiting: receive, tick, send."""
+    """The Python loop's work without waiting: receive, see what is outside, tick, send."""
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
+    outside, timeline, held = compiled(outside_at), no_timeline(), nothing_held()
 
     def run(count: int) -> None:
         current = state
         for _ in range(count):
-            current, replies, _ = one_tick(bench, current, transport.receive(), 1, False)
-            transport.send(replies)  # type: ignore[arg-type]
+            around = outside(timeline, held, current.tick * config.step, 0, False, False)
+            current, replies, _, _ = one_tick(config, current, transport.receive(), around)
+            transport.send(replies)
 
     return run

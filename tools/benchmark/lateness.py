@@ -28,9 +28,8 @@ from liftgate_hil.loop.histogram import upper_end
 from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.rings import LATENESS
-from liftgate_hil.loop.tick import initial_loop
+from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_plant.dynamics import initial_state
 
 _BINS_US = 50_000  # of cyclictest's histogram
 
@@ -165,18 +164,19 @@ def load(is_on: bool) -> Iterator[None]:
 def our_run(condition: Condition, seconds: float) -> tuple[Times, RealtimeRun]:
     """The emulator's own loop, with commands that come and feedback that goes."""
     vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
-    bench = session.bench_of(vehicle, rig, session.scenario_from(None).timeline, condition.rate, 0)
+    config = session.loop_config_of(vehicle, rig, condition.rate, 0)
     memory = memory_for(condition.rate)
     line = PairLine()
     run = RealtimeRun(
-        bench,
-        initial_loop(bench, initial_state(bench.plant, 0.0, latched=True)),
-        line,
-        memory,
-        rig,
-        rig.bitrate,
-        10**10,
-        print,
+        config=config,
+        state=session.start_of(config),
+        timeline=no_timeline(),
+        line=line,
+        memory=memory,
+        rig=rig,
+        bitrate=rig.bitrate,
+        limit_ns=10**10,
+        say=print,
         realtime=Realtime() if condition.fifo else None,
     )
     try:
@@ -187,9 +187,10 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, RealtimeRun]:
     finally:
         line.close()
         memory.close()
+    missed = int(memory.shared.control[0].overruns)
     number = memory.shared.histograms[LATENESS].copy()
     late = np.array([upper_end(row) * 1e-3 for row in range(len(number))])
-    return Times(late, number, run.state.overruns, after - before), run
+    return Times(late, number, missed, after - before), run
 
 
 def cyclictest_run(condition: Condition, seconds: float) -> Times:

@@ -23,6 +23,7 @@ from liftgate_hil import session
 from liftgate_hil.identify.data import rows_of
 from liftgate_hil.identify.parameters import find_parameter, with_values
 from liftgate_hil.identify.trajectory import REST, trajectory
+from liftgate_plant.rows import AT
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
@@ -75,7 +76,7 @@ def measure(
     times = np.arange(round(duration * RATE) + 1) / RATE
     voltage = pwm_voltage(times, volts, vehicle.supply.voltage, duration - 0.2)
     rows = rows_of({"left_voltage_v": voltage}, len(times))
-    rows[:, 7] = slope_deg
+    rows[:, AT.road_slope_deg] = slope_deg
     start = REST._replace(angle=math.radians(angle_deg))
     base = load_of(vehicle)._replace(latch_released=1.0)
     out = trajectory(plant_of(vehicle), Sensors(), base, start, 0, times, rows, _STEP)

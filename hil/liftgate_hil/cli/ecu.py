@@ -1,6 +1,6 @@
-"""The reference ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
+"""An ECU alone, on any bus: drives the gate as a car's control unit would, by what the bus says.
 
-It does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable.
+The reference ECU does what the scenario's [[request]] tables ask (default: the demo's), or --request, repeatable.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
     options.add_bus(parser)
+    options.add_ecu(parser, "reference")
     parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
     parser.add_argument(
         "--request",
@@ -31,45 +32,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
     parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
+    parser.add_argument(
+        "--realtime", action="store_true", help="ask for FIFO scheduling; what is refused is told"
+    )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil.config.rig import load_rig
-    from liftgate_hil.config.scenario import load_scenario
-    from liftgate_hil.config.shipped import find_config
-    from liftgate_hil.ecu.controller import Controller
-    from liftgate_hil.ecu.node import EcuNode
+    from liftgate_hil import session
+    from liftgate_hil.ecu.find import adapter_for
+    from liftgate_hil.ecu.peer import Peer
     from liftgate_hil.transport.find import find_way, open_transport
 
-    rig = load_rig(find_config("rigs", args.rig))
-    scenario = load_scenario(find_config("scenarios", args.scenario))
+    rig = session.rig_from(args.rig)
+    scenario = session.scenario_from(args.scenario)
     duration = args.duration if args.duration is not None else scenario.duration
     requests = _requests(args.request) if args.request else list(scenario.requests)
-    transport = open_transport(find_way(options.wire_choice(args), rig))
-    controller = Controller(args.drives)
-    node = EcuNode(rig, transport, controller, args.drives, requests)
     stop = options.StopSignals()
-    start = time.monotonic_ns()
-    told = 0
-    try:
-        while not stop():
-            now = time.monotonic_ns() - start
-            node.poll(now)
-            # The flag counts from the start, a scenario from when the gate is first heard.
-            spent = node.elapsed if args.duration is None else now * 1e-9
-            if duration is not None and spent >= duration:
-                break
-            for event in controller.events[told:]:
-                if not args.quiet:
-                    print(f"ecu {event.time:7.3f} s  {event.text}", file=sys.stderr, flush=True)
-            told = len(controller.events)
-            time.sleep(0.001)
-    finally:
-        node.finish()
-        transport.close()
+    with adapter_for(args.ecu, rig, args.drives, shares_clock=False) as adapter:
+        transport = open_transport(find_way(options.wire_choice(args), rig))
+        if args.realtime:
+            _ask_for_priority(args)
+        peer = Peer(adapter, transport, requests)
+        start = time.monotonic_ns()
+        told = 0
+        try:
+            while not stop():
+                now = time.monotonic_ns() - start
+                peer.poll(now)
+                # The flag counts from the start, a scenario from when the gate is first heard.
+                spent = peer.elapsed_ns(now) if args.duration is None else now
+                if duration is not None and spent * 1e-9 >= duration:
+                    break
+                for event in adapter.events(told):
+                    if not args.quiet:
+                        text = f"ecu {event.time:7.3f} s  {event.text}"
+                        print(text, file=sys.stderr, flush=True)
+                    told += 1
+                time.sleep(0.001)
+        finally:
+            peer.finish()
+            transport.close()
     return 0
+
+
+def _ask_for_priority(args: argparse.Namespace) -> None:
+    from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, sharp_timers
+
+    sharp_timers()
+    refused = ask_for_fifo(PRIORITY - 1)  # below the gate's loop
+    if refused and not args.quiet:
+        print(f"not given: {refused}", file=sys.stderr, flush=True)
 
 
 def _requests(given: list[str]) -> list[Request]:
@@ -87,7 +101,5 @@ def _requests(given: list[str]) -> list[Request]:
         if not 0.0 <= time_s <= 1e6:
             action = ""
         if action not in REQUESTS:
-            raise ConfigError(
-                f"--request {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
-            )
+            raise ConfigError(f"request {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}")
     return sorted(requests, key=lambda request: request.time)

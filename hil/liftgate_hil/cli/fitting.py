@@ -245,6 +245,8 @@ def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float |
     """For each file of `--initial` (the angle [deg] it begins at, None: as the data say; whether it begins in a
     pause). Raises ConfigError.
     """
+    from liftgate_hil.session import angle_from
+
     parts = [each.strip() for each in text.split(",")]
     if len(parts) not in (1, files):
         raise ConfigError(
@@ -253,7 +255,7 @@ def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float |
     angles = [
         None
         if part in ("auto", "pause")
-        else math.degrees(options.angle(part, vehicle.gate.open_angle, "auto, pause, "))
+        else math.degrees(angle_from(part, vehicle.gate.open_angle, "auto, pause, "))
         for part in parts
     ]
     times = files // len(angles)

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import ConfigError
-
 if TYPE_CHECKING:
     from liftgate_hil.session import RunOptions
     from liftgate_hil.transport.find import WireChoice
@@ -90,6 +88,7 @@ def run_options(args: argparse.Namespace) -> RunOptions:
         duration=args.duration,
         seed=args.seed,
         overrun_limit=args.overrun_limit,
+        wall_timeout=args.wall_timeout,
         records=tuple(check_record(name) for name in args.record),
         realtime=args.realtime,
         cpu=args.cpu,
@@ -115,25 +114,6 @@ def add_vehicle_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def angle(text: str, open_angle: float, others: str = "") -> float:
-    """The angle [rad] of `--initial`: closed, open (`open_angle`, rad) or degrees; `others` are allowed besides.
-    Raises ConfigError.
-    """
-    named = {"closed": 0.0, "open": open_angle}
-    if text in named:
-        return named[text]
-    top = math.degrees(open_angle)
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = math.nan
-    if not 0.0 <= degrees <= top:
-        raise ConfigError(
-            f"--initial {text}: allowed: {others}closed, open, or 0 to {top:g} degrees"
-        )
-    return math.radians(degrees)
-
-
 def add_loop(parser: argparse.ArgumentParser) -> None:
     """How the loop runs."""
     add_rate(parser)
@@ -155,6 +135,12 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         default=1.0,
         metavar="S",
         help="end with an error when the loop falls this far behind; default: 1",
+    )
+    parser.add_argument(
+        "--wall-timeout",
+        type=bounded(1e-3, 1e9, "s"),
+        metavar="S",
+        help="end with an error when lockstep has waited this long for a command; default: for ever",
     )
     add_realtime(parser)
     add_seed(parser)
@@ -190,6 +176,16 @@ def add_realtime(parser: argparse.ArgumentParser) -> None:
         type=whole(0, 1023),
         metavar="N",
         help="the CPU for --realtime; default: an isolated one, else the last",
+    )
+
+
+def add_ecu(parser: argparse.ArgumentParser, default: str) -> None:
+    """What closes the loop."""
+    parser.add_argument(
+        "--ecu",
+        default=default,
+        metavar="reference|LIBRARY|MODULE:CLASS|bus",
+        help=f"what closes the loop: ours, a C library, a Python class, one on the bus; default: {default}",
     )
 
 

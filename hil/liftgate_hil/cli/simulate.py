@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.recording.rows import check_output, write_rows
-    from liftgate_hil.session import scenario_from, vehicle_from
+    from liftgate_hil.session import angle_from, scenario_from, vehicle_from
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.dynamics import initial_state
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         every=args.every,
         seed=args.seed,
     )
-    state = initial_state(plant, options.angle(args.initial, vehicle.gate.open_angle))
+    state = initial_state(plant, angle_from(args.initial, vehicle.gate.open_angle))
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
     write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))

@@ -199,8 +199,9 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
         # Half a quantum of slack: a limit need not be a multiple of the factor.
         "low": low - 0.5 * abs(factor) * (not signal.is_float),
         "high": high + 0.5 * abs(factor) * (not signal.is_float),
-        "raw_low": raw[0] if signal.is_float else max(np.ceil(raw[0] - slack[0]), bits[0]),
-        "raw_high": raw[1] if signal.is_float else min(np.floor(raw[1] + slack[1]), bits[1]),
+        # A double's range times a factor may be infinite; the bits hold no more than they do.
+        "raw_low": max(raw[0] if signal.is_float else np.ceil(raw[0] - slack[0]), bits[0]),
+        "raw_high": min(raw[1] if signal.is_float else np.floor(raw[1] + slack[1]), bits[1]),
         "quantity_low": quantity.low,
         "quantity_high": quantity.high,
     }

@@ -41,6 +41,7 @@ LOGGED = np.dtype(
         ("time_ns", "i8"),  # since the run's start
         ("identifier", "i8"),  # with flags
         ("length", "i8"),
+        ("is_sent", "i8"),  # 1: by the gate, 0: to it
         ("payload", "u1", (MAX_BYTES,)),
     ]
 )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,13 @@ class Scenario:
     timeline: Timeline
     requests: tuple[Request, ...] = ()
     duration: float | None = None
+    # Defaults, over which flags and arguments win.
+    vehicle: str | None = None
+    rig: str | None = None
+    seed: int = 0
+    initial: float | str = "closed"
+    settings: tuple[str, ...] = ()  # KEY=VALUE of the vehicle file
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 def no_scenario() -> Scenario:
@@ -35,11 +43,24 @@ def no_scenario() -> Scenario:
     return Scenario(no_timeline())
 
 
-def load_scenario(path: Path) -> Scenario:
-    """The scenario of a file. Raises ConfigError with all faults of the file."""
+_KEYS = (
+    "description", "requirement", "duration", "vehicle", "rig", "seed", "initial", "parameters", "set",
+    "profile", "obstacle", "request",
+)  # fmt: skip
+
+
+def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Scenario:
+    """The scenario of a file, with parameters replaced. Raises ConfigError with all issues of the file."""
     raw = read_toml(path)
     issues = ConfigIssues(str(path))
-    known_keys(issues, "", raw, ("description", "duration", "profile", "obstacle", "request"))
+    known_keys(issues, "", raw, _KEYS)
+    parameters = _parameters(issues, raw, replaced or {})
+    raw = {
+        key: value
+        if key in ("parameters", "description", "requirement")
+        else _filled_in(issues, key, value, parameters)
+        for key, value in raw.items()
+    }
     duration = raw.get("duration")
     if duration is not None:
         duration = number(issues, "duration", duration, 0.0, 1e6, "s")
@@ -56,11 +77,85 @@ def load_scenario(path: Path) -> Scenario:
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
     issues.raise_if_any()
-    return Scenario(
+    settings = table(issues, "set", raw.get("set", {}))
+    scenario = Scenario(
         timeline_of(dict(profiles), obstacles),
         tuple(sorted(requests, key=lambda request: request.time)),
         duration,
+        vehicle=_beside(path, issues, raw, "vehicle"),
+        rig=_beside(path, issues, raw, "rig"),
+        seed=_seed(issues, raw.get("seed", 0)),
+        initial=_initial(issues, raw.get("initial", "closed")),
+        settings=tuple(f"{key}={value!r}" for key, value in _flat(settings)),
+        parameters=parameters,
     )
+    issues.raise_if_any()
+    return scenario
+
+
+def _parameters(
+    issues: ConfigIssues, raw: Table, replaced: Mapping[str, float]
+) -> dict[str, float]:
+    """The file's parameters, with other values."""
+    given = table(issues, "parameters", raw.get("parameters", {}))
+    known = {
+        name: number(issues, f"parameters.{name}", value, -1e15, 1e15)
+        for name, value in given.items()
+    }
+    for name, value in replaced.items():
+        if name not in known:
+            allowed = ", ".join(known) or "none, the file has no [parameters]"
+            issues.add(f"parameters.{name}", f"no such parameter; allowed: {allowed}")
+        known[name] = number(issues, f"parameters.{name}", value, -1e15, 1e15)
+    return known
+
+
+def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[str, float]) -> Any:
+    """A value with each `$name` in it replaced by the parameter."""
+    if isinstance(value, dict):
+        return {
+            name: _filled_in(issues, f"{key}.{name}", each, parameters)
+            for name, each in value.items()
+        }
+    if isinstance(value, list):
+        return [_filled_in(issues, f"{key}[{i}]", each, parameters) for i, each in enumerate(value)]
+    if isinstance(value, str) and value.startswith("$"):
+        if value[1:] in parameters:
+            return parameters[value[1:]]
+        allowed = ", ".join(f"${name}" for name in parameters) or "none, there are no [parameters]"
+        issues.add(key, f"{show(value)}: no such parameter; allowed: {allowed}")
+        return math.nan
+    return value
+
+
+def _beside(path: Path, issues: ConfigIssues, raw: Table, key: str) -> str | None:
+    """A shipped name, or a file beside the scenario's."""
+    if key not in raw:
+        return None
+    name = text(issues, key, raw[key])
+    return str(path.parent / name) if (path.parent / name).is_file() else name
+
+
+def _flat(settings: Table, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values; quoted or not, TOML means the same."""
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _seed(issues: ConfigIssues, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**32:
+        issues.add("seed", f"{show(value)}; allowed: a whole number of 0 to {2**32 - 1}")
+        return 0
+    return value
+
+
+def _initial(issues: ConfigIssues, value: Any) -> float | str:
+    if value in ("closed", "open"):
+        return str(value)
+    return number(issues, "initial", value, 0.0, 180.0, "deg, or closed, or open")
 
 
 def _tables(issues: ConfigIssues, raw: Table, key: str) -> list[tuple[int, Table]]:

@@ -51,7 +51,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     from liftgate_hil.loop.histogram import distribution
     from liftgate_hil.loop.realtime_run import memory_for
     from liftgate_hil.loop.rings import EXECUTION
-    from liftgate_hil.loop.tick import initial_loop
+    from liftgate_hil.loop.tick import copied, initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
     from liftgate_hil.stimuli.mailbox import nothing_held
     from liftgate_hil.stimuli.timeline import no_timeline
@@ -75,7 +75,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
         timeline=no_timeline(),
         held=nothing_held(),
     )
-    code(config, state, nothing, shared, room)  # reads the cache before time counts
+    code(config, copied(state), nothing, shared, room)  # reads the cache before time counts
     shared.control[:] = np.zeros(1, shared.control.dtype)
     ticks = max(1, round(rate * _TICK_TIME))
 

@@ -164,7 +164,7 @@ def obey(constants: Constants, memory: Memory) -> None:
 
 @compilable
 def update(constants: Constants, memory: Memory, now: float, feedback: Feedback) -> DriveCommand:
-    """One control cycle at a time [s]; what was requested since the last one is obeyed first."""
+    """One control cycle at a time [s]; what was requested since the last one is obeyed from the next one on."""
     control = memory.control[0]
     control.now = now
     memory.drives[0].current = feedback.left_current
@@ -176,11 +176,10 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
         enter(constants, memory, CLOSED if feedback.latched else STOPPED, _SILENT, NO_VERDICT)
         if feedback.latched:
             take_zero(memory)
+    command = move(constants, memory, feedback) if is_moving(control.state) else hold(memory)
     if control.request != NO_REQUEST:
         obey(constants, memory)
-    if is_moving(control.state):
-        return move(constants, memory, feedback)
-    return hold(memory)
+    return command
 
 
 @compilable

@@ -186,3 +186,9 @@ def step(
         now = (now_ns - control.began_ns) * 1e-9
         command = update(config.constants, state.memory, now, feedback)
     return after, command_frames(config, state, command)
+
+
+@compilable
+def last_frames(config: EcuConfig, state: EcuState) -> Frames:
+    """What says that the motors are off."""
+    return command_frames(config, state, COASTING)

@@ -6,6 +6,7 @@ writes its own.
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,3 +127,8 @@ def request_of_port(port: Port, action: int) -> None:
     """What the driver asks for (0 stop, 1 open, 2 close)."""
     if port.request != 0:
         call_long_int(port.request, port.instance, action)
+
+
+def address_of(function: Any) -> int:
+    """Where a function of ctypes lies; 0: none."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0 if function is not None else 0

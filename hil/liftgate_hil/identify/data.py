@@ -48,7 +48,7 @@ class Data:
 
     name: str
     times: Floats
-    inputs: Floats  # (N, 11)
+    inputs: Floats  # (N, 14)
     outputs: Mapping[str, Floats]
     through_sensors: bool = (
         False  # a bus log: sensors' readings, inputs at the stamps of their frames
@@ -209,7 +209,8 @@ def begins_at_rest(data: Data, creeps: bool = False) -> bool:
 def _is_driven(data: Data) -> bool:
     """Whether there is a voltage within the time by which a motion is told."""
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
-    return bool(np.any(np.nan_to_num(data.inputs[:count, :4]) != 0.0))
+    drives = [AT.left_voltage_v, AT.right_voltage_v, AT.left_duty, AT.right_duty]
+    return bool(np.any(np.nan_to_num(data.inputs[:count, drives]) != 0.0))
 
 
 def beginning_of(
@@ -283,7 +284,7 @@ def _at_rest(
 
 def _latched(data: Data, angle_deg: float) -> float:
     """A latch holds a closed gate; at any other place its command says nothing of its state."""
-    return 1.0 if data.inputs[0, 10] == 0.0 and is_closed(angle_deg) else 0.0
+    return 1.0 if data.inputs[0, AT.latch_released] == 0.0 and is_closed(angle_deg) else 0.0
 
 
 def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[Unknown]:

@@ -21,6 +21,7 @@ from liftgate_hil.identify.statistics import fit_percent
 from liftgate_hil.identify.trajectory import REST
 from liftgate_plant import gate
 from liftgate_plant.dynamics import Plant
+from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,7 @@ def in_segments(problem: Problem) -> Problem | None:
         for first, last in _edges(data):
             angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
             held = np.searchsorted(data.rows, data.times[first], side="right") - 1
-            if data.inputs[held, 10] == 0.0 and is_closed(math.degrees(angle)):
+            if data.inputs[held, AT.latch_released] == 0.0 and is_closed(math.degrees(angle)):
                 continue  # held by its latch, wherever the drives push
             segments.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)

@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu import reference
-from liftgate_hil.ecu.reference import EcuConfig, EcuState
-from liftgate_hil.ecu.wire import CAPACITY, Port, PortState, call_port, request_of_port
-from liftgate_hil.loop.rings import Shared, note_frames, note_row
+from liftgate_hil.ecu.node import Node, NodeState, ask, outgoing, turn
+from liftgate_hil.ecu.wire import CAPACITY
+from liftgate_hil.loop.rings import Shared, count_bits, note_frames, note_row
 from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
 from liftgate_hil.stimuli.mailbox import take_letters
@@ -25,25 +24,6 @@ from liftgate_plant.compiler import borrowed, compilable
 
 # How a stretch of an episode ended.
 DONE, DIVERGED, BAD_ECU = 0, 1, 2
-# What the ECU is.
-NO_ECU, REFERENCE, PORT = 0, 1, 2
-
-REQUEST = np.dtype([("time_ns", "i8"), ("action", "i8")])
-
-
-class Node(NamedTuple):
-    """The ECU under test: of the two parts the one that `kind` names is used."""
-
-    kind: int
-    reference: EcuConfig
-    port: Port
-
-
-class NodeState(NamedTuple):
-    """What it remembers."""
-
-    reference: EcuState
-    port: PortState
 
 
 class Script(NamedTuple):
@@ -51,7 +31,7 @@ class Script(NamedTuple):
 
     timeline: Timeline
     held: NDArray[np.float64]  # what was posted, see mailbox
-    requests: Any  # (n,) REQUEST, in the order of time
+    requests: Any  # (n,) node.REQUEST, in the order of time
     ticks: int  # at which the stretch ends
     is_last: int  # 1: one more tick, with the motors off
     is_recorded: int  # 1: frames go into the ring
@@ -68,42 +48,6 @@ class Stretch(NamedTuple):
 
 
 @compilable
-def ask(script: Script, node: Node, state: NodeState, asked: int, now_ns: int) -> int:
-    """Make the requests whose time has come; how many were made so far."""
-    while asked < len(script.requests) and script.requests[asked].time_ns <= now_ns:
-        action = script.requests[asked].action
-        if node.kind == REFERENCE:
-            state.reference.memory.control[0].request = action
-        elif node.kind == PORT:
-            request_of_port(node.port, action)
-        asked += 1
-    return asked
-
-
-@compilable
-def outgoing(node: Node, state: NodeState, count: int) -> Frames:
-    """The first `count` frames that the ECU sent last."""
-    frames = state.reference.frames if node.kind == REFERENCE else state.port.sent
-    return Frames(count, frames.identifiers, frames.lengths, frames.data)
-
-
-@compilable
-def turn(
-    node: Node, state: NodeState, frames: Frames, now_ns: int, nothing: Frames
-) -> tuple[NodeState, Frames, bool]:
-    """The ECU's turn: what it sends, and whether it did what an ECU may."""
-    if node.kind == REFERENCE:
-        after, sent = reference.step(node.reference, state.reference, frames, now_ns)
-        return NodeState(after, state.port), sent, True
-    if node.kind == PORT:
-        count = call_port(node.port, state.port, frames, now_ns)
-        if count < 0:
-            return state, nothing, False
-        return state, outgoing(node, state, count), True
-    return state, nothing, True
-
-
-@compilable
 def run_stretch(
     config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
 ) -> Stretch:
@@ -117,8 +61,8 @@ def run_stretch(
     rows = len(shared.rows) - control.rows
     outcome = DONE
     if asked < 0:
-        asked = ask(script, node, state, 0, 0)
-        state, to_gate, is_fine = turn(node, state, config.nothing, 0, config.nothing)
+        asked = ask(node, state, script.requests, 0, 0)
+        state, to_gate, is_fine = turn(node, state, config.nothing, 0)
         outcome = DONE if is_fine else BAD_ECU
     while outcome == DONE and loop.tick < script.ticks + script.is_last and rows > 0 and room > 0:
         rows -= 1
@@ -131,19 +75,22 @@ def run_stretch(
         loop, replies, truth, sensed = tick(config, loop, given, outside)
         now_ns = loop.tick * config.step_ns
         note_row(shared, truth, sensed)
-        if given.count + replies.count > 0 and script.is_recorded:
-            note_frames(shared, given, stamps, 0, now_ns)
-            note_frames(shared, replies, stamps, 0, now_ns)
-            room -= given.count + replies.count
+        if given.count + replies.count > 0:
+            count_bits(shared, given)
+            count_bits(shared, replies)
+            if script.is_recorded:
+                note_frames(shared, given, stamps, 0, now_ns, 0)
+                note_frames(shared, replies, stamps, 0, now_ns, 1)
+                room -= given.count + replies.count
         control.sent += replies.count
+        control.tick = loop.tick
         if not is_sound(truth):
             outcome = DIVERGED
         elif not stopping:
-            asked = ask(script, node, state, asked, now_ns)
-            state, to_gate, is_fine = turn(node, state, replies, now_ns, config.nothing)
+            asked = ask(node, state, script.requests, asked, now_ns)
+            state, to_gate, is_fine = turn(node, state, replies, now_ns)
             if not is_fine:
                 outcome = BAD_ECU
-    control.tick = loop.tick
     return Stretch(
         loop=with_arrays(loop, start.loop),
         node=NodeState(

@@ -36,14 +36,9 @@ class Realtime:
             os.sched_setaffinity(0, {cpu})
         except OSError as error:
             self.refused.append(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
-        try:
-            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-            os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
-        except OSError as error:
-            self.refused.append(
-                f"FIFO scheduling: {error.strerror}; to get it: ulimit -r {PRIORITY} (rtprio in "
-                "/etc/security/limits.conf), or CAP_SYS_NICE"
-            )
+        refused = ask_for_fifo(PRIORITY)
+        if refused:
+            self.refused.append(refused)
 
     def release(self) -> None:
         """Give back what the process holds."""
@@ -73,6 +68,19 @@ class Realtime:
             self.refused.append(
                 f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it"
             )
+
+
+def ask_for_fifo(priority: int) -> str:
+    """FIFO scheduling for the calling thread, not for its children; what stands in the way, if anything."""
+    try:
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except OSError as error:
+        return (
+            f"FIFO scheduling: {error.strerror}; to get it: ulimit -r {priority} (rtprio in "
+            "/etc/security/limits.conf), or CAP_SYS_NICE"
+        )
+    return ""
 
 
 def sharp_timers() -> None:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
-from liftgate_hil.errors import PlantDivergedError
+from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.timeline import Timeline
@@ -31,6 +32,7 @@ class Peer(Protocol):
         """Take and send what is there at this model time."""
 
 
+_PATIENCE = 2.0  # s of silence after which lockstep says that it waits
 Watch = Callable[[NDArray[np.float64]], None]  # gets a row (ROW_WIDTH,)
 
 
@@ -60,7 +62,8 @@ class Loop:
     def begin(self) -> None:
         """Compile, or read the cache, before time counts; then the peers may speak first."""
         outside = self._outside(self.timeline, self.held, 0.0, 0, False, False)
-        self._tick(self.config, self.state, empty_frames(1), outside)
+        # What a tick remembers it writes in place: this one has a state of its own.
+        self._tick(self.config, copied(self.state), empty_frames(1), outside)
         for peer in self.peers:
             peer.poll(0)
 
@@ -76,8 +79,9 @@ class Loop:
 
     def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
         self.ticks_missed += is_silent
-        time = self.state.tick * self.config.step
-        outside = self._outside(self.timeline, self.held, time, self.ticks_missed, is_silent, stop)
+        outside = self._outside(
+            self.timeline, self.held, self.time, self.ticks_missed, is_silent, stop
+        )
         self.state, replies, truth, sensed = self._tick(self.config, self.state, frames, outside)
         self.transport.send(replies)
         self.frames_sent += replies.count
@@ -95,6 +99,11 @@ class Loop:
                 f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "
                 f"current {truth.left_current_a}); allowed: a higher --rate, a saner vehicle"
             )
+
+    @property
+    def time(self) -> float:
+        """Model time [s]."""
+        return self.state.tick * self.config.step
 
     def finish(self) -> None:
         """The last frames say that the motors are off."""
@@ -132,25 +141,55 @@ def run_free(loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None
     run_clocked(loop, FreeClock(), ticks, stopped)
 
 
+class Lockstep(NamedTuple):
+    """How lockstep waits."""
+
+    command: int  # identifier of the frame that ends a command
+    ticks_per_command: int
+    wall_timeout: float | None = None  # s without a command after which it gives up; None: never
+    say: Callable[[str], None] = lambda text: None
+
+
 def run_lockstep(
-    loop: Loop,
-    command_identifier: int,
-    ticks_per_command: int,
-    ticks: int | None,
-    stopped: Callable[[], bool],
+    loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]
 ) -> None:
-    """Advance one command period for each command frame that comes; the bus is the clock."""
+    """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
+
+    An ECU that answers every frame would lag for good by what it sent before the gate was there, so of the
+    commands that are waiting at the start the last one alone counts.
+    """
+    lockstep.say("ready: waits for the first command")
     waiting: list[Frames] = []
+    heard = time.monotonic()
+    is_told = False
     while not stopped() and (ticks is None or loop.state.tick < ticks):
-        waiting += split_after(loop.transport.receive(timeout=0.1), command_identifier)
-        while len(waiting) > 1 or (waiting and _ends_with(waiting[0], command_identifier)):
+        waiting += split_after(loop.transport.receive(timeout=0.1), lockstep.command)
+        if loop.state.tick == 0:
+            waiting = newest(waiting, lockstep.command)
+        silent = time.monotonic() - heard
+        if lockstep.wall_timeout is not None and silent > lockstep.wall_timeout:
+            raise OverrunError(
+                f"no command for {lockstep.wall_timeout:g} s at {loop.time:.3f} s of model time; "
+                "allowed: an ECU that answers, or a longer wall-timeout"
+            )
+        if silent > _PATIENCE and not is_told:
+            lockstep.say(f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X})")
+            is_told = True
+        while len(waiting) > 1 or (waiting and _ends_with(waiting[0], lockstep.command)):
             frames = waiting.pop(0)
-            if not _ends_with(frames, command_identifier):
+            if not _ends_with(frames, lockstep.command):
                 waiting[0] = join(frames, waiting[0])
                 continue
-            for step in range(ticks_per_command):
+            heard, is_told = time.monotonic(), False
+            for step in range(lockstep.ticks_per_command):
                 if ticks is None or loop.state.tick < ticks:
                     loop.advance(frames if step == 0 else empty_frames(0), 1)
+
+
+def newest(pieces: list[Frames], command: int) -> list[Frames]:
+    """The pieces from the last command on."""
+    ends = [place for place, piece in enumerate(pieces) if _ends_with(piece, command)]
+    return pieces[ends[-1] :] if ends else pieces
 
 
 def split_after(frames: Frames, identifier: int) -> list[Frames]:

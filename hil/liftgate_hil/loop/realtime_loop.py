@@ -14,9 +14,17 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
-from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Shared, note_frames, note_row
+from liftgate_hil.loop.rings import (
+    DELAY,
+    EXECUTION,
+    LATENESS,
+    Shared,
+    count_bits,
+    note_frames,
+    note_row,
+)
 from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
@@ -249,7 +257,7 @@ def run_realtime(
     The state, and ENDED, OVERRUN or DIVERGED.
     """
     config, params, shared, room = borrowed((config, params, shared, room))
-    state = start
+    state = borrowed(start)
     control = shared.control[0]
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
@@ -290,18 +298,20 @@ def run_realtime(
         state, replies, truth, sensed = tick(config, state, given, outside)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, params.command)
-        note_frames(shared, frames, room.stamps, start_ns, woken)
+        note_frames(shared, frames, room.stamps, start_ns, woken, 0)
+        count_bits(shared, frames)
         unsent = answer(shared, params, room, replies, stopping)
         done = clock_ns(_MONOTONIC, room)
         if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
             note(shared.histograms[DELAY], done - waiting_since)
             waiting_since = 0
 
-        note_frames(shared, replies, now_stamps, start_ns, done)
+        note_frames(shared, replies, now_stamps, start_ns, done, 1)
+        count_bits(shared, replies)
         note_row(shared, truth, sensed)
         control.tick = state.tick
         if not stopping:
             note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
         if not is_sound(truth):
             outcome = DIVERGED
-    return state, outcome
+    return with_arrays(state, start), outcome

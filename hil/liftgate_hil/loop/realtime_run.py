@@ -24,7 +24,7 @@ from liftgate_hil.loop.priority import Realtime, sharp_timers
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
-from liftgate_hil.loop.tick import LoopConfig, LoopState
+from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.mailbox import nothing_held, post
 from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_hil.transport.base import Line
@@ -77,7 +77,7 @@ class RealtimeRun:
         self._run = compiled(realtime_loop.run_realtime)
         nowhere = self._course(0)._replace(descriptor=-1)
         scratch = Memory(1, 1)  # the recorder already looks at the real one
-        self._run(self.config, self.state, nowhere, scratch.shared, self._room)
+        self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
         if self.realtime is not None:
             self.realtime.prepare()

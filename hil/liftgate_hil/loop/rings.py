@@ -55,25 +55,37 @@ class Shared(NamedTuple):
 
 
 @compilable
+def count_bits(shared: Shared, frames: Frames) -> None:
+    """Add frames to what the bus has carried."""
+    bits = 0
+    for i in range(frames.count):
+        bits += bits_of(frames.identifiers[i], int(frames.lengths[i]))
+    shared.control[0].bits += bits
+
+
+@compilable
 def note_frames(
-    shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int, now_ns: int
+    shared: Shared,
+    frames: Frames,
+    stamps: NDArray[np.int64],
+    start_ns: int,
+    now_ns: int,
+    is_sent: int,
 ) -> None:
-    """Put frames into the ring; `stamps` are arrivals on the monotonic clock, 0: now."""
+    """Put frames into the ring, 1: sent by the gate; `stamps` are on the monotonic clock, 0: now."""
     control = shared.control[0]
     ring = shared.frames
     at = control.frames
-    bits = 0
     for i in range(frames.count):
         row = ring[at % len(ring)]
         length = int(frames.lengths[i])
         row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
         row.identifier = frames.identifiers[i]
         row.length = length
+        row.is_sent = is_sent
         for k in range(length):
             row.payload[k] = frames.data[i, k]
-        bits += bits_of(frames.identifiers[i], length)
         at += 1
-    control.bits += bits
     control.frames = at
 
 

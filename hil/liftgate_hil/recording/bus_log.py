@@ -18,23 +18,28 @@ from liftgate_hil.errors import TransportError
 CONVERTED = (".asc", ".blf", ".mf4", ".trc")
 
 
-def candump_line(time: float, channel: str, frames: Frames, row: int) -> str:
-    """One frame in the log format of can-utils."""
-    identifier = int(frames.identifiers[row])
-    length = int(frames.lengths[row])
-    if identifier & ERROR:
-        # python-can writes and knows an error frame by its class bus error (linux/can/error.h, 0x80).
-        name = f"{identifier & 0x3FFFFFFF | 0x80:08X}"
-    elif identifier & EXTENDED:
-        name = f"{identifier & 0x1FFFFFFF:08X}"
-    else:
-        name = f"{identifier & 0x7FF:03X}"
-    if identifier & REMOTE:
-        payload = f"R{length}" if length else "R"
-    else:
-        payload = frames.data[row, :length].tobytes().hex().upper()
-    mark = "##0" if identifier & FD and not identifier & REMOTE else "#"
-    return f"({time:017.6f}) {channel} {name}{mark}{payload}\n"
+def candump_lines(times: Sequence[float], channel: str, frames: Frames) -> str:
+    """Frames in the log format of can-utils, a line each."""
+    text = frames.data[: frames.count].tobytes().hex().upper()
+    width = 2 * frames.data.shape[1]
+    lines = []
+    for row, (time, identifier, length) in enumerate(
+        zip(times, frames.identifiers.tolist(), frames.lengths.tolist(), strict=False)
+    ):
+        if identifier & ERROR:
+            # python-can writes and knows an error frame by its class bus error (linux/can/error.h, 0x80).
+            name = f"{identifier & 0x3FFFFFFF | 0x80:08X}"
+        elif identifier & EXTENDED:
+            name = f"{identifier & 0x1FFFFFFF:08X}"
+        else:
+            name = f"{identifier & 0x7FF:03X}"
+        if identifier & REMOTE:
+            payload = f"R{length}" if length else "R"
+        else:
+            payload = text[row * width : row * width + 2 * length]
+        mark = "##0" if identifier & FD and not identifier & REMOTE else "#"
+        lines.append(f"({time:017.6f}) {channel} {name}{mark}{payload}\n")
+    return "".join(lines)
 
 
 class CandumpRecorder:
@@ -51,9 +56,8 @@ class CandumpRecorder:
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
         """See Recorder."""
-        for row in range(frames.count):
-            line = candump_line(self._epoch + times[row], self._channel, frames, row)
-            self._stream.write(line)
+        moved = [self._epoch + time for time in times]
+        self._stream.write(candump_lines(moved, self._channel, frames))
 
     def flush(self) -> None:
         """See Recorder."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +31,19 @@ def check_output(name: str) -> None:
 def write_rows(name: str, blocks: Blocks, names: Sequence[str]) -> None:
     """Write these columns of all blocks of rows (n, ROW_WIDTH)."""
     if name == "-":
-        _write_csv(sys.stdout, blocks, names)
+        _write_csv(sys.stdout.buffer, blocks, names)
         return
     try:
         if name.endswith(".mf4"):
             _write_mf4(name, blocks, names)
             return
-        with Path(name).open("w", encoding="ascii", newline="") as stream:
+        with Path(name).open("wb") as stream:
             _write_csv(stream, blocks, names)
     except OSError as error:
         raise ConfigError(f"--output {name}: cannot be written: {error.strerror}") from error
 
 
-def _write_csv(stream: TextIO, blocks: Blocks, names: Sequence[str]) -> None:
+def _write_csv(stream: BinaryIO, blocks: Blocks, names: Sequence[str]) -> None:
     text = RowText(names)
     stream.write(text.head)
     for rows in blocks:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
@@ -16,21 +17,22 @@ class RowText:
     """Some columns of rows (n, ROW_WIDTH) of signals.COLUMNS as lines of CSV."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self.head = ",".join(names) + "\n"
+        self.head = (",".join(names) + "\n").encode()
         self._keep = [COLUMN_PLACE[name] for name in names]
         self._whole = [k for k, name in enumerate(names) if COLUMNS[name].is_whole]
 
-    def lines(self, rows: NDArray[np.float64]) -> str:
-        """The lines of these rows."""
+    def lines(self, rows: NDArray[np.float64]) -> bytes:
+        """The lines of these rows; every number in its shortest form that reads back the same."""
+        if not len(rows):
+            return b""
         kept = rows[:, self._keep]
-        are_finite = np.isfinite(kept[:, self._whole]).all()
-        lines = []
-        for row in kept.tolist():
-            for k in self._whole:
-                if are_finite or np.isfinite(row[k]):
-                    row[k] = int(row[k])
-            lines.append(",".join(map(repr, row)))
-        return "\n".join(lines) + "\n" if lines else ""
+        if not np.isfinite(kept).all():  # a plant that has diverged; JSON has no word for that
+            return "".join(",".join(map(repr, row)) + "\n" for row in kept.tolist()).encode()
+        cells = kept.tolist()
+        for row, whole in zip(cells, kept[:, self._whole].astype(np.int64).tolist(), strict=True):
+            for place, value in zip(self._whole, whole, strict=True):
+                row[place] = value
+        return orjson.dumps(cells)[2:-2].replace(b"],[", b"\n") + b"\n"
 
 
 class CsvRecorder:
@@ -38,7 +40,7 @@ class CsvRecorder:
 
     def __init__(self, path: Path, drives: int) -> None:
         self._text = RowText(columns_of(drives))
-        self._stream = path.open("w", encoding="ascii", newline="")
+        self._stream = path.open("wb")
         self._stream.write(self._text.head)
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from liftgate_hil.cli.main import main
+from liftgate_hil.signals import INPUT_SIGNALS
+from liftgate_plant.signals import Sensed
 
 # plant-model: full duty at 12 V from rest, closed and unlatched (event-located solution).
 TABLE = [
@@ -54,7 +56,13 @@ def test_columns_are_those_of_the_contract(tmp_path: Path) -> None:
         for name in ("voltage_v", "current_a", "speed_rps", "position_rev", "hall_count", "force_n")
     ]
     tail = ["gate_angle_deg", "gate_rate_degps", "pinch_force_n", "terminal_voltage_v"]
-    assert list(columns) == ["time_s", *sides, *tail]
+    promised = ["time_s", *sides, *tail]
+    assert list(columns)[: len(promised)] == promised
+    assert {f"{side}_{part}_temperature_degc" for side in ("left", "right")
+            for part in ("winding", "housing")} < set(columns)  # fmt: skip
+    # What the ECU sees stands beside the truth; what the input said is not written again.
+    assert {f"sensed_{name}" for name in Sensed._fields} < set(columns)
+    assert set(columns) & {*INPUT_SIGNALS} == {"left_voltage_v", "right_voltage_v"}
 
 
 def test_a_gate_with_one_drive_has_left_columns_only(tmp_path: Path) -> None:

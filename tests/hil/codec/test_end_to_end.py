@@ -12,7 +12,7 @@ import e2e.p05
 import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
-from hil_support import CALM, FREE, frames_of, rig_of
+from hil_support import CALM, FREE, frames_of, loop_config, outside, rig_of, start_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,10 +21,10 @@ from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VAL
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import transmit
+from liftgate_hil.codec.transmit import first_transmission, transmit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.loop.tick import initial_loop, tick
+from liftgate_hil.loop.tick import tick
 from liftgate_plant.compiler import compiled
 
 MS = 1_000_000
@@ -126,10 +126,10 @@ def test_what_is_sent_is_what_the_package_makes(
     bus = bus_config_of(profile, sending=True, length=length, **more)
     their = theirs(profile, mode, length)
     modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
-    sent = np.zeros(1, dtype=np.int64)
+    sent = first_transmission(bus)
     for number in range(2 * modulus + 3):
         value = (number * 977) % 65536
-        frames, sent = codec[1](bus, np.array([float(value)]), sent, 0, 0, True)
+        sent, frames = codec[1](bus, np.array([float(value)]), sent, 0, True)
         assert frames.data[0, :length].tobytes() == their(number % modulus, value)
 
 
@@ -380,13 +380,9 @@ data_id = 0xBEEF
 
 
 def test_a_rig_protects_both_ways(tmp_path: Path):
-    from liftgate_hil import session
-    from liftgate_hil.stimuli.timeline import no_timeline
-    from liftgate_plant.dynamics import initial_state
-
     rig = rig_of(tmp_path, DATABASE, RIG)
-    bench = session.bench_of(session.vehicle_from("suv"), rig, no_timeline(), 1000.0, 0)
-    state = initial_loop(bench, initial_state(bench.plant))
+    config = loop_config(rig=rig)
+    state = start_of(config, latched=False)
     replies = []
     for number in range(60):
         rows = []
@@ -398,7 +394,7 @@ def test_a_rig_protects_both_ways(tmp_path: Path):
                 data, 0x0107, data_id_mode=e2e.p01.E2E_P01_DATAID_NIBBLE, increment_counter=False
             )
             rows = [(0x100, bytes(data))]
-        state, frames, _ = tick(bench, state, frames_of(rows), 1, False)
+        state, frames, _, _ = tick(config, state, frames_of(rows), outside())
         replies += [frames.data[row, :8].tobytes() for row in range(frames.count)]
     assert state.counts == NO_COUNTS._replace(accepted=4, unqualified=2)
     assert state.plant.left.current > 0.5

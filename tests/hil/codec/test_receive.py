@@ -22,7 +22,6 @@ from hil_support import (
 )
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
-from liftgate_hil.codec.quantities import INPUT_INDEX, INPUTS
 from liftgate_hil.codec.receive import (
     NO_COUNTS,
     Counts,
@@ -34,6 +33,7 @@ from liftgate_hil.codec.receive import (
 )
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.signals import BUS_INPUTS, IN
 
 MS = 1_000_000
 
@@ -45,7 +45,7 @@ def bus(rig: Rig) -> BusConfig:
 
 @pytest.fixture
 def fresh(bus: BusConfig) -> Reception:
-    return nothing_received(bus, len(INPUTS))
+    return nothing_received(bus, len(BUS_INPUTS))
 
 
 def take(
@@ -59,7 +59,7 @@ def take(
 
 
 def value(reception: Reception, name: str) -> float:
-    return float(reception.values[INPUT_INDEX[name]])
+    return float(reception.values[getattr(IN, name)])
 
 
 def same(first: Reception, second: Reception) -> bool:
@@ -279,7 +279,7 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig
     assert same(young, reception)
     old, stale = forget_stale(bus, reception, start + 30 * MS)
     assert stale == 1
-    for name in INPUTS:
+    for name in BUS_INPUTS:
         if name in (
             "left_duty",
             "right_duty",
@@ -289,7 +289,7 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig
         ):
             assert np.isnan(value(old, name)), name
         else:
-            assert value(old, name) == value(reception, name), name
+            np.testing.assert_equal(value(old, name), value(reception, name), name)
     assert forget_stale(bus, old, start + 60 * MS)[1] == 0
 
 
@@ -337,13 +337,13 @@ left_current = { signal = "Heraus.Strom", scale = 0.001 }
     rig = rig_of(tmp_path, DATABASE, text)
     bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": -0.25, "Richtung": 3, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
     assert counts.accepted == 1
     assert value(reception, "left_duty") == pytest.approx(-25.0)
     assert value(reception, "right_duty") == pytest.approx(25.0)
     # In their range, but over 100 % in ours.
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 1.1, "Richtung": 3, "Zaehler": 0})
-    _, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
+    _, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
     assert counts.out_of_range == 1
 
 
@@ -367,7 +367,7 @@ def test_labels_and_numbers_of_theirs_become_our_enumeration(tmp_path: Path, raw
     rig = rig_of(tmp_path, DATABASE, LABELS)
     bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
     assert counts.accepted == 1
     assert value(reception, "left_direction") == ours
 
@@ -377,7 +377,7 @@ def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw:
     rig = rig_of(tmp_path, DATABASE, LABELS)
     bus = rig.input_config()
     payload = rig.messages["Antrieb"].encode({"Tastgrad": 0.5, "Richtung": raw, "Zaehler": 0})
-    reception, counts = take(bus, nothing_received(bus, len(INPUTS)), (THEIRS, payload))
+    reception, counts = take(bus, nothing_received(bus, len(BUS_INPUTS)), (THEIRS, payload))
     assert counts == NO_COUNTS._replace(out_of_range=1)
     assert np.isnan(reception.values).all()
 
@@ -385,7 +385,7 @@ def test_a_number_without_a_meaning_refuses_the_whole_frame(tmp_path: Path, raw:
 def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
     rig = rig_of(tmp_path, DATABASE, LABELS)
     bus = rig.input_config()
-    reception = nothing_received(bus, len(INPUTS))
+    reception = nothing_received(bus, len(BUS_INPUTS))
     counts = NO_COUNTS
     for now, counter in ((0, 3), (20, 0), (40, 3)):
         payload = rig.messages["Antrieb"].encode(

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from liftgate_hil.codec.bus_config import SignalMapping, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.codec.quantities import BusQuantity
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import encode, transmit
+from liftgate_hil.codec.transmit import encode, first_transmission, transmit
+from liftgate_plant import signals as catalogue
 from liftgate_plant.compiler import compiled
 
 NAN = float("nan")
@@ -56,8 +56,8 @@ def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple
 
 def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
     """The payload of the only message."""
-    sent = np.zeros(1, dtype=np.int64)
-    frames, _ = codec.transmit(bus, np.array(values, dtype=np.float64), sent, 0, 0, True)
+    before = first_transmission(bus)
+    _, frames = codec.transmit(bus, np.array(values, dtype=np.float64), before, 0, True)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
 
@@ -234,6 +234,20 @@ def test_a_value_out_of_range_is_sent_as_the_nearest_limit(
             assert got[signal.name] == pytest.approx(low, rel=1e-15)
 
 
+@pytest.mark.parametrize("factor", [2.0, -2.0, 1.0, 1e-3])
+@pytest.mark.parametrize("value", [math.inf, -math.inf])
+@pytest.mark.parametrize("length", [32, 64])
+def test_a_float_whose_range_times_its_factor_is_infinite_is_sent_finite(
+    codec: Codec, factor: float, value: float, length: int
+):
+    conversion = BaseConversion.factory(is_float=True, scale=factor)
+    message = Message(1, "M", 8, [Signal("S0", 0, length, "little_endian", conversion=conversion)])
+    payload = put(codec, layout_for(message, sending=True), [value])
+    raw = message.decode(payload, scaling=False)["S0"]
+    assert math.isfinite(raw)
+    assert math.copysign(1.0, raw) == math.copysign(1.0, value * factor)
+
+
 LENGTHS = (1, 7, 8, 16, 24, 31, 32, 33, 53, 54, 63, 64)
 
 
@@ -272,10 +286,9 @@ def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
 
 def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
     message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
-    sent = np.zeros(1, dtype=np.int64)
     bus = layout_for(message, sending=True)
-    frames, after = codec.transmit(bus, np.array([NAN]), sent, 0, 0, True)
-    assert (frames.count, after.tolist()) == (0, [0])
+    after, frames = codec.transmit(bus, np.array([NAN]), first_transmission(bus), 0, True)
+    assert (frames.count, after.sent.tolist()) == (0, [0])
 
 
 @pytest.mark.parametrize(("low", "high"), [(-10, 20), (0, 0), (5, 5)])
@@ -335,7 +348,7 @@ def test_scale_and_offset_bring_their_unit_to_ours_and_back(codec: Codec):
     assert values[0] == pytest.approx(3.0 - 0.2 * 60.0)
 
 
-COLOURS = BusQuantity("", 0.0, 3.0, "colour", ("red", "green", "blue", "none"))
+COLOURS = catalogue.Signal("", 0.0, 3.0, "colour", ("red", "green", "blue", "none"))
 
 
 def colour_layout(values: dict[str, float | str]) -> tuple[Message, BusConfig]:

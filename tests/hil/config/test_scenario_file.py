@@ -10,8 +10,8 @@ import pytest
 from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.stimuli.timeline import CHANNELS, obstacle_at, value_at
-from liftgate_plant.dynamics import NO_OBSTACLE
+from liftgate_hil.signals import PROFILES
+from liftgate_hil.stimuli.timeline import obstacle_at, profiles_at
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
@@ -35,7 +35,7 @@ def keys_of(issues: list[str]) -> list[str]:
 def test_the_demo_asks_open_close_open_close_around_an_obstacle():
     scenario = session.scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
-    assert scenario.timeline.obstacles.shape == (1, 8)
+    assert scenario.timeline.obstacles.shape == (1,)
     assert scenario.duration is not None
 
 
@@ -146,35 +146,35 @@ interpolation = "hold"
 points = [[1, 10], [2, -10]]
 """,
     )
-    names = list(CHANNELS)
-    volts, slope = names.index("supply_voltage_v"), names.index("road_slope_deg")
 
-    def at(channel: int, time: float) -> float:
-        return value_at(scenario.timeline, channel, 99.0, time)
+    def at(name: str, time: float) -> float:
+        return float(getattr(profiles_at(scenario.timeline, time), name))
 
-    assert [at(volts, time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)] == (
-        pytest.approx([99.0, 99.0, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0])
+    assert [
+        at("supply_voltage_v", time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)
+    ] == (pytest.approx([math.nan, math.nan, 10.0, 11.0, 12.0, 10.0, 8.0, 8.0], nan_ok=True))
+    assert [at("road_slope_deg", time) for time in (0.5, 1.0, 1.999, 2.0, 50.0)] == (
+        pytest.approx([math.nan, 10.0, 10.0, -10.0, -10.0], nan_ok=True)
     )
-    ten = math.radians(10.0)
-    assert [at(slope, time) for time in (0.5, 1.0, 1.999, 2.0, 50.0)] == (
-        pytest.approx([99.0, ten, ten, -ten, -ten])
-    )
-    assert at(names.index("snow_mass_kg"), 1.0) == 99.0
+    # What has no profile says nothing.
+    for name in PROFILES:
+        if name not in ("supply_voltage_v", "road_slope_deg"):
+            assert math.isnan(at(name, 1.0)), name
 
 
 @pytest.mark.parametrize("points", [1, 2, 3, 17])
 def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
     listed = ", ".join(f"[{index}, {index * index}]" for index in range(points))
     scenario = load(tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n")
-    row = list(CHANNELS).index("hand_force_n")
     for index in range(points - 1):
         for share in (0.0, 0.25, 0.75):
             expected = index**2 + share * ((index + 1) ** 2 - index**2)
-            assert value_at(scenario.timeline, row, -1.0, index + share) == pytest.approx(expected)
+            found = profiles_at(scenario.timeline, index + share).hand_force_n
+            assert found == pytest.approx(expected)
 
 
 def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
     scenario = load(tmp_path, "[[obstacle]]\nstart = 1\nend = 2\nangle_deg = 30\n")
     for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
-        found = obstacle_at(scenario.timeline, NO_OBSTACLE, time)
-        assert (found.stiffness > 0.0) is there
+        found = obstacle_at(scenario.timeline, time)
+        assert bool(found.stiffness > 0.0) is there

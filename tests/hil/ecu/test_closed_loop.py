@@ -1,35 +1,29 @@
-"""The reference ECU and the emulator on python-can's virtual bus, on the free clock."""
+"""The reference ECU and the emulator, as one compiled episode."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from liftgate_hil import session
+import liftgate_hil as lh
+from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.shipped import find_config
-from liftgate_hil.ecu.controller import Controller, GateState
-from liftgate_hil.ecu.node import EcuNode
-from liftgate_hil.loop.python_loop import Loop, run_free
-from liftgate_hil.loop.tick import initial_loop
-from liftgate_hil.snapshot import Snapshot
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import Timeline, no_timeline
-from liftgate_hil.transport.can_bus import CanTransport
-from liftgate_plant.dynamics import initial_state
+from liftgate_hil.stimuli.timeline import TimedObstacle, Timeline, no_timeline, timeline_of
+from liftgate_plant.obstacle import Obstacle
 
-_channels = itertools.count()
 ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 
 def rod(
     angle_deg: float, stiffness: float = ROD, start: float = 0.0, end: float = np.inf
 ) -> Timeline:
-    row = [start, end, np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0]
-    return no_timeline()._replace(obstacles=np.array([row]))
+    body = Obstacle(np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0)
+    return timeline_of({}, [TimedObstacle(body, start, end)])
 
 
 class Run:
@@ -43,36 +37,24 @@ class Run:
         timeline: Timeline | None = None,
         settings: Sequence[str] = (),
         rig_name: str = "liftgate",
+        **more: Any,
     ) -> None:
-        vehicle = session.vehicle_from(vehicle_name, settings)
-        rig = session.rig_from(rig_name)
-        wire = {"interface": "virtual", "channel": f"closed-loop-{next(_channels)}"}
-        ours, theirs = CanTransport(wire), CanTransport(wire)
-        self.controller = Controller(vehicle.drives)
-        node = EcuNode(
-            rig,
-            theirs,
-            self.controller,
-            vehicle.drives,
-            [Request(time, action) for time, action in requests],
+        asked = tuple(Request(time, action) for time, action in requests)
+        self.result = lh.run(
+            Scenario(timeline or no_timeline(), asked, seconds),
+            vehicle=vehicle_name,
+            rig=rig_name,
+            settings=settings,
+            trace=True,
+            **more,
         )
-        bench = session.bench_of(vehicle, rig, timeline or no_timeline(), 1000.0, 0)
-        rows: list[Snapshot] = []
-        state = initial_loop(bench, initial_state(bench.plant, 0.0, latched=True))
-        self.loop = Loop(bench, state, ours, [], [node], rows.append)
-        try:
-            self.loop.begin()
-            run_free(self.loop, round(seconds * 1000), lambda: False)
-        finally:
-            ours.close()
-            theirs.close()
-        self._rows = np.array(rows, dtype=float)
+        assert self.result.verdict == "pass", self.result.reason
 
     def column(self, name: str) -> np.ndarray:
-        return self._rows[:, Snapshot._fields.index(name)]
+        return self.result.trace[name]
 
     def texts(self) -> list[str]:
-        return [event.text.split(" (")[0].split(",")[0] for event in self.controller.events]
+        return [event.text.split(" (")[0].split(",")[0] for event in self.result.events]
 
 
 @pytest.mark.parametrize("vehicle", ["suv", "heavy-suv", "compact"])
@@ -94,12 +76,12 @@ def test_the_gate_reverses_from_an_obstacle_and_then_closes_fully(vehicle: str) 
         "closing",
         "closed and latched",
     ]
-    assert run.controller.state is GateState.CLOSED
     assert run.column("latched")[-1] == 1.0
     # Far below what a stalled drive would press: 3.5 kN at the spindle is over 500 N at the edge.
     assert 20.0 < run.column("pinch_force_n").max() < 200.0
-    assert run.loop.state.timeouts == 0
-    assert run.loop.state.counts.checksum == run.loop.state.counts.counter == 0
+    summary = run.result.summary
+    assert summary.command_timeouts == 0
+    assert summary.received.checksum == summary.received.counter == 0
 
 
 @pytest.mark.parametrize("slope", [-8.0, 8.0])
@@ -148,7 +130,7 @@ def test_soft_stop_meets_the_learned_end_slowly() -> None:
     run = Run("suv", [(0.5, "open"), (12.0, "close"), (26.0, "open")], 36.0)
     late = run.column("time_s") > 26.0
     arriving = late & (run.column("gate_angle_deg") > 78.0)
-    assert run.controller.state is GateState.OPEN
+    assert run.texts()[-1] == "open"
     assert run.column("left_speed_rps")[arriving].max() < 40.0
     assert run.column("left_current_a")[arriving].max() < 4.0  # it does not run into the stop
 

@@ -19,10 +19,10 @@ from liftgate_hil.identify.data import (
     first_sample,
     rows_of,
 )
-from liftgate_hil.identify.trajectory import INPUTS
 from liftgate_hil.measurement.raster import thinned
 from liftgate_hil.session import vehicle_from
 from liftgate_plant import gate
+from liftgate_plant.rows import INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.hil.identify.simulated import measured
 from tests.plant.runs import suv
@@ -30,6 +30,7 @@ from tests.plant.runs import suv
 POSITION = {"left_position_rev": 0.1}
 SPEED = {"left_speed_rps": 0.5}
 ANGLE = {"gate_angle_deg": 0.02}
+LATCH = np.array([name == "latch_released" for name in INPUT_COLUMNS])
 
 
 def later(data: Data, seconds: float) -> Data:
@@ -176,11 +177,11 @@ def test_a_motion_without_a_place_is_refused() -> None:
 def test_a_drive_that_nothing_is_said_of_is_driven_like_the_other() -> None:
     for side, other in (("left", "right"), ("right", "left")):
         rows = rows_of({f"{side}_duty": np.array([0.5, -0.5])}, 2)
-        assert rows[:, INPUTS.index(f"{other}_duty")] == pytest.approx([0.5, -0.5])
-        assert np.all(np.isnan(rows[:, INPUTS.index(f"{other}_voltage_v")]))
+        assert rows[:, INPUT_COLUMNS.index(f"{other}_duty")] == pytest.approx([0.5, -0.5])
+        assert np.all(np.isnan(rows[:, INPUT_COLUMNS.index(f"{other}_voltage_v")]))
     both = rows_of({"left_duty": np.full(2, 0.5), "right_voltage_v": np.full(2, 3.0)}, 2)
-    assert np.all(np.isnan(both[:, INPUTS.index("right_duty")]))
-    assert np.all(np.isnan(both[:, INPUTS.index("left_voltage_v")]))
+    assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("right_duty")]))
+    assert np.all(np.isnan(both[:, INPUT_COLUMNS.index("left_voltage_v")]))
 
 
 def test_the_voltage_is_what_the_columns_say_and_none_while_coasting() -> None:
@@ -225,7 +226,7 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
     # On a bus the release is a short pulse: later it says nothing of a gate that is open.
     noise = {**POSITION, **ANGLE}
     whole = measured(suv(), "third-order", noise, 1, 40.0)
-    open_ = dataclasses.replace(whole, inputs=np.where(np.arange(11) == 10, 0.0, whole.inputs))
+    open_ = dataclasses.replace(whole, inputs=np.where(LATCH, 0.0, whole.inputs))
     begin = beginning_of(suv(), open_, 0, None, True)
     assert begin.start.latched == 0.0
     extended = plant_of(suv()).left.travel * begin.start.left_position
@@ -233,7 +234,7 @@ def test_a_latch_that_is_not_released_holds_a_closed_gate_alone() -> None:
     moving = beginning_of(suv(), later(open_, 0.5), 0, None, True)
     assert moving.start.balanced == 1.0
     closed = measured(suv(), "third-order", noise, 1, 0.0)
-    shut = dataclasses.replace(closed, inputs=np.where(np.arange(11) == 10, 0.0, closed.inputs))
+    shut = dataclasses.replace(closed, inputs=np.where(LATCH, 0.0, closed.inputs))
     shut = dataclasses.replace(shut, outputs={n: np.zeros(401) for n in shut.outputs})
     assert beginning_of(suv(), shut, 0, None, True).start.latched == 1.0
     cut = dataclasses.replace(shut, times=shut.times + 3.0)

@@ -9,6 +9,7 @@ import pytest
 
 from liftgate_hil.identify.data import Data, changes_of
 from liftgate_hil.identify.problem import Problem
+from liftgate_plant.rows import AT
 from tests.hil.identify.simulated import NOISE, TRUTH, measured, sought, true_vehicle
 from tests.plant.runs import suv
 
@@ -168,7 +169,7 @@ def test_a_short_experiment_keeps_most_of_its_samples() -> None:
 def test_the_rows_at_which_inputs_change() -> None:
     data = measured(suv(), drive=(np.arange(6) / 200.0, np.array([1.0, 1.0, 2.0, 2.0, 1.0, 1.0])))
     inputs = data.inputs.copy()
-    inputs[:, 6] = [np.nan, np.nan, np.nan, 12.0, 12.0, np.nan]
+    inputs[:, AT.supply_voltage_v] = [np.nan, np.nan, np.nan, 12.0, 12.0, np.nan]
     assert list(changes_of(dataclasses.replace(data, inputs=inputs))) == [0, 2, 3, 4, 5]
 
 

@@ -20,25 +20,28 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
+    NO_TIMELINE,
     OPEN,
     RIGHT_DRIVE,
     SENSORS,
-    bench,
     both,
+    catch_up,
     command_frame,
     command_payload,
     decoded,
     frames_of,
+    loop_config,
+    outside,
     panel_frame,
     rows_of,
     start_of,
 )
+from numpy.typing import NDArray
 
 from liftgate_hil import session
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.config.scenario import Request
 from liftgate_hil.ecu.controller import Controller
 from liftgate_hil.ecu.node import EcuNode
 from liftgate_hil.errors import OverrunError, PlantDivergedError
@@ -54,7 +57,8 @@ from liftgate_hil.loop.python_loop import (
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.recording.bus_log import CandumpRecorder
 from liftgate_hil.recording.table import CsvRecorder
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_bus import CanTransport
 
@@ -93,8 +97,9 @@ class Notes:
         self.received: list[Rows] = []
         self.sent: list[Rows] = []
 
-    def write_snapshot(self, snapshot: Snapshot) -> None:
-        self.times.append(snapshot.time_s)
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        assert rows.shape[1:] == (ROW_WIDTH,)
+        self.times += rows[:, COLUMN_PLACE["time_s"]].tolist()
 
     def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
         assert len(times) == frames.count
@@ -113,8 +118,10 @@ def never() -> bool:
     return False
 
 
-def loop_of(transport: Any, some: LoopConfig, state: LoopState | None = None, **more: Any) -> Loop:
-    return Loop(some, state or start_of(some), transport, **more)
+def loop_of(
+    transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
+) -> Loop:
+    return Loop(config, state or start_of(config), NO_TIMELINE, transport, **more)
 
 
 def command(rig: Rig, counter: int) -> tuple[int, bytes]:
@@ -127,14 +134,14 @@ def command(rig: Rig, counter: int) -> tuple[int, bytes]:
 @pytest.mark.parametrize("ticks", [1, 7, 100])
 def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
     notes = Notes()
-    loop = loop_of(Memory(), bench(rig=rig), recorders=[notes])
+    loop = loop_of(Memory(), loop_config(rig=rig), recorders=[notes])
     run_free(loop, ticks, never)
     assert loop.state.tick == ticks
     assert notes.times == pytest.approx([0.001 * (1 + number) for number in range(ticks)])
 
 
 def test_a_run_ends_when_it_is_told_to(rig: Rig):
-    loop = loop_of(Memory(), bench(rig=rig))
+    loop = loop_of(Memory(), loop_config(rig=rig))
     run_free(loop, None, lambda: loop.state.tick >= 42)
     assert loop.state.tick == 42
 
@@ -147,10 +154,10 @@ def test_a_catch_up_does_not_run_past_the_end(rig: Rig):
         def wait(self, tick: int) -> int:
             return 8
 
-    loop = loop_of(Memory(), bench(rig=rig))
+    loop = loop_of(Memory(), loop_config(rig=rig))
     run_clocked(loop, Late(), 20, never)
     assert loop.state.tick == 20
-    assert loop.state.overruns == 7 + 7 + 3
+    assert loop.ticks_missed == 7 + 7 + 3
 
 
 def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Rig):
@@ -161,13 +168,24 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
 
     clock = RealtimeClock(1_000_000, 10**9, lambda: now[0], sleep)
     transport = Memory([[command(rig, 1)]])
+
+    class Slow:
+        def poll(self, now_ns: int) -> None:
+            now[0] += 3_300_000
+
+    shown: list[float] = []
     loop = loop_of(
-        transport, bench(rig=rig), watch=lambda snapshot: now.__setitem__(0, now[0] + 3_300_000)
+        transport,
+        loop_config(rig=rig),
+        peers=[Slow()],
+        watch=lambda row: shown.append(row[COLUMN_PLACE["time_s"]]),
     )
     run_clocked(loop, clock, 100, never)
     assert loop.state.tick == 100
+    # Each skipped tick is shown.
+    assert shown == pytest.approx([0.001 * (1 + number) for number in range(100)])
     assert loop.state.counts.accepted == 1
-    assert loop.state.overruns > 50
+    assert loop.ticks_missed > 50
     assert sum(row[0] == LEFT_DRIVE for row in transport.sent) <= 20
     assert loop.state.tick * 1_000_000 <= now[0] <= loop.state.tick * 1_000_000 + 6_600_000
 
@@ -180,7 +198,7 @@ def test_an_overrun_past_the_limit_ends_the_run(rig: Rig):
 
     clock = RealtimeClock(1_000_000, 5_000_000, lambda: now[0], sleep)
     loop = loop_of(
-        Memory(), bench(rig=rig), watch=lambda snapshot: now.__setitem__(0, now[0] + 7_000_000)
+        Memory(), loop_config(rig=rig), watch=lambda row: now.__setitem__(0, now[0] + 7_000_000)
     )
     with pytest.raises(OverrunError):
         run_clocked(loop, clock, 100, never)
@@ -195,7 +213,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
     notes = Notes()
     transport = Memory([[command(rig, 0)]])
-    loop = loop_of(transport, bench(rig=rig), recorders=[notes], peers=[Peer()])
+    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes], peers=[Peer()])
     loop.begin()
     run_free(loop, 10, never)
     loop.finish()
@@ -210,7 +228,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
 def test_beginning_leaves_no_trace(rig: Rig):
     transport, notes = Memory(), Notes()
-    loop = loop_of(transport, bench(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
     loop.begin()
     assert (loop.state.tick, transport.sent, notes.times) == (0, [], [])
     assert loop.summary("free").frames_sent == 0
@@ -221,7 +239,7 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
         [command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)
     ]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
-    loop = loop_of(transport, bench(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
     run_free(loop, 100, never)
     assert notes.received == batches
     assert [row for rows in notes.sent for row in rows] == transport.sent
@@ -235,11 +253,11 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
 
 
 def test_a_plant_that_diverged_ends_the_run_after_its_frames_went_out(rig: Rig):
-    some = bench(rig=rig)
-    state = start_of(some)
+    config = loop_config(rig=rig)
+    state = start_of(config)
     broken = state.plant._replace(gate_angle=math.nan)
     transport = Memory()
-    loop = loop_of(transport, some, state._replace(plant=broken))
+    loop = loop_of(transport, config, state._replace(plant=broken))
     with pytest.raises(PlantDivergedError, match="diverged"):
         run_free(loop, 10, never)
     with pytest.raises(PlantDivergedError):
@@ -248,10 +266,10 @@ def test_a_plant_that_diverged_ends_the_run_after_its_frames_went_out(rig: Rig):
 
 
 def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
-    some = bench(rig=rig)
-    state = start_of(some)
+    config = loop_config(rig=rig)
+    state = start_of(config)
     right = state.plant.right._replace(current=math.nan)
-    loop = loop_of(Memory(), some, state._replace(plant=state.plant._replace(right=right)))
+    loop = loop_of(Memory(), config, state._replace(plant=state.plant._replace(right=right)))
     with pytest.raises(PlantDivergedError):
         run_free(loop, 3, never)
 
@@ -262,7 +280,7 @@ def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
 def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tuple[Loop, Notes]:
     """Run until all batches are used up."""
     transport, notes = Memory(batches), Notes()
-    loop = loop_of(transport, bench(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
     run_lockstep(loop, COMMAND, 10, ticks, lambda: not transport.batches)
     return loop, notes
 
@@ -332,7 +350,7 @@ def test_lockstep_goes_on_can_fd_commands_too():
          "Schloss": 12}
     )  # fmt: skip
     transport = Memory([[(rig.command_identifier() | FD, payload)]] * 4 + [[]])
-    loop = loop_of(transport, bench(rig=rig))
+    loop = loop_of(transport, loop_config(rig=rig))
     run_lockstep(loop, rig.command_identifier(), 10, None, lambda: not transport.batches)
     assert loop.state.tick == 40
     assert loop.state.counts == NO_COUNTS._replace(accepted=4)
@@ -360,7 +378,9 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, EcuNode, list
     paths = [folder / "plant.csv", folder / "bus.log"]
     recorders = [CsvRecorder(paths[0], 2), CandumpRecorder(paths[1], "bench", 0.0)]
     noise = ["sensors.current_noise=0.05"]
-    loop = loop_of(ours, bench(rig=rig, settings=noise, seed=5), recorders=recorders, peers=[node])
+    loop = loop_of(
+        ours, loop_config(rig=rig, settings=noise, seed=5), recorders=recorders, peers=[node]
+    )
     try:
         loop.begin()
         run_free(loop, ticks, never)
@@ -459,7 +479,7 @@ def test_ten_thousand_bad_frames_are_each_counted_once_and_survived(rig: Rig, se
     rows = junk(rig, SOUND, seed)
     batches = [rows[start : start + 20] for start in range(0, SOUND, 20)]
     transport = Memory(batches)
-    loop = loop_of(transport, bench(rig=rig))
+    loop = loop_of(transport, loop_config(rig=rig))
     run_free(loop, 1000, never)
     assert loop.state.tick == 1000
     loop.finish()
@@ -475,7 +495,7 @@ def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survive
     rig: Rig, channel: str
 ):
     transport = CanTransport({"interface": "virtual", "channel": channel})
-    loop = loop_of(transport, bench(rig=rig))
+    loop = loop_of(transport, loop_config(rig=rig))
     heard: Rows = []
     with can.Bus(interface="virtual", channel=channel) as other:
         rows = junk(rig, SOUND, 3)
@@ -504,7 +524,7 @@ def test_ten_thousand_bad_frames_on_a_real_bus_are_each_counted_once_and_survive
 
 def test_a_flood_is_read_over_several_ticks_and_none_of_it_is_dropped(rig: Rig, channel: str):
     transport = CanTransport({"interface": "virtual", "channel": channel})
-    loop = loop_of(transport, bench(rig=rig))
+    loop = loop_of(transport, loop_config(rig=rig))
     with can.Bus(interface="virtual", channel=channel) as other:
         for number in range(2000):
             other.send(can.Message(arbitration_id=0x400, data=[number % 256], is_extended_id=False))
@@ -516,12 +536,12 @@ def test_a_flood_is_read_over_several_ticks_and_none_of_it_is_dropped(rig: Rig, 
 def test_commands_with_every_possible_byte_leave_the_plant_finite(
     rig: Rig, fast_tick: Callable[..., Any]
 ):
-    some = bench(rig=rig)
-    state = start_of(some)
+    config = loop_config(rig=rig)
+    state = start_of(config)
     for number, byte in enumerate(range(256)):
         rows = [(COMMAND, command_payload(rig, number)), (BENCH_CONTROL, bytes([byte] * 8))]
-        state, _, _ = fast_tick(some, state, frames_of(rows), 5, False)
+        state = catch_up(fast_tick, config, state, frames_of(rows), 5)[-1][0]
         assert finite(state)
     rows = [command_frame(rig, 255, **both(0.0, BRAKE))]
-    state, _, _ = fast_tick(some, state, frames_of(rows), 1, False)
+    state, _, _, _ = fast_tick(config, state, frames_of(rows), outside())
     assert finite(state)

@@ -17,19 +17,20 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
+    NO_TIMELINE,
     OPEN,
     RIGHT_DRIVE,
-    bench,
     both,
     command_frame,
     decoded,
     frames_of,
+    loop_config,
     rows_of,
     start_of,
 )
+from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames
-from liftgate_hil.codec.quantities import TIMING
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
@@ -44,23 +45,25 @@ from liftgate_hil.loop.realtime_loop import (
     RunParams,
     arrival_of,
     make_room,
-    run_hard,
+    run_realtime,
 )
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
-from liftgate_hil.snapshot import Snapshot
+from liftgate_hil.signals import COLUMNS, ROW_WIDTH, Timing
+from liftgate_hil.stimuli.mailbox import nothing_held, post
+from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
 
 Rows = list[tuple[int, bytes]]
 MS = 1_000_000
 START = 1_000_000_000_000  # of the monotonic clock
 EPOCH = 1_700_000_000_000_000_000  # what the wall clock is ahead
-TAKES = 40_000  # ns that a tick takes
+TAKES = 40_000  # ns that a waking takes, however many ticks it makes up
 
 
 class Rehearsal:
-    """A run of `run_hard` whose time, frames and faults the test decides.
+    """A run of `run_realtime` whose time, frames and faults the test decides.
 
     `at` is called at every waking with its number, before frames are read; `late` is how late that one is.
     """
@@ -75,7 +78,7 @@ class Rehearsal:
         frames: int = 4096,
     ) -> None:
         self.rig = rig
-        self.bench = bench(rate, rig=rig)
+        self.config = loop_config(rate, rig)
         self.memory = Memory(rows, frames)
         self.shared = self.memory.shared
         self.now = START
@@ -83,9 +86,11 @@ class Rehearsal:
         self.wakings = 0
         self.at: Callable[[int], None] = lambda waking: None
         self.late: dict[int, int] = {}
-        self.sent: list[Rows] = []  # by tick
+        self.sent: list[Rows] = []  # by waking
         self.refuse: Callable[[int, int], bool] = lambda tick, trial: False
-        self.steps: list[int] = []
+        self.steps: list[int] = []  # plant steps, by waking
+        self.given: list[int] = []  # the ticks that were given frames
+        self._missed = self._made_up = 0
         self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.theirs.setblocking(False)
         self._trials = 0
@@ -99,12 +104,18 @@ class Rehearsal:
             self.wakings += 1
             return self.now
 
-        def tick(some: LoopConfig, state: LoopState, frames: Frames, steps: int, stop: bool) -> Any:
-            self.now += TAKES
-            self.sent.append([])
-            self.steps.append(steps)
-            self._trials = 0
-            return fast_tick(some, state, frames, steps, stop)
+        def tick(config: LoopConfig, state: LoopState, frames: Frames, around: Outside) -> Any:
+            self._missed += around.is_silent
+            assert around.ticks_missed == self._missed
+            if frames.count:
+                self.given.append(state.tick)
+            self._made_up += around.is_silent
+            if not around.is_silent:
+                self.now += TAKES
+                self.sent.append([])
+                self.steps.append(self._made_up + 1)
+                self._made_up = self._trials = 0
+            return fast_tick(config, state, frames, around)
 
         def write(descriptor: int, buffers: Any, frames: Frames) -> Writing:
             self._trials += 1
@@ -122,9 +133,17 @@ class Rehearsal:
         self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
     ) -> tuple[LoopState, int]:
         feedback = np.array(feedback_identifiers(self.rig), dtype=np.int64)
-        params = RunParams(self.ours.fileno(), ticks, limit_ns, COMMAND, feedback)
-        begin = state or start_of(self.bench)
-        return run_hard(self.bench, begin, params, self.shared, make_room())
+        params = RunParams(
+            descriptor=self.ours.fileno(),
+            ticks=ticks,
+            limit_ns=limit_ns,
+            command=COMMAND,
+            feedback=feedback,
+            timeline=NO_TIMELINE,
+            held=nothing_held(),
+        )
+        begin = state or start_of(self.config)
+        return run_realtime(self.config, begin, params, self.shared, make_room())
 
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
         """Put frames on the wire; with an age, as our pump does."""
@@ -146,9 +165,14 @@ class Rehearsal:
                 return got
             got += rows_of(frames._replace(count=reading.count))
 
-    def snapshots(self) -> list[list[float]]:
-        rows = RingReader(self.shared.snapshots, self.shared.control, "snapshots").take()
+    def rows(self) -> list[list[float]]:
+        """All rows that the ring holds."""
+        rows = RingReader(self.shared.rows, self.shared.control, "rows").take()
         return [list(row) for row in rows]
+
+    def column(self, name: str) -> list[float]:
+        """One column of these."""
+        return [row[list(COLUMNS).index(name)] for row in self.rows()]
 
     def noted(self, which: int) -> dict[int, int]:
         """Bins of a histogram that hold something."""
@@ -194,10 +218,15 @@ class Given:
     is_up = True
 
     def __init__(self) -> None:
-        self.sent: list[Rows] = []
+        self.sent: Rows = []
 
     def send(self, frames: Frames) -> None:
-        self.sent.append(rows_of(frames))
+        self.sent += rows_of(frames)
+
+    def taken(self) -> Rows:
+        """What was sent since this was asked last."""
+        sent, self.sent = self.sent, []
+        return sent
 
     def receive(self, timeout: float = 0.0) -> Frames:
         raise AssertionError
@@ -225,17 +254,20 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     assert outcome == ENDED
 
     transport, shown = Given(), []
-    loop = Loop(play.bench, start_of(play.bench), transport, watch=shown.append)
+    loop = Loop(play.config, start_of(play.config), NO_TIMELINE, transport, watch=shown.append)
     assert play.steps[:-1].count(1) == len(play.steps) - 3
     assert sorted(play.steps)[-2:] == [2, 4]
+    sent: list[Rows] = []
     for waking, steps in enumerate(play.steps[:-1]):
         loop.advance(frames_of(batches.get(waking, [])), steps)
+        sent.append(transport.taken())
     loop.finish()
-    assert transport.sent == play.sent
-    assert [list(row) for row in shown] == play.snapshots()
+    assert [*sent, transport.taken()] == play.sent
+    assert [list(row) for row in shown] == play.rows()
+    assert len(shown) == 40 * every + 1
     assert flat(loop.state) == flat(state)
     assert state.tick == 40 * every + 1
-    assert state.overruns == 3 + 1
+    assert loop.ticks_missed == play.shared.control[0].overruns == 3 + 1
     assert state.counts.accepted == 29
     assert loop.frames_sent == play.shared.control[0].sent
     assert loop.load.bits == play.shared.control[0].bits
@@ -250,16 +282,26 @@ def test_a_late_waking_skips_whole_periods_and_the_plant_catches_up(
 ):
     play = rehearse()
     play.late = {3: late}
-    play.at = lambda waking: None if waking % 100 else play.arrived().clear()
+
+    def at(waking: int) -> None:
+        if waking % 100 == 0:
+            play.arrived()
+        if waking == 3:
+            play.give((0x55, b"x"))
+
+    play.at = at
     state, outcome = play.run(1500)
     assert outcome == ENDED
     assert play.steps[3] == steps
     assert play.steps[:3] == [1, 1, 1]
-    assert state.overruns == steps - 1 == play.shared.control[0].overruns
+    assert play.shared.control[0].overruns == steps - 1
     assert state.tick == 1501 == play.shared.control[0].tick
     # Model time is wall time again: the tick after the late one is on time, to what the late one took.
     assert play.now == START + 1500 * MS + 2 * TAKES
     assert sum(play.noted(LATENESS).values()) == len(play.steps) - 1
+    # Each tick has its row, the missed ones too; what has come is taken in the first of them.
+    assert play.column("time_s") == pytest.approx([0.001 * (1 + n) for n in range(1501)])
+    assert play.given == [3]
 
 
 def test_a_catch_up_does_not_run_past_the_end(rehearse: Callable[..., Rehearsal]):
@@ -267,7 +309,7 @@ def test_a_catch_up_does_not_run_past_the_end(rehearse: Callable[..., Rehearsal]
     play.late = {5: 500 * MS}
     state, _ = play.run(10)
     assert state.tick == 10 + 1
-    assert state.overruns == 4
+    assert play.shared.control[0].overruns == 4
 
 
 @pytest.mark.parametrize(("late", "expected"), [(50 * MS, ENDED), (50 * MS + 1, OVERRUN)])
@@ -287,7 +329,11 @@ def test_past_the_limit_it_gives_up_with_the_motors_off(
 def everything(rig: Rig) -> list[int]:
     """Identifiers of what is always sent; how well it keeps time is not known before its first figures."""
     return sorted(
-        {rig.messages[wire.message].frame_id for wire in rig.outputs if wire.quantity not in TIMING}
+        {
+            rig.messages[wire.message].frame_id
+            for wire in rig.outputs
+            if wire.quantity not in Timing._fields
+        }
     )
 
 
@@ -296,9 +342,9 @@ def last_words(play: Rehearsal) -> list[int]:
     last = play.sent[-1]
     (status,) = decoded(play.rig, frames_of(last), "BenchStatus")
     assert status["EmulatorState"] == STOPPED
-    final = Snapshot(*play.snapshots()[-1])
-    assert (final.left_duty, final.right_duty) == (0.0, 0.0)
-    assert (final.left_coast, final.right_coast) == (1.0, 1.0)
+    final = dict(zip(COLUMNS, play.rows()[-1], strict=True))
+    assert (final["left_duty"], final["right_duty"]) == (0.0, 0.0)
+    assert (final["left_coast"], final["right_coast"]) == (1.0, 1.0)
     return sorted(identifier for identifier, _ in last)
 
 
@@ -307,7 +353,7 @@ def test_a_plant_that_gives_no_numbers_ends_it_with_the_motors_off(
     rehearse: Callable[..., Rehearsal], where: str
 ):
     play = rehearse()
-    state = start_of(play.bench)
+    state = start_of(play.config)
     plant = state.plant._replace(gate_angle=math.nan)
     if where == "right":
         plant = state.plant._replace(right=state.plant.right._replace(current=math.nan))
@@ -332,7 +378,7 @@ def test_told_to_stop_it_sends_every_message_once_and_ends(
     assert outcome == ENDED
     assert state.tick == 59
     assert last_words(play) == everything(rig)
-    assert play.snapshots()[-2][Snapshot._fields.index("left_duty")] > 0.5
+    assert play.column("left_duty")[-2] > 0.5
 
 
 def test_told_to_stop_before_it_began_it_only_says_so(rehearse: Callable[..., Rehearsal]):
@@ -391,6 +437,47 @@ def test_a_wire_that_is_closed_is_counted_and_the_run_goes_on(rehearse: Callable
     assert control.last_error == errno.EBADF
     assert control.unsent > 0
     assert control.unsent_full == 0
+
+
+# What is posted while it runs.
+
+
+def test_what_is_posted_holds_from_the_next_tick_on_until_it_is_posted_anew(
+    rehearse: Callable[..., Rehearsal],
+):
+    play = rehearse()
+    said = {
+        20: ("hand_force_n", [25.0]),
+        50: ("hand_force_n", [math.nan]),
+        30: ("snow_mass_kg", [7.0]),
+    }
+    play.at = lambda waking: post(play.shared.box[0], *said[waking]) if waking in said else None
+    play.late = {30: 4 * MS}
+    play.run(100)
+    assert play.column("hand_force_n") == [0.0] * 20 + [25.0] * 34 + [0.0] * 47
+    # What is made up for was missed before the letter came; but it is taken as what has come, as frames are.
+    assert play.column("snow_mass_kg") == [0.0] * 30 + [7.0] * 71
+    assert play.shared.box[0].taken == play.shared.box[0].posted == 3
+
+
+def test_figures_that_are_posted_are_told_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
+    play = rehearse()
+    told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
+    play.at = lambda waking: post(play.shared.box[0], "lateness_p50", told) if waking == 5 else None
+    play.run(300)
+    sent = frames_of([row for rows in play.sent for row in rows])
+    wires = [wire for wire in rig.outputs if wire.quantity in Timing._fields]
+    assert {wire.quantity for wire in wires} >= {
+        "lateness_p50",
+        "execution_max",
+        "command_delay_max",
+    }
+    for wire in wires:
+        rows = decoded(rig, sent, wire.message)
+        assert rows, wire
+        for row in rows:
+            value = wire.scale * row[wire.signal] + wire.offset
+            assert value == pytest.approx(getattr(told, wire.quantity)), wire
 
 
 # Delay from command to feedback.
@@ -525,11 +612,11 @@ def test_rings_hold_the_last_rows_when_they_wrap(rehearse: Callable[..., Rehears
     play = rehearse(rows=16, frames=32)
     play.at = lambda waking: play.give((waking, bytes([waking] * 3)), age=300_000)
     play.run(100)
-    times = play.shared.snapshots[:, 0]
+    times = play.shared.rows[:, 0]
     assert sorted(times) == pytest.approx([0.001 * n for n in range(101 - 15, 102)])
     assert times[100 % 16] == pytest.approx(0.101)
     control = play.shared.control[0]
-    assert control.snapshots == 101
+    assert control.rows == 101
     assert control.frames == control.sent + 100
     logged: list[tuple[int, int, bytes]] = []
     for tick, rows in enumerate(play.sent):
@@ -607,14 +694,23 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
     kept: list[tuple[SocketLine, Memory]] = []
 
     def make(**more: Any) -> RealtimeRun:
-        some = bench(rig=rig)
+        config = loop_config(rig=rig)
         line = more.pop("line", None) or SocketLine()
         memory = Memory(4096, 4096)
         kept.append((line, memory))
         said: list[str] = []
         options: dict[str, Any] = {"limit_ns": 3600 * 10**9, "say": said.append, **more}
-        state = options.pop("state", None) or start_of(some)
-        return RealtimeRun(some, state, line, memory, rig, 500_000.0, **options)
+        state = options.pop("state", None) or start_of(config)
+        return RealtimeRun(
+            config=config,
+            state=state,
+            timeline=NO_TIMELINE,
+            line=line,
+            memory=memory,
+            rig=rig,
+            bitrate=500_000.0,
+            **options,
+        )
 
     yield make
     for line, memory in kept:
@@ -639,14 +735,14 @@ def ends_stopped(run: RealtimeRun) -> bool:
 def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     ready: Callable[..., RealtimeRun], rig: Rig
 ):
-    shown: list[Snapshot] = []
+    shown: list[NDArray[np.float64]] = []
     run = ready(watch=shown.append)
     run.begin()
     control = run.memory.shared.control[0]
     assert all(int(control[name]) == 0 for name in control.dtype.names)
     assert not run.memory.shared.histograms.any()
     # A recorder that looks on meanwhile must not see the rehearsal.
-    assert not run.memory.shared.snapshots.any()
+    assert not run.memory.shared.rows.any()
     assert not run.memory.shared.frames.identifier.any()
     assert run.line.received() == []  # type: ignore[attr-defined]
     write_frames(
@@ -663,8 +759,10 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     assert (summary.received.accepted, summary.received.foreign) == (1, 1)
     assert summary.recording_lost_rows == 5
     assert summary.link == LinkCounts(send_failures=1000, dropped=7, losses=3)
-    assert [row.time_s for row in shown] == sorted({row.time_s for row in shown})
-    assert len(shown) == summary.timing.lateness.count + 1 == control.snapshots
+    assert all(row.shape == (ROW_WIDTH,) for row in shown)
+    # Each tick once, the missed ones too.
+    assert [row[0] for row in shown] == pytest.approx([0.001 * (1 + n) for n in range(201)])
+    assert control.rows == 201
     assert control.frames == summary.frames_sent + 2
     rows = run.line.received()  # type: ignore[attr-defined]
     assert len(rows) == summary.frames_sent
@@ -728,7 +826,7 @@ def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., Realti
 
 
 def test_divergence_is_an_error_that_says_when(ready: Callable[..., RealtimeRun], rig: Rig):
-    state = start_of(bench(rig=rig))
+    state = start_of(loop_config(rig=rig))
     broken = state._replace(plant=state.plant._replace(gate_angle=math.nan))
     run = ready(state=broken)
     run.begin()

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.stimuli.mailbox import post
 
 
 class Writer:
@@ -130,10 +131,11 @@ import sys
 from liftgate_hil.loop.rings import Memory, RingReader
 memory = Memory(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
 shared = memory.shared
-rows = RingReader(shared.snapshots, shared.control, "snapshots").take()
+rows = RingReader(shared.rows, shared.control, "rows").take()
 frames = RingReader(shared.frames, shared.control, "frames").take()
 print(rows[:, 0].tolist(), frames["identifier"].tolist(), frames["payload"][:, 63].tolist())
-print(int(shared.histograms.sum()), shared.timing.tolist()[:2])
+letter = shared.box[0].letters[0]
+print(int(shared.histograms.sum()), int(shared.box[0].posted), letter["values"].tolist()[:2])
 shared.control[0].stop = 1
 """
 
@@ -141,13 +143,13 @@ shared.control[0].stop = 1
 def test_another_process_sees_the_same_and_is_seen():
     memory = Memory(5, 7)
     shared = memory.shared
-    shared.snapshots[:3, 0] = [1.0, 2.0, 3.0]
-    shared.control[0].snapshots = 3
+    shared.rows[:3, 0] = [1.0, 2.0, 3.0]
+    shared.control[0].rows = 3
     shared.frames[:2].identifier = [0x120, 1 << 32]
     shared.frames[1].payload[63] = 255
     shared.control[0].frames = 2
     shared.histograms[2, -1] = 41
-    shared.timing[:2] = [0.5, 7.0]
+    assert post(shared.box[0], "lateness_p50", [0.5, 7.0])
     done = subprocess.run(
         [sys.executable, "-c", CHILD, "5", "7", str(memory.descriptor)],
         pass_fds=[memory.descriptor], capture_output=True, text=True, check=False,
@@ -155,7 +157,7 @@ def test_another_process_sees_the_same_and_is_seen():
     assert done.stderr == ""
     assert done.stdout.splitlines() == [
         "[1.0, 2.0, 3.0] [288, 4294967296] [0, 255]",
-        "41 [0.5, 7.0]",
+        "41 1 [0.5, 7.0]",
     ]
     assert shared.control[0].stop == 1
     memory.close()

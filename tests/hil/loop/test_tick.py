@@ -1,4 +1,4 @@
-"""The tick: a pure function from state, frames and time to state, frames and a snapshot."""
+"""The tick: state, frames and what acts from outside in; state, frames, truth and what was sensed out."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ from hil_support import (
     OPEN,
     RIGHT_DRIVE,
     SENSORS,
-    bench,
     both,
+    catch_up,
     command_frame,
     command_payload,
     decoded,
     frames_of,
     j1850,
+    loop_config,
+    outside,
     panel_frame,
     rig_of,
     rows_of,
@@ -39,9 +41,9 @@ from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, LoopConfig, LoopState, tick
-from liftgate_hil.snapshot import Snapshot
-from liftgate_hil.stimuli.timeline import Timeline, load_at
+from liftgate_hil.stimuli.timeline import Timeline, obstacle_at
 from liftgate_plant.dynamics import initial_state
+from liftgate_plant.signals import Sensed, Truth
 
 NOTHING = empty_frames(0)
 Tick = Callable[..., Any]
@@ -56,25 +58,32 @@ def equal(first: Any, second: Any) -> bool:
     return first == second or (first != first and second != second)
 
 
-def rest(some: LoopConfig) -> LoopState:
-    return start_of(some)
+def rest(config: LoopConfig) -> LoopState:
+    return start_of(config)
 
 
 def run(
     call: Tick,
-    some: LoopConfig,
+    config: LoopConfig,
     state: LoopState,
     ticks: int,
     frames_at: Callable[[int], list[tuple[int, bytes]]] = lambda number: [],
-) -> tuple[LoopState, list[Snapshot], list[Frames]]:
+    timeline: Timeline | None = None,
+) -> tuple[LoopState, list[Truth], list[Frames], list[Sensed]]:
     """So many ticks; `frames_at` gives what comes before tick number n (from 0)."""
-    snapshots, replies = [], []
+    truths, replies, sensed = [], [], []
     for number in range(ticks):
         rows = frames_at(number)
-        state, sent, snapshot = call(some, state, frames_of(rows) if rows else NOTHING, 1, False)
-        snapshots.append(snapshot)
+        state, sent, truth, seen = call(
+            config,
+            state,
+            frames_of(rows) if rows else NOTHING,
+            outside(timeline, state.tick * config.step),
+        )
+        truths.append(truth)
         replies.append(sent)
-    return state, snapshots, replies
+        sensed.append(seen)
+    return state, truths, replies, sensed
 
 
 def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[tuple[int, bytes]]]:
@@ -87,52 +96,57 @@ def driving(rig: Rig, every: int = 10, **values: float) -> Callable[[int], list[
     return frames_at
 
 
-def open_at(rig: Rig, call: Tick, some: LoopConfig, angle_deg: float) -> LoopState:
+def open_at(rig: Rig, call: Tick, config: LoopConfig, angle_deg: float) -> LoopState:
     """A loop whose gate stands at an angle, unlatched, with the drives to match."""
-    return start_of(some, math.radians(angle_deg), latched=False)
+    return start_of(config, math.radians(angle_deg), latched=False)
 
 
 # Purity.
 
 
 def test_the_state_that_goes_in_is_not_changed(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state, _, _ = run(fast_tick, some, rest(some), 25, driving(rig))
+    config = loop_config(rig=rig)
+    state, _, _, _ = run(fast_tick, config, rest(config), 25, driving(rig))
     for call in (tick, fast_tick):
-        kept, kept_bench = copy.deepcopy(state), copy.deepcopy(some)
+        kept, kept_config = copy.deepcopy(state), copy.deepcopy(config)
         frames = frames_of([command_frame(rig, 9, **both(30.0, OPEN)), panel_frame(rig)])
         kept_frames = copy.deepcopy(frames)
-        call(some, state, frames, 3, False)
-        assert equal(state, kept)
-        assert equal(some, kept_bench)
-        assert equal(frames, kept_frames)
+        for way in ({}, {"silent": True, "missed": 3}, {"stop": True}):
+            around = outside(**way)
+            kept_around = copy.deepcopy(around)
+            call(config, state, frames, around)
+            assert equal(state, kept)
+            assert equal(config, kept_config)
+            assert equal(frames, kept_frames)
+            assert equal(around, kept_around)
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_the_same_in_gives_the_same_out(rig: Rig, fast_tick: Tick, which: str):
     call = tick if which == "plain" else fast_tick
     noisy = ["sensors.current_noise=0.5", "sensors.angle_noise_deg=0.1"]
-    some = bench(rig=rig, settings=noisy, seed=7)
-    first = run(call, some, rest(some), 60, driving(rig))
-    second = run(call, some, rest(some), 60, driving(rig))
+    config = loop_config(rig=rig, settings=noisy, seed=7)
+    first = run(call, config, rest(config), 60, driving(rig))
+    second = run(call, config, rest(config), 60, driving(rig))
     assert equal(first[0], second[0])
     assert all(map(equal, first[1], second[1]))
     assert all(map(equal, first[2], second[2]))
+    assert all(map(equal, first[3], second[3]))
 
 
 def test_another_seed_gives_other_noise_but_the_same_plant(rig: Rig, fast_tick: Tick):
     noisy = ["sensors.current_noise=0.5"]
     ends = []
     for seed in (1, 2):
-        some = bench(rig=rig, settings=noisy, seed=seed)
-        state, _, replies = run(fast_tick, some, rest(some), 60, driving(rig))
+        config = loop_config(rig=rig, settings=noisy, seed=seed)
+        state, _, replies, _ = run(fast_tick, config, rest(config), 60, driving(rig))
         ends.append((state.plant, [rows_of(frames) for frames in replies]))
     assert equal(ends[0][0], ends[1][0])
     assert ends[0][1] != ends[1][1]
 
 
 def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig, settings=["sensors.current_noise=0.1"], seed=3)
+    config = loop_config(rig=rig, settings=["sensors.current_noise=0.1"], seed=3)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         rows = driving(rig)(number)
@@ -142,11 +156,11 @@ def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
             rows += [(COMMAND, bytes(5)), (0x55, b"abc"), (COMMAND, bytes(8))]
         return [] if 200 <= number < 260 else rows  # a time-out on the way
 
-    plain = run(tick, some, rest(some), 400, frames_at)
-    fast = run(fast_tick, some, rest(some), 400, frames_at)
+    plain = run(tick, config, rest(config), 400, frames_at)
+    fast = run(fast_tick, config, rest(config), 400, frames_at)
     assert plain[0].counts == fast[0].counts
     assert (plain[0].timeouts, plain[0].tick) == (fast[0].timeouts, fast[0].tick)
-    for mine, theirs in zip(plain[1], fast[1], strict=True):
+    for mine, theirs in zip(plain[1] + plain[3], fast[1] + fast[3], strict=True):
         # The machine may fuse or reorder a sum, so a last digit may differ.
         assert np.allclose(np.array(mine), np.array(theirs), rtol=1e-9, atol=1e-9)
     for mine, theirs in zip(plain[2], fast[2], strict=True):
@@ -157,35 +171,35 @@ def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
 
 
 def test_motors_coast_from_exactly_the_time_out_on(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
+    config = loop_config(rig=rig)
 
     def once(number: int) -> list[tuple[int, bytes]]:
         return [command_frame(rig, 1, **both(50.0, OPEN))] if number == 7 else []
 
-    state, snapshots, _ = run(fast_tick, some, rest(some), 80, once)
-    coasting = [snapshot.left_coast for snapshot in snapshots]
+    state, truths, _, _ = run(fast_tick, config, rest(config), 80, once)
+    coasting = [truth.left_coast for truth in truths]
     # The command came at 7 ms; step number n covers n … n + 1 ms.
     assert coasting == [1] * 7 + [0] * 30 + [1] * 43
-    assert [snapshot.right_coast for snapshot in snapshots] == coasting
-    assert [snapshot.left_duty for snapshot in snapshots] == [0.0] * 7 + [0.5] * 30 + [0.0] * 43
+    assert [truth.right_coast for truth in truths] == coasting
+    assert [truth.left_duty for truth in truths] == [0.0] * 7 + [0.5] * 30 + [0.0] * 43
     assert state.timeouts == 1
 
 
 def test_a_command_every_cycle_never_times_out_and_two_lost_ones_neither(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
+    config = loop_config(rig=rig)
 
     def with_gaps(number: int) -> list[tuple[int, bytes]]:
         # Of every three frames the last two are lost.
         return driving(rig)(number) if number % 30 == 0 else []
 
-    state, snapshots, _ = run(fast_tick, some, rest(some), 300, with_gaps)
+    state, truths, _, _ = run(fast_tick, config, rest(config), 300, with_gaps)
     # At 30 ms sharp the next command is there already.
     assert state.timeouts == 0
-    assert not any(snapshot.left_coast for snapshot in snapshots)
+    assert not any(truth.left_coast for truth in truths)
 
 
 def test_the_next_valid_command_resumes_and_each_time_out_counts_once(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
+    config = loop_config(rig=rig)
 
     def bursts(number: int) -> list[tuple[int, bytes]]:
         if number in (100, 300, 500):
@@ -196,8 +210,8 @@ def test_the_next_valid_command_resumes_and_each_time_out_counts_once(rig: Rig, 
             return [(COMMAND, bytes(payload))]  # a bad one does not resume
         return []
 
-    state, snapshots, replies = run(fast_tick, some, rest(some), 600, bursts)
-    running = [number for number, snapshot in enumerate(snapshots) if not snapshot.left_coast]
+    state, truths, replies, _ = run(fast_tick, config, rest(config), 600, bursts)
+    running = [number for number, truth in enumerate(truths) if not truth.left_coast]
     assert running == [*range(100, 130), *range(300, 330), *range(500, 530)]
     assert state.timeouts == 3
     assert state.counts.checksum == 3
@@ -209,13 +223,13 @@ def test_the_next_valid_command_resumes_and_each_time_out_counts_once(rig: Rig, 
 
 
 def test_a_time_out_within_a_catch_up_is_met_at_its_own_step(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    start = rest(some)
+    config = loop_config(rig=rig)
+    start = rest(config)
     one = frames_of([command_frame(rig, 1, **both(80.0, OPEN, release=1))])
-    at_once, _, _ = fast_tick(some, start, one, 50, False)
-    singly, _, _ = run(
+    at_once = catch_up(fast_tick, config, start, one, 50)[-1][0]
+    singly, _, _, _ = run(
         fast_tick,
-        some,
+        config,
         start,
         50,
         lambda number: (
@@ -233,14 +247,14 @@ def test_a_panel_that_has_a_cycle_time_and_goes_silent_is_no_command_time_out(
     path = tmp_path / "panel.toml"
     path.write_text(text + "\n[messages.BenchControl]\ncycle_ms = 50\n")
     cyclic = load_rig(path)
-    some = bench(rig=cyclic)
+    config = loop_config(rig=cyclic)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         rows = driving(rig, **both(0.0, BRAKE))(number)
         return [*rows, panel_frame(rig, HandForce=100.0)] if number == 0 else rows
 
-    state, snapshots, _ = run(fast_tick, some, rest(some), 300, frames_at)
-    assert snapshots[0].hand_force_n == pytest.approx(100.0)
+    state, truths, _, _ = run(fast_tick, config, rest(config), 300, frames_at)
+    assert truths[0].hand_force_n == pytest.approx(100.0)
     assert state.timeouts == 0
 
 
@@ -248,16 +262,17 @@ def test_a_panel_that_has_a_cycle_time_and_goes_silent_is_no_command_time_out(
 
 
 @pytest.mark.parametrize("steps", [2, 3, 7, 25])
-def test_so_many_steps_at_once_leave_the_plant_as_single_ticks_do(
+def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
     rig: Rig, fast_tick: Tick, steps: int
 ):
-    some = bench(rig=rig)
-    state, _, _ = run(fast_tick, some, rest(some), 200, driving(rig))
+    config = loop_config(rig=rig)
+    state, _, _, _ = run(fast_tick, config, rest(config), 200, driving(rig))
     command = frames_of([command_frame(rig, 3, **both(60.0, OPEN))])
-    at_once, _, snapshot = fast_tick(some, state, command, steps, False)
-    singly, snapshots, _ = run(
+    ticked = catch_up(fast_tick, config, state, command, steps)
+    at_once = ticked[-1][0]
+    singly, truths, _, sensed = run(
         fast_tick,
-        some,
+        config,
         state,
         steps,
         lambda number: [command_frame(rig, 3, **both(60.0, OPEN))] if number == 0 else [],
@@ -265,26 +280,50 @@ def test_so_many_steps_at_once_leave_the_plant_as_single_ticks_do(
     assert equal(at_once.plant, singly.plant)
     assert equal(at_once.sensors, singly.sensors)
     assert equal(at_once.arming, singly.arming)
-    assert at_once.tick == singly.tick
-    assert at_once.overruns == singly.overruns + steps - 1
-    assert equal(snapshot, snapshots[-1])
+    assert at_once.counts == singly.counts
+    assert at_once.tick == singly.tick == state.tick + steps
+    # Each missed tick has its row.
+    assert equal(tuple(each[2] for each in ticked), tuple(truths))
+    assert equal(tuple(each[3] for each in ticked), tuple(sensed))
+    assert [each[1].count for each in ticked[:-1]] == [0] * (steps - 1)
+
+
+def test_a_catch_up_follows_the_timeline_tick_by_tick(
+    rig: Rig, fast_tick: Tick, timeline: Timeline
+):
+    config = loop_config(rig=rig)
+    ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, timeline=timeline)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 401, timeline=timeline)
+    assert equal(tuple(each[2] for each in ticked), tuple(truths))
+    assert len({truth.road_slope_deg for truth in truths}) == 401
 
 
 def test_a_catch_up_sends_each_message_once_and_the_next_ones_on_time(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state, sent, _ = fast_tick(some, rest(some), NOTHING, 23, False)
+    config = loop_config(rig=rig)
+    ticked = catch_up(fast_tick, config, rest(config), NOTHING, 23)
+    assert [each[1].count for each in ticked[:-1]] == [0] * 22
+    state, sent, _, _ = ticked[-1]
     assert sorted(row[0] for row in rows_of(sent)) == [LEFT_DRIVE, RIGHT_DRIVE, GATE]
-    _, _, replies = run(fast_tick, some, state, 8)
+    _, _, replies, _ = run(fast_tick, config, state, 8)
     at = [24 + number for number, frames in enumerate(replies) if frames.count]
     assert at == [25, 30]
 
 
+def test_a_silent_tick_sends_nothing_but_the_last_one_sends_everything(rig: Rig, fast_tick: Tick):
+    config = loop_config(rig=rig)
+    state, _, _, _ = run(fast_tick, config, rest(config), 99)
+    _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1))
+    assert sent.count == 0
+    _, sent, _, _ = fast_tick(config, state, NOTHING, outside(silent=True, missed=1, stop=True))
+    assert sent.count == 5
+
+
 def test_skipped_periods_are_told_on_the_bus_and_clip_at_the_largest(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    _, sent, _ = fast_tick(some, rest(some), NOTHING, 100, False)
+    config = loop_config(rig=rig)
+    sent = catch_up(fast_tick, config, rest(config), NOTHING, 100)[-1][1]
     assert decoded(rig, sent, "BenchStatus")[0]["TickOverruns"] == 99
-    many = rest(some)._replace(overruns=10**9, timeouts=10**6)
-    _, sent, _ = fast_tick(some, many, NOTHING, 1, True)
+    many = rest(config)._replace(timeouts=10**6)
+    _, sent, _, _ = fast_tick(config, many, NOTHING, outside(missed=10**9, stop=True))
     status = decoded(rig, sent, "BenchStatus")[0]
     assert (status["TickOverruns"], status["CommandTimeouts"]) == (65535, 255)
 
@@ -293,9 +332,9 @@ def test_skipped_periods_are_told_on_the_bus_and_clip_at_the_largest(rig: Rig, f
 
 
 def sent_times(
-    fast_tick: Tick, some: LoopConfig, ticks: int
+    fast_tick: Tick, config: LoopConfig, ticks: int
 ) -> tuple[Counter[int], dict[int, list[int]]]:
-    _, _, replies = run(fast_tick, some, rest(some), ticks)
+    _, _, replies, _ = run(fast_tick, config, rest(config), ticks)
     times: dict[int, list[int]] = {}
     for number, frames in enumerate(replies):
         for identifier, _ in rows_of(frames):
@@ -305,7 +344,7 @@ def sent_times(
 
 @pytest.mark.parametrize(("rate", "slack"), [(1000, 0), (10_000, 0), (300, 1), (250, 1), (1024, 1)])
 def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, slack: int):
-    counts, times = sent_times(fast_tick, bench(rate=float(rate), rig=rig), rate)
+    counts, times = sent_times(fast_tick, loop_config(float(rate), rig), rate)
     cycles = {LEFT_DRIVE: 5, RIGHT_DRIVE: 5, GATE: 10, SENSORS: 100, BENCH_STATUS: 100}
     for identifier, cycle_ms in cycles.items():
         assert abs(counts[identifier] - 1000 // cycle_ms) <= slack, hex(identifier)
@@ -317,7 +356,7 @@ def test_cycle_times_hold_over_a_second(rig: Rig, fast_tick: Tick, rate: int, sl
 
 
 def test_counters_and_checksums_of_what_is_sent_are_right(rig: Rig, fast_tick: Tick):
-    _, _, replies = run(fast_tick, bench(rig=rig), rest(bench(rig=rig)), 200)
+    _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 200)
     for name, identifier in (("LeftDrive", LEFT_DRIVE), ("RightDrive", RIGHT_DRIVE)):
         rows = [row for frames in replies for row in decoded(rig, frames, name)]
         assert [row["AliveCounter"] for row in rows] == [number % 16 for number in range(40)]
@@ -328,28 +367,28 @@ def test_counters_and_checksums_of_what_is_sent_are_right(rig: Rig, fast_tick: T
 
 
 def test_what_is_sent_is_what_the_plant_does(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state, snapshots, replies = run(fast_tick, some, rest(some), 2000, driving(rig))
-    snapshot = snapshots[-1]
-    assert snapshot.gate_angle_deg > 5.0
+    config = loop_config(rig=rig)
+    state, truths, replies, _ = run(fast_tick, config, rest(config), 2000, driving(rig))
+    truth = truths[-1]
+    assert truth.gate_angle_deg > 5.0
     left = decoded(rig, replies[-1], "LeftDrive")[0]
     right = decoded(rig, replies[-1], "RightDrive")[0]
     gate = decoded(rig, replies[-1], "Gate")[0]
-    assert left["MotorCurrent"] == pytest.approx(snapshot.left_current_a, abs=0.0026)
-    assert right["MotorCurrent"] == pytest.approx(snapshot.right_current_a, abs=0.0026)
-    assert left["HallCount"] == snapshot.left_hall_count
-    assert right["HallCount"] == snapshot.right_hall_count
+    assert left["MotorCurrent"] == pytest.approx(truth.left_current_a, abs=0.0026)
+    assert right["MotorCurrent"] == pytest.approx(truth.right_current_a, abs=0.0026)
+    assert left["HallCount"] == truth.left_hall_count
+    assert right["HallCount"] == truth.right_hall_count
     assert left["HallSpeed"] == pytest.approx(
-        snapshots[-1].left_hall_count - snapshots[-6].left_hall_count, abs=0
+        truths[-1].left_hall_count - truths[-6].left_hall_count, abs=0
     )
-    assert gate["Angle"] == pytest.approx(snapshot.gate_angle_deg, abs=0.0051)
+    assert gate["Angle"] == pytest.approx(truth.gate_angle_deg, abs=0.0051)
     assert gate["LatchState"] == 0
     assert gate["TerminalVoltage"] == pytest.approx(12.0)
-    assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(snapshot.gate_angle_deg)
+    assert state.plant.gate_angle * 180.0 / math.pi == pytest.approx(truth.gate_angle_deg)
 
 
 def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Tick):
-    _, _, replies = run(fast_tick, bench(rig=rig), rest(bench(rig=rig)), 100)
+    _, _, replies, _ = run(fast_tick, loop_config(rig=rig), rest(loop_config(rig=rig)), 100)
     gate = decoded(rig, replies[9], "Gate")[0]
     assert gate == {"Angle": 0.0, "LatchState": 1, "TerminalVoltage": 12.0}
     assert decoded(rig, replies[99], "BenchStatus")[0]["EmulatorState"] == WAITING
@@ -360,8 +399,12 @@ def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Ti
 
 def test_refused_frames_are_told_on_the_bus(rig: Rig, fast_tick: Tick):
     bad = [(COMMAND, bytes(8)), (COMMAND, bytes(2)), (0x7E1, bytes(1)), (0x111, bytes(8))]
-    _, _, replies = run(
-        fast_tick, bench(rig=rig), rest(bench(rig=rig)), 100, lambda n: bad if n == 3 else []
+    _, _, replies, _ = run(
+        fast_tick,
+        loop_config(rig=rig),
+        rest(loop_config(rig=rig)),
+        100,
+        lambda n: bad if n == 3 else [],
     )
     assert decoded(rig, replies[99], "BenchStatus")[0]["RejectedFrames"] == 3
 
@@ -370,17 +413,17 @@ def test_refused_frames_are_told_on_the_bus(rig: Rig, fast_tick: Tick):
 
 
 def test_stop_turns_the_motors_off_and_sends_everything_once(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state, _, replies = run(fast_tick, some, rest(some), 501, driving(rig))
+    config = loop_config(rig=rig)
+    state, _, replies, _ = run(fast_tick, config, rest(config), 501, driving(rig))
     running = [row for frames in replies for row in decoded(rig, frames, "BenchStatus")]
     assert running[-1]["EmulatorState"] == RUNNING
     last = frames_of([command_frame(rig, 51, **both(100.0, OPEN))])
-    state, sent, snapshot = fast_tick(some, state, last, 1, True)
+    state, sent, truth, _ = fast_tick(config, state, last, outside(stop=True))
     assert Counter(row[0] for row in rows_of(sent)) == {
         LEFT_DRIVE: 1, RIGHT_DRIVE: 1, GATE: 1, SENSORS: 1, BENCH_STATUS: 1,
     }  # fmt: skip
-    assert (snapshot.left_coast, snapshot.right_coast) == (1, 1)
-    assert (snapshot.left_duty, snapshot.right_duty) == (0.0, 0.0)
+    assert (truth.left_coast, truth.right_coast) == (1, 1)
+    assert (truth.left_duty, truth.right_duty) == (0.0, 0.0)
     assert decoded(rig, sent, "BenchStatus")[0]["EmulatorState"] == STOPPED
 
 
@@ -388,15 +431,15 @@ def test_stop_turns_the_motors_off_and_sends_everything_once(rig: Rig, fast_tick
 
 
 def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    start = open_at(rig, fast_tick, some, 45.0)
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, 45.0)
     ends = {}
     for direction in (COAST, OPEN, CLOSE, BRAKE):
-        _state, snapshots, _ = run(
-            fast_tick, some, start, 100, driving(rig, **both(70.0, direction))
+        _state, truths, _, _ = run(
+            fast_tick, config, start, 100, driving(rig, **both(70.0, direction))
         )
-        ends[direction] = snapshots[-1]
-        assert snapshots[-1].left_coast == (direction == COAST)
+        ends[direction] = truths[-1]
+        assert truths[-1].left_coast == (direction == COAST)
     assert ends[OPEN].left_speed_rps > 1.0
     assert ends[CLOSE].left_speed_rps < -1.0
     assert ends[OPEN].left_duty == pytest.approx(0.7)
@@ -406,31 +449,33 @@ def test_each_bridge_state_does_what_it_is_called(rig: Rig, fast_tick: Tick):
 
 
 def test_motors_are_told_apart(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    start = open_at(rig, fast_tick, some, 45.0)
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, 45.0)
     values = {"LeftDuty": 60.0, "LeftDirection": OPEN, "RightDuty": 30.0, "RightDirection": CLOSE}
-    _, snapshots, _ = run(fast_tick, some, start, 15, driving(rig, **values))
-    assert snapshots[-1].left_duty == pytest.approx(0.6)
-    assert snapshots[-1].right_duty == pytest.approx(-0.3)
+    _, truths, _, _ = run(fast_tick, config, start, 15, driving(rig, **values))
+    assert truths[-1].left_duty == pytest.approx(0.6)
+    assert truths[-1].right_duty == pytest.approx(-0.3)
 
 
 def test_the_latch_holds_until_it_is_released_and_takes_up_at_home(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state, snapshots, _ = run(fast_tick, some, rest(some), 400, driving(rig, **both(40.0, OPEN)))
-    assert snapshots[-1].latched == 1
-    assert snapshots[-1].gate_angle_deg == 0.0
-    state, snapshots, _ = run(fast_tick, some, state, 1500, driving(rig, **both(60.0, OPEN, 1)))
-    assert snapshots[-1].latched == 0
-    assert snapshots[-1].gate_angle_deg > 3.0
-    state, snapshots, _ = run(fast_tick, some, state, 4000, driving(rig, **both(60.0, CLOSE)))
-    assert snapshots[-1].latched == 1
-    assert snapshots[-1].gate_angle_deg == pytest.approx(0.0, abs=0.2)
+    config = loop_config(rig=rig)
+    state, truths, _, _ = run(
+        fast_tick, config, rest(config), 400, driving(rig, **both(40.0, OPEN))
+    )
+    assert truths[-1].latched == 1
+    assert truths[-1].gate_angle_deg == 0.0
+    state, truths, _, _ = run(fast_tick, config, state, 1500, driving(rig, **both(60.0, OPEN, 1)))
+    assert truths[-1].latched == 0
+    assert truths[-1].gate_angle_deg > 3.0
+    state, truths, _, _ = run(fast_tick, config, state, 4000, driving(rig, **both(60.0, CLOSE)))
+    assert truths[-1].latched == 1
+    assert truths[-1].gate_angle_deg == pytest.approx(0.0, abs=0.2)
 
 
 def test_a_released_latch_does_not_take_up(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    _, snapshots, _ = run(fast_tick, some, rest(some), 300, driving(rig, **both(0.0, BRAKE, 1)))
-    assert not any(snapshot.latched for snapshot in snapshots)
+    config = loop_config(rig=rig)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 300, driving(rig, **both(0.0, BRAKE, 1)))
+    assert not any(truth.latched for truth in truths)
 
 
 SCENARIO = """
@@ -456,48 +501,48 @@ def timeline(tmp_path: Path) -> Timeline:
 
 
 def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, timeline: Timeline):
-    some = bench(rig=rig, timeline=timeline)
-    _, snapshots, _ = run(fast_tick, some, rest(some), 401)
-    volts = [snapshot.supply_voltage_v for snapshot in snapshots]
+    config = loop_config(rig=rig)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 401, timeline=timeline)
+    volts = [truth.supply_voltage_v for truth in truths]
     # Step n begins at n ms and is recorded at its end.
     assert volts == [12.0] * 100 + [10.0] * 100 + [14.0] * 201
-    slopes = [snapshot.road_slope_deg for snapshot in snapshots]
+    slopes = [truth.road_slope_deg for truth in truths]
     assert slopes == pytest.approx([8.0 * number / 400 for number in range(401)])
 
 
 def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
     rig: Rig, fast_tick: Tick, timeline: Timeline
 ):
-    some = bench(rig=rig, timeline=timeline)
+    config = loop_config(rig=rig)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         values = {"SupplyVoltage": 9.0, "RoadSlope": -10.0, "HandForce": 25.0}
         return [panel_frame(rig, **values)] if number == 150 else []
 
-    _, snapshots, _ = run(fast_tick, some, rest(some), 300, frames_at)
-    assert snapshots[149].supply_voltage_v == 10.0
-    for snapshot in snapshots[150:]:
-        assert snapshot.supply_voltage_v == pytest.approx(9.0)
-        assert snapshot.road_slope_deg == pytest.approx(-10.0)
-        assert snapshot.hand_force_n == pytest.approx(25.0)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 300, frames_at, timeline)
+    assert truths[149].supply_voltage_v == 10.0
+    for truth in truths[150:]:
+        assert truth.supply_voltage_v == pytest.approx(9.0)
+        assert truth.road_slope_deg == pytest.approx(-10.0)
+        assert truth.hand_force_n == pytest.approx(25.0)
 
 
 def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
     rig: Rig, fast_tick: Tick, timeline: Timeline
 ):
-    some = bench(rig=rig, timeline=timeline)
-    start = open_at(rig, fast_tick, some, 41.0)
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, 41.0)
     close = driving(rig, **both(80.0, CLOSE))
-    _, met, _ = run(fast_tick, some, start, 500, close)
-    assert max(snapshot.pinch_force_n for snapshot in met) > 20.0
+    _, met, _, _ = run(fast_tick, config, start, 500, close, timeline)
+    assert max(truth.pinch_force_n for truth in met) > 20.0
 
     def removed(number: int) -> list[tuple[int, bytes]]:
         return (
             [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
         )
 
-    _, free, _ = run(fast_tick, some, start, 500, removed)
-    assert max(snapshot.pinch_force_n for snapshot in free) == 0.0
+    _, free, _, _ = run(fast_tick, config, start, 500, removed, timeline)
+    assert max(truth.pinch_force_n for truth in free) == 0.0
     assert free[-1].gate_angle_deg < met[-1].gate_angle_deg
 
 
@@ -506,26 +551,26 @@ def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
 
 def closing_onto(
     rig: Rig, fast_tick: Tick, panels: dict[int, dict[str, float]], angle_deg: float, ticks: int
-) -> list[Snapshot]:
+) -> list[Truth]:
     """Close from an angle, with panels' values by tick number."""
-    some = bench(rig=rig)
-    start = open_at(rig, fast_tick, some, angle_deg)
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, angle_deg)
     close = driving(rig, **both(80.0, CLOSE))
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         rows = close(number)
         return [*rows, panel_frame(rig, **panels[number])] if number in panels else rows
 
-    return run(fast_tick, some, start, ticks, frames_at)[1]
+    return run(fast_tick, config, start, ticks, frames_at)[1]
 
 
 def test_an_obstacle_before_the_gate_is_met_at_its_angle(rig: Rig, fast_tick: Tick):
-    snapshots = closing_onto(
+    truths = closing_onto(
         rig, fast_tick, {0: {"ObstacleAngle": 44.0, "ObstacleRate": 10.0}}, 45.0, 800
     )
-    for snapshot in snapshots:
-        assert (snapshot.pinch_force_n > 0.0) <= (snapshot.gate_angle_deg < 44.0)
-    last = snapshots[-1]
+    for truth in truths:
+        assert (truth.pinch_force_n > 0.0) <= (truth.gate_angle_deg < 44.0)
+    last = truths[-1]
     assert last.pinch_force_n > 50.0
     # 10 N/mm at the gate's edge, 1 m from the hinge.
     assert last.pinch_force_n == pytest.approx(
@@ -534,17 +579,17 @@ def test_an_obstacle_before_the_gate_is_met_at_its_angle(rig: Rig, fast_tick: Ti
 
 
 def test_an_obstacle_that_appears_behind_the_gate_is_not_met(rig: Rig, fast_tick: Tick):
-    snapshots = closing_onto(
+    truths = closing_onto(
         rig, fast_tick, {100: {"ObstacleAngle": 60.0, "ObstacleRate": 10.0}}, 45.0, 800
     )
-    assert max(snapshot.pinch_force_n for snapshot in snapshots) == 0.0
+    assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
 def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(
     rig: Rig, fast_tick: Tick
 ):
-    some = bench(rig=rig)
-    start = open_at(rig, fast_tick, some, 45.0)
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, 45.0)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         direction = OPEN if number < 1000 else CLOSE
@@ -553,10 +598,10 @@ def test_an_obstacle_behind_the_gate_is_met_once_the_gate_was_clear_of_it(
             rows.append(panel_frame(rig, ObstacleAngle=46.0, ObstacleRate=10.0))
         return rows
 
-    _, snapshots, _ = run(fast_tick, some, start, 3000, frames_at)
-    assert max(snapshot.gate_angle_deg for snapshot in snapshots) > 47.0
-    assert max(snapshot.pinch_force_n for snapshot in snapshots[:1000]) == 0.0
-    assert snapshots[-1].pinch_force_n > 50.0
+    _, truths, _, _ = run(fast_tick, config, start, 3000, frames_at)
+    assert max(truth.gate_angle_deg for truth in truths) > 47.0
+    assert max(truth.pinch_force_n for truth in truths[:1000]) == 0.0
+    assert truths[-1].pinch_force_n > 50.0
 
 
 @pytest.mark.parametrize("angle_deg", [50.0, 70.0])
@@ -567,8 +612,8 @@ def test_an_obstacle_that_is_moved_behind_the_gate_is_not_met(
         0: {"ObstacleAngle": 20.0, "ObstacleRate": 10.0},
         100: {"ObstacleAngle": angle_deg, "ObstacleRate": 10.0},
     }
-    snapshots = closing_onto(rig, fast_tick, panels, 45.0, 300)
-    assert max(snapshot.pinch_force_n for snapshot in snapshots) == 0.0
+    truths = closing_onto(rig, fast_tick, panels, 45.0, 300)
+    assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
 def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
@@ -578,14 +623,16 @@ def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
     path.write_text(
         "[[obstacle]]\nend = 0.1\nangle_deg = 20\n[[obstacle]]\nstart = 0.1\nangle_deg = 60\n"
     )
-    some = bench(rig=rig, timeline=load_scenario(path).timeline)
-    start = open_at(rig, fast_tick, some, 45.0)
-    _, snapshots, _ = run(fast_tick, some, start, 300, driving(rig, **both(80.0, CLOSE)))
-    assert max(snapshot.pinch_force_n for snapshot in snapshots) == 0.0
+    config = loop_config(rig=rig)
+    start = open_at(rig, fast_tick, config, 45.0)
+    timeline = load_scenario(path).timeline
+    close = driving(rig, **both(80.0, CLOSE))
+    _, truths, _, _ = run(fast_tick, config, start, 300, close, timeline)
+    assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
 def test_a_rod_under_the_closed_gate_is_met_on_the_way_back(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
+    config = loop_config(rig=rig)
 
     def frames_at(number: int) -> list[tuple[int, bytes]]:
         direction = OPEN if number < 2500 else CLOSE
@@ -594,22 +641,22 @@ def test_a_rod_under_the_closed_gate_is_met_on_the_way_back(rig: Rig, fast_tick:
             rows.append(panel_frame(rig, ObstacleAngle=5.0, ObstacleRate=10.0))
         return rows
 
-    _, snapshots, _ = run(fast_tick, some, rest(some), 6000, frames_at)
-    assert max(snapshot.gate_angle_deg for snapshot in snapshots) > 10.0
-    assert max(snapshot.pinch_force_n for snapshot in snapshots[:2500]) == 0.0
-    assert snapshots[-1].pinch_force_n > 50.0
+    _, truths, _, _ = run(fast_tick, config, rest(config), 6000, frames_at)
+    assert max(truth.gate_angle_deg for truth in truths) > 10.0
+    assert max(truth.pinch_force_n for truth in truths[:2500]) == 0.0
+    assert truths[-1].pinch_force_n > 50.0
 
 
 # Extremes.
 
 
 def test_a_diverged_plant_still_gets_its_frames_out(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    state = rest(some)
+    config = loop_config(rig=rig)
+    state = rest(config)
     broken = state.plant._replace(
         gate_angle=math.nan, left=state.plant.left._replace(current=math.inf)
     )
-    _, sent, _ = fast_tick(some, state._replace(plant=broken), NOTHING, 1, True)
+    _, sent, _, _ = fast_tick(config, state._replace(plant=broken), NOTHING, outside(stop=True))
     assert sent.count == 5
     assert decoded(rig, sent, "BenchStatus")[0]["EmulatorState"] == STOPPED
 
@@ -643,14 +690,14 @@ right_duty = { signal = "Cmd.Duty", scale = 100 }
 left_current = "Out.I"
 """
     signed = rig_of(tmp_path, DATABASE, text)
-    some = bench(rig=signed)
+    config = loop_config(rig=signed)
     payload = signed.messages["Cmd"].encode({"Duty": duty})
     frames = frames_of([(2566844672 & 0x1FFFFFFF | EXTENDED, payload)])
-    state = start_of(some, math.radians(45.0), latched=False)
-    state, _, snapshot = fast_tick(some, state, frames, 1, False)
+    state = start_of(config, math.radians(45.0), latched=False)
+    state, _, truth, _ = fast_tick(config, state, frames, outside())
     assert state.counts.accepted == 1
-    assert (snapshot.left_duty, snapshot.left_coast) == pytest.approx(expected)
-    assert (snapshot.right_duty, snapshot.right_coast) == pytest.approx(expected)
+    assert (truth.left_duty, truth.left_coast) == pytest.approx(expected)
+    assert (truth.right_duty, truth.right_coast) == pytest.approx(expected)
 
 
 def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
@@ -659,18 +706,16 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"
         "[[obstacle]]\nangle_deg = 20\nstiffness = 5\ndamping = 6\ndistance = 0.5\n"
     )
-    some = bench(timeline=load_scenario(path).timeline)
-    before, during, after = (
-        load_at(some.timeline, some.load, time).obstacle for time in (0.9, 1.0, 2.0)
-    )
+    timeline = load_scenario(path).timeline
+    before, during, after = (obstacle_at(timeline, time) for time in (0.9, 1.0, 2.0))
     assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0)
     assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0)
 
 
 def test_an_initial_state_is_at_rest_and_stays_there_without_a_command(rig: Rig, fast_tick: Tick):
-    some = bench(rig=rig)
-    start = initial_state(some.plant, 0.0, latched=True)
-    state, _, _ = run(fast_tick, some, rest(some), 500)
+    config = loop_config(rig=rig)
+    start = initial_state(config.plant, 0.0, latched=True)
+    state, _, _, _ = run(fast_tick, config, rest(config), 500)
     assert state.plant.gate_angle == start.gate_angle == 0.0
     assert state.plant.latched == 1.0
     assert (state.plant.left.speed, state.plant.right.speed) == (0.0, 0.0)

@@ -7,7 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hil_support import CLOSE, COAST, OPEN, bench, both, command_frame, frames_of, start_of
+from hil_support import (
+    CLOSE,
+    COAST,
+    OPEN,
+    both,
+    command_frame,
+    frames_of,
+    loop_config,
+    outside,
+    start_of,
+)
 from measurement_files import read
 
 from liftgate_hil.cli.main import main
@@ -20,8 +30,8 @@ from liftgate_hil.recording.table import CsvRecorder
 
 def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Path]:
     """A run of 0.6 s: released and opening, closing, coasting; recorded as a table and as a bus log."""
-    some = bench(rig=rig)
-    state = start_of(some)
+    config = loop_config(rig=rig)
+    state = start_of(config)
     table, log = (
         CsvRecorder(folder / "run.csv", 2),
         CandumpRecorder(folder / "bus.log", "can0", 1e9),
@@ -32,8 +42,8 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
         if k % 10 == 0:
             frames = frames_of([command_frame(rig, k // 10, **orders[k // 200])])
             log.write_frames(frames, [k * 0.001])
-        state, replies, snapshot = fast_tick(some, state, frames, 1, False)
-        table.write_snapshot(snapshot)
+        state, replies, truth, sensed = fast_tick(config, state, frames, outside())
+        table.write_rows(np.array([[*truth, *sensed]]))
         log.write_frames(replies, [(k + 1) * 0.001] * replies.count)
     table.close()
     log.close()

@@ -10,14 +10,16 @@ import sys
 from pathlib import Path
 
 import can
+import numpy as np
 import pytest
 from hil_support import (
     EXTENDED,
     OPEN,
-    bench,
     both,
     command_frame,
     frames_of,
+    loop_config,
+    outside,
     start_of,
 )
 
@@ -29,10 +31,10 @@ from liftgate_hil.loop.tick import tick
 from liftgate_hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
 from liftgate_hil.recording.open import check_record, open_recorder
 from liftgate_hil.recording.table import CsvRecorder
-from liftgate_hil.snapshot import WHOLE, Snapshot
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH
 
 NOTHING = empty_frames(0)
-COLUMNS = [
+PROMISED = [
     "time_s",
     "left_voltage_v",
     "left_current_a",
@@ -52,8 +54,8 @@ COLUMNS = [
     "terminal_voltage_v",
 ]
 
-SNAPSHOT = Snapshot(
-    *(float(n) if name in WHOLE else 0.1 * n for n, name in enumerate(Snapshot._fields))
+ROW = np.array(
+    [float(n) if signal.is_whole else 0.1 * n for n, signal in enumerate(COLUMNS.values())]
 )
 
 
@@ -223,51 +225,75 @@ def read_csv(path: Path) -> list[dict[str, float]]:
 
 
 def test_columns_are_those_that_are_promised():
-    assert list(Snapshot._fields[: len(COLUMNS)]) == COLUMNS
-    units = ("_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_deg", "_degps", "_degc", "_duty",
-             "_coast", "latched")  # fmt: skip
-    assert all(name.endswith(units) for name in Snapshot._fields)
+    assert list(COLUMNS)[: len(PROMISED)] == PROMISED
+    # What the ECU sees stands beside the truth, with a prefix.
+    assert {"sensed_left_current_a", "sensed_right_hall_count"} < set(COLUMNS)
+    units = ("_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_nm", "_deg", "_degps", "_degc", "_pa",
+             "_kg", "_mps2", "_duty", "_coast", "latched", "_hall_b", "_hall_speed")  # fmt: skip
+    assert all(name.endswith(units) for name in COLUMNS)
 
 
 def test_a_gate_with_one_drive_has_no_right_columns(tmp_path: Path):
     path = tmp_path / "plant.csv"
     recorder = CsvRecorder(path, 1)
-    recorder.write_snapshot(SNAPSHOT)
+    recorder.write_rows(ROW[np.newaxis])
     recorder.close()
     (row,) = read_csv(path)
-    assert not any(name.startswith("right_") for name in row)
-    assert row["gate_angle_deg"] == SNAPSHOT.gate_angle_deg
-    assert row["supply_voltage_v"] == SNAPSHOT.supply_voltage_v
+    assert not any("right_" in name for name in row)
+    assert set(row) == {name for name in COLUMNS if "right_" not in name}
+    for name, value in row.items():
+        assert value == ROW[COLUMN_PLACE[name]], name
 
 
 def test_numbers_come_back_to_the_last_bit(tmp_path: Path):
     path = tmp_path / "plant.csv"
     values = [1.0 / 3.0, math.pi * 1e-300, -1e22, 5e-324, 0.1 + 0.2]
-    snapshot = Snapshot(
-        *(n if name in WHOLE else values[n % 5] for n, name in enumerate(Snapshot._fields))
+    row = np.array(
+        [n if signal.is_whole else values[n % 5] for n, signal in enumerate(COLUMNS.values())]
     )
     recorder = CsvRecorder(path, 2)
-    recorder.write_snapshot(snapshot)
+    recorder.write_rows(row[np.newaxis])
     recorder.close()
-    assert tuple(read_csv(path)[0].values()) == snapshot
+    assert list(read_csv(path)[0].values()) == row.tolist()
+
+
+def test_every_column_is_the_rows_value_of_that_name_one_row_or_many_at_a_time(tmp_path: Path):
+    """Written at once and one by one, whole numbers without a point; nothing is permuted, missing or doubled."""
+    rows = np.array([1000.0 * k + ROW for k in range(7)])
+    texts = []
+    for blocks in ([rows], [rows[:3], rows[3:]], [row[np.newaxis] for row in rows]):
+        path = tmp_path / "plant.csv"
+        recorder = CsvRecorder(path, 2)
+        for block in blocks:
+            recorder.write_rows(block)
+        recorder.close()
+        texts.append(path.read_text())
+    assert texts[0] == texts[1] == texts[2]
+    header, *lines = (line.split(",") for line in texts[0].splitlines())
+    assert header == list(COLUMNS)
+    assert len(lines) == 7
+    for row, line in zip(rows, lines, strict=True):
+        for name, text in zip(header, line, strict=True):
+            assert float(text) == row[COLUMN_PLACE[name]], name
+            assert ("." in text) is not COLUMNS[name].is_whole, name
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_a_recorded_tick_is_plain_numbers(rig: Rig, fast_tick: object, tmp_path: Path, which: str):
     call = tick if which == "plain" else fast_tick
-    some = bench(rig=rig)
-    state = start_of(some)
+    config = loop_config(rig=rig)
+    state = start_of(config)
     path = tmp_path / "plant.csv"
     recorder = CsvRecorder(path, 2)
-    snapshots = []
+    recorded = []
     for number in range(50):
         rows = [command_frame(rig, number // 10, **both(50.0, OPEN, 1))] if number % 10 == 0 else []
         frames: Frames = frames_of(rows) if rows else NOTHING
-        state, _, snapshot = call(some, state, frames, 1, False)
-        recorder.write_snapshot(snapshot)
-        snapshots.append(tuple(snapshot))
+        state, _, truth, sensed = call(config, state, frames, outside())
+        recorder.write_rows(np.array([*truth, *sensed])[np.newaxis])
+        recorded.append((*truth, *sensed))
     recorder.close()
-    assert [tuple(row.values()) for row in read_csv(path)] == snapshots
+    assert [tuple(row.values()) for row in read_csv(path)] == recorded
     assert "np." not in path.read_text()
     header = path.read_text().splitlines()[0].split(",")
     row = dict(zip(header, path.read_text().splitlines()[-1].split(","), strict=True))
@@ -324,7 +350,7 @@ def test_checking_a_csv_loads_nothing_heavy():
 def test_a_plant_that_diverged_is_written_down_too(tmp_path: Path, value: float):
     path = tmp_path / "run.csv"
     recorder = open_recorder(path, 2, "bench", 0.0)
-    recorder.write_snapshot(Snapshot(*([value] * len(Snapshot._fields))))
+    recorder.write_rows(np.full((1, ROW_WIDTH), value))
     recorder.close()
     assert recorder.failure == ""
     assert set(path.read_text().splitlines()[1].split(",")) == {repr(value)}

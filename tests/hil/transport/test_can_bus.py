@@ -10,7 +10,16 @@ from typing import Any
 
 import can
 import pytest
-from hil_support import CALM, EXTENDED, bench, frames_of, rig_of, rows_of, start_of
+from hil_support import (
+    CALM,
+    EXTENDED,
+    NO_TIMELINE,
+    frames_of,
+    loop_config,
+    rig_of,
+    rows_of,
+    start_of,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,7 +29,7 @@ from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
-from liftgate_hil.transport.find import bus_arguments
+from liftgate_hil.transport.find import WireChoice, bus_arguments
 
 # --bus.
 
@@ -71,16 +80,16 @@ def test_a_bit_rate_without_a_channel_is_no_bus(text: str):
 
 def test_only_one_way_to_name_the_bus(rig: Rig):
     with pytest.raises(ConfigError, match=r"--bus and -i/-c"):
-        bus_arguments("virtual:x", "virtual", None, None, rig)
+        bus_arguments(WireChoice(bus="virtual:x", interface="virtual"), rig)
 
 
 def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
-    found = bus_arguments(None, "virtual", "x", None, rig)
+    found = bus_arguments(WireChoice(interface="virtual", channel="x"), rig)
     assert (found["interface"], found["channel"]) == ("virtual", "x")
     monkeypatch.setenv("CAN_INTERFACE", "udp_multicast")
     monkeypatch.setenv("CAN_CHANNEL", "239.0.0.7")
-    found = bus_arguments(None, None, None, None, rig)
+    found = bus_arguments(WireChoice(), rig)
     assert (found["interface"], found["channel"]) == ("udp_multicast", "239.0.0.7")
     assert found["hop_limit"] == 0
 
@@ -90,12 +99,12 @@ def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(ConfigError, match="--bus: missing"):
-        bus_arguments(None, None, None, None, rig)
+        bus_arguments(WireChoice(), rig)
 
 
 def test_an_interface_that_does_not_exist_is_told(rig: Rig):
     with pytest.raises((ConfigError, TransportError), match="nosuch"):
-        CanTransport(bus_arguments("nosuch:0", None, None, None, rig))
+        CanTransport(bus_arguments(WireChoice(bus="nosuch:0"), rig))
 
 
 def test_a_bus_that_cannot_be_opened_is_told_on_one_line():
@@ -320,10 +329,10 @@ def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path)
     assert rig.is_fd
     channel = str(uuid.uuid4())
     transport = CanTransport({"interface": "virtual", "channel": channel}, rig.is_fd)
-    some = bench(rig=rig)
+    config = loop_config(rig=rig)
     formats = {}
     with can.Bus(interface="virtual", channel=channel) as other:
-        run_free(Loop(some, start_of(some), transport), 10, lambda: False)
+        run_free(Loop(config, start_of(config), NO_TIMELINE, transport), 10, lambda: False)
         while (message := other.recv(0)) is not None:
             formats[message.arbitration_id] = (message.is_fd, len(message.data))
     transport.close()

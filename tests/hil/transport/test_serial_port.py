@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import serial.rfc2217
@@ -21,7 +19,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.cobs import Decoder, encode
-from liftgate_hil.transport.find import check_serial, find_way, open_transport
+from liftgate_hil.transport.find import WireChoice, check_serial, find_way, open_transport
 from liftgate_hil.transport.serial_open import parse_serial
 from liftgate_hil.transport.serial_port import CAPACITY, SerialTransport
 
@@ -100,25 +98,20 @@ left_current = "Long.Current"
 """
 
 
-def flags(**given: Any) -> argparse.Namespace:
-    none: dict[str, Any] = dict.fromkeys(("bus", "serial", "interface", "channel", "bitrate"))
-    return argparse.Namespace(**{**none, "fd": False, **given})
-
-
 def test_a_rig_with_29_bit_identifiers_is_refused_on_a_serial_line(tmp_path: Path, rig: Rig):
     their = rig_of(tmp_path, EXTENDED_BUS, EXTENDED_RIG)
     with pytest.raises(ConfigError, match=r"their.toml: Long has the 29-bit .*0x18fef100.*11-bit"):
-        find_way(flags(serial="loop://"), their)
+        find_way(WireChoice(serial="loop://"), their)
     check_serial(rig)
 
 
 def test_one_function_opens_what_the_flags_mean(rig: Rig):
     for given in ({"serial": "loop://"}, {"bus": "virtual:flags"}):
-        transport = open_transport(find_way(flags(**given), rig))
+        transport = open_transport(find_way(WireChoice(**given), rig))
         assert isinstance(transport, SerialTransport) == ("serial" in given)
         transport.close()
     with pytest.raises(ConfigError, match="one or the other"):
-        find_way(flags(serial="loop://", bus="virtual:flags"), rig)
+        find_way(WireChoice(serial="loop://", bus="virtual:flags"), rig)
 
 
 # Frames.

@@ -1,0 +1,80 @@
+"""What connects an ECU to the closed loop, whatever it is.
+
+An adapter gives the loop a `Node` and its `NodeState`; the compiled episode calls it from machine code,
+`peer.Peer` calls the same node for the loops that run on a bus. `find.adapter_for` knows which adapter is meant.
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from liftgate_hil.ecu import wire
+from liftgate_hil.ecu.events import Event, events_since
+from liftgate_hil.ecu.node import NO_ECU, REFERENCE, Node, NodeState
+from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
+
+if TYPE_CHECKING:
+    from liftgate_hil.codec.frames import Frames
+    from liftgate_hil.config.rig import Rig
+
+
+class Adapter:
+    """An ECU in this process; this one is no ECU at all, a silent bus. Use it as a context, or `close` it."""
+
+    kind = NO_ECU
+    # Calls into code that may crash or hang, so that it runs in a process of its own.
+    is_foreign = False
+
+    def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
+        config = ecu_config(rig, drives)
+        self.node = Node(self.kind, config, wire.NO_PORT)
+        self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
+
+    def __enter__(self) -> Adapter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def events(self, told: int = 0) -> list[Event]:
+        """What the ECU has told after the first `told`, as far as it tells anything."""
+        return []
+
+    def failure(self) -> str:
+        """Why a turn of the ECU went wrong."""
+        answer = int(self.state.port.head.answer[0])
+        if answer:
+            return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
+        return "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
+
+    def dropped(self) -> int:
+        """Frames for which it had no room."""
+        return int(self.state.port.head.dropped[0])
+
+    def last_frames(self) -> Frames | None:
+        """What it sends when it is switched off."""
+        return None
+
+    def close(self) -> None:
+        """Give back what it holds."""
+
+
+class ReferenceEcu(Adapter):
+    """Our own."""
+
+    kind = REFERENCE
+
+    def events(self, told: int = 0) -> list[Event]:
+        """See Adapter."""
+        return events_since(self.state.reference.memory, told)
+
+    def last_frames(self) -> Frames | None:
+        """See Adapter."""
+        frames: Frames = last_frames(self.node.reference, self.state.reference)
+        return frames

@@ -1,0 +1,60 @@
+"""Which ECU is meant by "reference", the path of a C library, "module:Class", or an object."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+
+ON_A_BUS = "bus"  # the ECU is somebody else's, on a bus
+_LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
+_CLASS = re.compile(r"[\w.]+:\w+$")
+
+
+def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> Adapter:
+    """The adapter of an ECU; the reference ECU's clock is the gate's, or begins when it hears the gate.
+
+    Raises ConfigError.
+    """
+    # What costs time to import is imported where it is used.
+    from liftgate_hil.ecu.library import LibraryEcu
+    from liftgate_hil.ecu.python_object import PythonEcu
+
+    if not isinstance(ecu, str | Path):
+        return PythonEcu(ecu, rig, drives)
+    name = str(ecu)
+    if name == "reference":
+        return ReferenceEcu(rig, drives, shares_clock)
+    if _LIBRARY.fullmatch(name):
+        if not Path(name).is_file():
+            raise ConfigError(f"ecu {name}: no such file")
+        return LibraryEcu(Path(name), rig, drives)
+    if _CLASS.fullmatch(name):
+        return PythonEcu(_instance_of(name), rig, drives)
+    raise ConfigError(
+        f"ecu {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
+    )
+
+
+def is_library(ecu: Any) -> bool:
+    """Whether an `ecu` is code that may crash or hang."""
+    return isinstance(ecu, str | Path) and _LIBRARY.fullmatch(str(ecu)) is not None
+
+
+def _instance_of(name: str) -> Any:
+    """An object of "module:Class"."""
+    module, _, attribute = name.partition(":")
+    try:
+        made = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"ecu {name}: {error}; allowed: MODULE:CLASS that can be imported"
+        ) from error
+    return made()

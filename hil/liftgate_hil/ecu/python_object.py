@@ -1,0 +1,104 @@
+"""An ECU in Python: an object that is visited once a control cycle, from machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.ecu import wire
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.memory import ACTIONS
+from liftgate_hil.ecu.node import PORT
+from liftgate_hil.errors import ConfigError
+from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
+
+if TYPE_CHECKING:
+    import can
+
+    from liftgate_hil.config.rig import Rig
+
+
+class PythonEcu(Adapter):
+    """An object with `step(now_s, frames) -> frames`, called every `period_s` (its own attribute, else the rig's
+    command cycle) with all frames since; perhaps with `request(action)`. Raises ConfigError.
+    """
+
+    kind = PORT
+
+    def __init__(self, ecu: Any, rig: Rig, drives: int) -> None:
+        from liftgate_hil.transport.messages import message_of_fields
+
+        super().__init__(rig, drives)
+        self._ecu = ecu
+        self._error: BaseException | None = None
+        self._reason = ""
+        self._message_of = message_of_fields
+        if not callable(getattr(ecu, "step", None)):
+            raise ConfigError(
+                f"ecu {ecu!r}: no step; allowed: an object with step(now_s, frames) -> frames"
+            )
+        self._request: Callable[[str], object] | None = getattr(ecu, "request", None)
+        period = getattr(ecu, "period_s", None)
+        seconds = rig.command_cycle_ms() * 1e-3 if period is None else float(period)
+        if not 0.0 < seconds <= 60.0:
+            raise ConfigError(f"ecu {ecu!r}: period_s {period!r}; allowed: up to 60 s, above 0")
+        self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
+        step, request = (wire.address_of(each) for each in self._callbacks)
+        port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
+        self.node = self.node._replace(port=port)
+
+    def failure(self) -> str:
+        """See Adapter."""
+        if self._reason:
+            return self._reason
+        if self._error is not None:
+            return f"{type(self._error).__name__}: {self._error}"
+        return super().failure()
+
+    @property
+    def error(self) -> BaseException | None:
+        """What it raised."""
+        return self._error
+
+    def _on_request(self, instance: int, action: int) -> int:
+        try:
+            if self._request is not None and self._error is None:
+                self._request(ACTIONS[action])
+        except BaseException as error:  # told after the episode has ended
+            self._error = error
+        return 0
+
+    def _on_step(
+        self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int
+    ) -> int:
+        try:
+            if self._error is not None:
+                return wire.BAD_COUNT
+            rows = self.state.port.inbox[:count].tolist()
+            answer = self._ecu.step(
+                now_ns * 1e-9,
+                [
+                    self._message_of(identifier, length, flags, data, now_ns * 1e-9)
+                    for identifier, length, flags, data in rows
+                ],
+            )
+            return self._send(answer or (), capacity)
+        except BaseException as error:  # told after the episode has ended
+            self._error = error
+            return wire.BAD_COUNT
+
+    def _send(self, answer: Sequence[can.Message], capacity: int) -> int:
+        from liftgate_hil.transport.messages import fields_of_message
+
+        if len(answer) > capacity:
+            self._reason = f"its step gave {len(answer)} frames; allowed: up to {capacity}"
+            return wire.BAD_COUNT
+        outbox = self.state.port.outbox.view(np.ndarray)
+        for place, message in enumerate(answer):
+            identifier, length, flags, data = fields_of_message(message)
+            outbox["id"][place], outbox["length"][place] = identifier, length
+            outbox["flags"][place] = flags
+            outbox["data"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
+        return len(answer)

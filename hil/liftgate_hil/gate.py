@@ -1,0 +1,327 @@
+"""A gate to step by hand: in this process, without a bus, at no pace but the caller's.
+
+with Gate(vehicle="suv", rig="liftgate", initial="closed", seed=1) as gate:
+gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+frames = gate.step(0.010)              # list[can.Message] that the gate sent meanwhile
+gate.truth["gate_angle_deg"], gate.sensed["left_current_a"]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil import session
+from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.ecu import wire
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.loop.tick import initial_loop
+from liftgate_hil.signals import (
+    COLUMN_PLACE,
+    DIRECTIONS,
+    IN,
+    INPUT_COUNT,
+    PROFILES,
+    SENSED_PREFIX,
+    columns_of,
+)
+from liftgate_hil.stimuli.mailbox import nothing_held, post
+from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import initial_state
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Signal
+from liftgate_plant.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    import can
+
+_ROWS, _FRAMES = 1024, 8192
+_OBSTACLE: Mapping[str, Signal] = {
+    "angle_deg": Signal("deg", -10.0, 180.0, ""),
+    "stiffness": Signal("", 1.0, 1e7, ""),
+    "distance": Signal("", 0.01, 10.0, ""),
+    "damping": Signal("", 0.0, 1e6, ""),
+    "gap": Signal("", -1.0, 1.0, ""),
+}
+
+
+class Gate:
+    """The gate behind its rig: frames and commands in, frames out, and all that is so in between.
+
+    `vehicle` and `rig` are shipped names, files or objects; `settings` (KEY=VALUE) replace the vehicle's keys;
+    `initial` is "closed" (latched), "open" or an angle in degrees; `rate` [Hz] is of the ticks. Not for several
+    threads at once. Raises ConfigError.
+    """
+
+    def __init__(
+        self,
+        vehicle: str | Path | Vehicle = "suv",
+        rig: str | Path | Rig = "liftgate",
+        initial: str | float = "closed",
+        seed: int = 0,
+        rate: float = 1000.0,
+        settings: Sequence[str] = (),
+    ) -> None:
+        if isinstance(vehicle, str | Path):
+            vehicle = session.vehicle_from(str(vehicle), settings)
+        if isinstance(rig, str | Path):
+            rig = session.rig_from(str(rig))
+        if not 200.0 <= rate <= 10_000.0:
+            raise ConfigError(f"rate {rate}: allowed: 200 to 10000 Hz")
+        self.rig = rig
+        self._drives = vehicle.drives
+        self._config = session.loop_config_of(vehicle, rig, rate, seed)
+        angle = session.angle_from(initial, vehicle.gate.open_angle)
+        state = initial_state(self._config.plant, angle, latched=float(initial == "closed"))
+        self._memory = Memory(_ROWS, _FRAMES)
+        self._bus = Adapter(rig, vehicle.drives)
+        self._script = Script(
+            timeline=no_timeline(),
+            held=nothing_held(),
+            requests=np.zeros(0, dtype=[("time_ns", "i8"), ("action", "i8")]).view(np.recarray),
+            ticks=0,
+            is_last=0,
+            is_recorded=1,
+        )
+        self._now = Stretch(initial_loop(self._config, state), self._bus.state, 0, 0, 0)
+        self._run = compiled(run_stretch)
+        self._values: NDArray[np.float64] | None = None  # what is sent cyclically
+        self._sent = np.zeros(len(self._config.inputs.messages), dtype=np.int64)
+        self._row = np.full(len(COLUMN_PLACE), np.nan)
+        self._distance = vehicle.gate.length
+        self._waiting: list[tuple[int, int, bytes]] = []
+
+    def __enter__(self) -> Gate:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give back what it holds."""
+        self._memory.close()
+
+    @property
+    def time(self) -> float:
+        """Model time [s]."""
+        return self._now.loop.tick * self._config.step
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """What is so, by the names of recording columns; empty before the first step."""
+        return self._columns("")
+
+    @property
+    def sensed(self) -> dict[str, float]:
+        """What the sensors make of it, by the same names."""
+        return self._columns(SENSED_PREFIX)
+
+    def _columns(self, prefix: str) -> dict[str, float]:
+        if self._now.loop.tick == 0:
+            return {}
+        names = [
+            name
+            for name in columns_of(self._drives)
+            if name.startswith(SENSED_PREFIX) == bool(prefix)
+        ]
+        return {name.removeprefix(prefix): float(self._row[COLUMN_PLACE[name]]) for name in names}
+
+    @property
+    def summary(self) -> Summary:
+        """What became of all frames so far."""
+        loop = self._now.loop
+        return Summary(
+            clock="lockstep",
+            ticks=loop.tick,
+            model_time_s=self.time,
+            frames_sent=int(self._memory.shared.control.sent[0]),
+            command_timeouts=loop.timeouts,
+            received=loop.counts,
+        )
+
+    def command(self, command: None = None, /, **quantities: float | str | bool) -> None:
+        """What is sent every command cycle from now on, by quantity, through rig and codec, with counter and
+        checksum: `left_duty`, `right_duty` [%], `left_direction`, `right_direction` or `direction` for both
+        (coast, open, close, brake), `latch_release`. What is not named is 0 (coast). `command(None)` goes silent.
+
+        Raises ConfigError.
+        """
+        if not quantities:
+            self._values = None
+            return
+        values = np.full(INPUT_COUNT, np.nan)
+        both = quantities.pop("direction", None)
+        known = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
+        for name in quantities:
+            if name not in known:
+                raise ConfigError(f"command {name}: allowed: {', '.join((*known, 'direction'))}")
+        for side in ("left", "right"):
+            direction = quantities.get(f"{side}_direction", both if both is not None else "coast")
+            duty = _number(
+                f"command {side}_duty", quantities.get(f"{side}_duty", 0.0), -100.0, 100.0
+            )
+            number = _direction(f"command {side}_direction", direction)
+            signed = self._config.signed_left if side == "left" else self._config.signed_right
+            if signed and DIRECTIONS[number] == "close":
+                duty = -abs(duty)
+            values[getattr(IN, f"{side}_duty")] = duty
+            values[getattr(IN, f"{side}_direction")] = number
+        values[IN.latch_release] = float(bool(quantities.get("latch_release", False)))
+        self._values = values
+
+    def send(self, message: can.Message) -> None:
+        """A frame that the gate reads in the next tick."""
+        from liftgate_hil.transport.messages import fields_of_message
+
+        identifier, length, flags, data = fields_of_message(message)
+        self._waiting.append((identifier | (FD if flags else 0), length, data))
+
+    def set(self, **surroundings: float | None) -> None:
+        """Surroundings from the next tick on: `road_slope_deg=8`, `supply_voltage_v`, `hand_force_n` and so on;
+        None clears. Raises ConfigError.
+        """
+        for name, value in surroundings.items():
+            if name not in PROFILES:
+                raise ConfigError(f"set {name}: no such quantity; allowed: {', '.join(PROFILES)}")
+            signal = PROFILES[name]
+            given = math.nan if value is None else _number(name, value, signal.low, signal.high)
+            post(self._memory.shared.box[0], name, [given])
+
+    def obstacle(
+        self,
+        angle_deg: float,
+        stiffness: float = 10_000.0,
+        distance: float | None = None,
+        damping: float = 0.0,
+        gap: float = 0.0,
+        meets: str = "closing",
+    ) -> None:
+        """Put a compliant body (N/m, N s/m) in the gate's way at an angle and a distance [m] from the hinge
+        (default: the gate's edge), met while closing or opening. Raises ConfigError.
+        """
+        given = {
+            "angle_deg": angle_deg,
+            "stiffness": stiffness,
+            "distance": self._distance if distance is None else distance,
+            "damping": damping,
+            "gap": gap,
+        }
+        known = {
+            name: _number(f"obstacle {name}", value, _OBSTACLE[name].low, _OBSTACLE[name].high)
+            for name, value in given.items()
+        }
+        if meets not in ("closing", "opening"):
+            raise ConfigError(f"obstacle meets {meets!r}; allowed: closing, opening")
+        self._post_obstacle(
+            Obstacle(
+                angle=math.radians(known["angle_deg"]),
+                distance=known["distance"],
+                stiffness=known["stiffness"],
+                damping=known["damping"],
+                gap=known["gap"],
+                direction=1.0 if meets == "closing" else -1.0,
+            )
+        )
+
+    def clear_obstacle(self) -> None:
+        """Take it away."""
+        self._post_obstacle(Obstacle(*(math.nan for _ in Obstacle._fields)))
+
+    def _post_obstacle(self, obstacle: Obstacle) -> None:
+        post(self._memory.shared.box[0], f"obstacle_{obstacle._fields[0]}", obstacle)
+
+    def step(self, seconds: float) -> list[can.Message]:
+        """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.
+
+        Raises PlantDivergedError.
+        """
+        from liftgate_hil.python_can import can
+        from liftgate_hil.transport.can_bus import message_of
+
+        if not 0.0 < seconds <= 1e6:
+            raise ConfigError(f"step {seconds}: allowed: above 0, up to 1e6 s")
+        end = self._now.loop.tick + max(1, round(seconds / self._config.step))
+        messages: list[can.Message] = []
+        while self._now.loop.tick < end:
+            self._advance(self._next_stop(end))
+            control = self._memory.shared.control[0]
+            self._row[:] = self._memory.shared.rows[control.rows - 1]
+            for row in self._memory.shared.frames[: control.frames]:
+                if row["is_sent"]:
+                    frames = Frames(
+                        1,
+                        np.array([row["identifier"]]),
+                        np.array([row["length"]]),
+                        row["payload"].reshape(1, -1),
+                    )
+                    message = message_of(can, frames, 0)
+                    message.timestamp = row["time_ns"] * 1e-9
+                    messages.append(message)
+            control.rows = control.frames = 0
+            if self._now.outcome == DIVERGED:
+                raise PlantDivergedError(f"the plant diverged at {self.time:.3f} s")
+        return messages
+
+    def _cycle(self) -> int:
+        """Ticks of a command cycle."""
+        return max(1, round(self.rig.command_cycle_ms() * 1e6 / self._config.step_ns))
+
+    def _next_stop(self, end: int) -> int:
+        """Where the next command is due, or the end."""
+        tick = self._now.loop.tick
+        if self._values is None:
+            return min(end, tick + _ROWS)
+        return min(end, (tick // self._cycle() + 1) * self._cycle(), tick + _ROWS)
+
+    def _advance(self, stop: int) -> None:
+        """Give what is to be given, and tick until `stop`."""
+        tick = self._now.loop.tick
+        if self._values is not None and tick % self._cycle() == 0:
+            self._waiting += self._command_frames(self._values)
+        sent = self._now.node.port.sent
+        given, self._waiting = self._waiting[: wire.CAPACITY], self._waiting[wire.CAPACITY :]
+        for place, (identifier, length, data) in enumerate(given):
+            sent.identifiers[place], sent.lengths[place] = identifier, length
+            sent.data[place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
+        start = self._now._replace(pending=len(given))
+        script = self._script._replace(ticks=stop)
+        self._now = self._run(self._config, self._bus.node, start, script, self._memory.shared)
+
+    def _command_frames(self, values: NDArray[np.float64]) -> list[tuple[int, int, bytes]]:
+        """One cycle's command, of the messages that an ECU sends."""
+        bus = self._bus.node.reference
+        frames = empty_frames(len(bus.commands))
+        found = []
+        for place, row in enumerate(bus.commands):
+            encode(bus.outputs, row, values, int(self._sent[row]), frames, place)
+            self._sent[row] += 1
+            length = int(frames.lengths[place])
+            data = frames.data[place, :length].tobytes()
+            found.append((int(frames.identifiers[place]), length, data))
+        return found
+
+
+def _number(key: str, value: Any, low: float, high: float) -> float:
+    """A number within [low, high]. Raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise ConfigError(f"{key}: {value!r}; allowed: {low:g} to {high:g}")
+    return float(value)
+
+
+def _direction(key: str, value: Any) -> int:
+    """The number of a direction. Raises ConfigError."""
+    if value in DIRECTIONS:
+        return DIRECTIONS.index(value)
+    raise ConfigError(f"{key}: {value!r}; allowed: {', '.join(DIRECTIONS)}")

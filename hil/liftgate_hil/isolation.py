@@ -1,0 +1,76 @@
+"""Code that may crash, hang or keep statics runs in a process of its own; here is the caller's side of it.
+
+The worker (`liftgate_hil.worker`) gets a pickled job on stdin and answers through a pipe. Its loop's memory is
+seen from here, so that it is known how far it has come.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+
+from liftgate_hil.errors import EcuError
+from liftgate_hil.loop.closed_loop import FRAMES, ROWS
+from liftgate_hil.loop.rings import Memory
+
+HANG_S = 10.0  # without a tick
+_LOOK_S = 0.05
+_WORKER = "liftgate_hil.worker"
+
+
+def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
+    """The worker's answer to a job whose ticks are `step` [s] apart. Raises EcuError where it crashed or hung."""
+    memory = Memory(ROWS, FRAMES)
+    answer, given = os.pipe()
+    command = [
+        sys.executable, "-P", "-m", _WORKER,
+        str(ROWS), str(FRAMES), str(memory.descriptor), str(given),
+    ]  # fmt: skip
+    try:
+        child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, pass_fds=[memory.descriptor, given]
+        )
+        os.close(given)
+        assert child.stdin is not None
+        try:
+            with suppress(BrokenPipeError):
+                child.stdin.write(job)
+                child.stdin.close()
+            return _answer(child, answer, memory, step, hang_s)
+        finally:
+            child.kill()
+            child.wait()
+    finally:
+        os.close(answer)
+        memory.close()
+
+
+def _answer(
+    child: subprocess.Popen[bytes], answer: int, memory: Memory, step: float, hang_s: float
+) -> bytes:
+    """What comes through the pipe. Raises EcuError."""
+    parts: list[bytes] = []
+    control = memory.shared.control[0]
+    ticks, since = 0, time.monotonic()
+    while True:
+        if select.select([answer], [], [], _LOOK_S)[0]:
+            part = os.read(answer, 1 << 20)
+            if not part:
+                break
+            parts.append(part)
+            continue
+        now = time.monotonic()
+        if int(control.tick) != ticks:
+            ticks, since = int(control.tick), now
+        elif ticks > 0 and not parts and now - since > hang_s:
+            raise EcuError(f"the ECU at {ticks * step:.3f} s: no answer for {hang_s:g} s")
+    status = child.wait()
+    if not parts:
+        why = f"exit code {status}" if status >= 0 else signal.Signals(-status).name
+        raise EcuError(f"the ECU at {int(control.tick) * step:.3f} s: its process ended ({why})")
+    return b"".join(parts)

@@ -1,0 +1,205 @@
+"""An episode from beginning to end: stretches of machine code, and what is taken out of the rings between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.node import request_table
+from liftgate_hil.errors import EcuError, PlantDivergedError
+from liftgate_hil.loop.episode import BAD_ECU, DIVERGED, Script, Stretch, run_stretch
+from liftgate_hil.loop.recorder import Recorder
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.loop.tick import LoopConfig, LoopState
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_plant.compiler import compiled
+
+ROWS = 4096  # of a stretch: what is written stays in the processor's cache
+FRAMES = 16384
+
+
+class Taker(Protocol):
+    """Gets what happened, a block at a time."""
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED; good until it returns."""
+
+
+class RecordingTaker:
+    """Hands blocks on to recorders."""
+
+    def __init__(self, recorders: Sequence[Recorder]) -> None:
+        self._recorders = recorders
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        logged = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
+        times = (frames["time_ns"] * 1e-9).tolist()
+        for recorder in self._recorders:
+            recorder.write_rows(rows)
+            if logged.count:
+                recorder.write_frames(logged, times)
+
+
+class Episode:
+    """A closed loop about to run, as fast as it goes. `memory` may be seen by others."""
+
+    def __init__(
+        self,
+        config: LoopConfig,
+        state: LoopState,
+        timeline: Timeline,
+        adapter: Adapter,
+        requests: Sequence[Request] = (),
+        takers: Sequence[Taker] = (),
+        is_recorded: bool = True,
+        memory: Memory | None = None,
+    ) -> None:
+        self.config = config
+        self.memory = memory or Memory(ROWS, FRAMES)
+        self._owns_memory = memory is None
+        self._adapter = adapter
+        self._takers = takers
+        self._script = Script(
+            timeline=timeline,
+            held=nothing_held(),
+            requests=request_table(requests),
+            ticks=0,
+            is_last=0,
+            is_recorded=int(is_recorded),
+        )
+        self._now = Stretch(loop=state, node=adapter.state, asked=-1, pending=0, outcome=0)
+        self._run = compiled(run_stretch)
+        self.bits = 0
+
+    @property
+    def state(self) -> LoopState:
+        """Where the gate is."""
+        return self._now.loop
+
+    @property
+    def time(self) -> float:
+        """Model time [s]."""
+        return self._now.loop.tick * self.config.step
+
+    def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Run until so many ticks are done. Raises PlantDivergedError, EcuError."""
+        self._stretches(self._script._replace(ticks=ticks), stopped)
+
+    def finish(self) -> None:
+        """One more tick with the motors off, in which every message is sent."""
+        script = self._script._replace(ticks=self.state.tick, is_last=1)
+        self._stretches(script, lambda: False)
+
+    def close(self) -> None:
+        """Give the memory back."""
+        if self._owns_memory:
+            self.memory.close()
+
+    def summary(self, bitrate: float) -> Summary:
+        """The figures so far."""
+        seconds = self.time
+        load = 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
+        return Summary(
+            clock="free",
+            ticks=self.state.tick,
+            model_time_s=seconds,
+            bus_load_percent=load,
+            frames_sent=int(self.memory.shared.control.sent[0]),
+            command_timeouts=self.state.timeouts,
+            received=self.state.counts,
+        )
+
+    def _stretches(self, script: Script, stopped: Callable[[], bool]) -> None:
+        shared = self.memory.shared
+        last = script.ticks + script.is_last
+        while self.state.tick < last and not stopped():
+            self._now = self._run(self.config, self._adapter.node, self._now, script, shared)
+            self._adapter.state = self._now.node
+            self._take()
+            if self._now.outcome == DIVERGED:
+                raise PlantDivergedError(
+                    f"the plant diverged at {self.time:.3f} s; allowed: a higher rate, a saner vehicle"
+                )
+            if self._now.outcome == BAD_ECU:
+                raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")
+
+    def _take(self) -> None:
+        """Hand on what the rings hold, and empty them."""
+        control = self.memory.shared.control[0]
+        rows = self.memory.shared.rows[: control.rows]
+        frames = self.memory.shared.frames[: control.frames]
+        for taker in self._takers:
+            taker.take(rows, frames)
+        self.bits += int(control.bits)
+        control.rows = control.frames = control.bits = 0
+
+
+class Extremes:
+    """The largest and the smallest value of every column, and when the largest pinch force was."""
+
+    def __init__(self) -> None:
+        self.high: NDArray[np.float64] | None = None
+        self.low: NDArray[np.float64] | None = None
+        self.pinch_time = 0.0
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        if not len(rows):
+            return
+        high, low = rows.max(axis=0), rows.min(axis=0)
+        force = COLUMN_PLACE["pinch_force_n"]
+        if self.high is None or high[force] > self.high[force]:
+            peak = int(np.argmax(rows[:, force]))
+            self.pinch_time = float(rows[peak, COLUMN_PLACE["time_s"]])
+        self.high = high if self.high is None else np.maximum(self.high, high)
+        self.low = low if self.low is None else np.minimum(self.low, low)
+
+    def maximum(self, column: str) -> float:
+        """Of a column; 0 where nothing was seen."""
+        return float(self.high[COLUMN_PLACE[column]]) if self.high is not None else 0.0
+
+
+def watcher(takers: Sequence[Taker]) -> Callable[[NDArray[np.float64]], None]:
+    """The takers, for loops that tell each row (ROW_WIDTH,) as it comes."""
+
+    def watch(row: NDArray[np.float64]) -> None:
+        for taker in takers:
+            taker.take(row[np.newaxis], ())
+
+    return watch
+
+
+class Trace:
+    """Keeps every so many rows."""
+
+    def __init__(self, every: int = 1) -> None:
+        self._every = every
+        self._seen = 0
+        self._parts: list[NDArray[np.float64]] = []
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        first = -self._seen % self._every
+        self._parts.append(rows[first :: self._every].copy())
+        self._seen += len(rows)
+
+    def rows(self) -> NDArray[np.float64]:
+        """(n, ROW_WIDTH) in the order of signals.COLUMNS."""
+        if not self._parts:
+            return np.empty((0, len(COLUMN_PLACE)))
+        return np.concatenate(self._parts)
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """By name, (n,) each."""
+        rows = self.rows()
+        return {name: rows[:, place] for name, place in COLUMN_PLACE.items()}

@@ -1,0 +1,316 @@
+"""A run of a scenario against an ECU: `liftgate_hil.run`, and what it gives.
+
+import liftgate_hil as lh
+result = lh.run("demo", ecu="reference", clock="free")
+result.maxima["pinch_force_n"]
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil import session
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.events import Event
+from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, is_library
+from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError
+from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Taker, Trace, watcher
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.signals import COLUMNS
+from liftgate_plant.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.rings import Memory
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run showed. `maxima` and `minima` hold every column of recordings, in its unit."""
+
+    verdict: str  # "pass", or "error": the run did not come to its end
+    reason: str  # why not
+    maxima: Mapping[str, float]
+    minima: Mapping[str, float]
+    events: Sequence[Event]  # what the ECU told, where it is the reference ECU
+    summary: Summary
+    recording: tuple[Path, ...] = ()
+    pinch_time_s: float = 0.0  # of the largest pinch force
+    expectations: Mapping[str, Any] = field(default_factory=dict)
+    trace: Mapping[str, NDArray[np.float64]] = field(
+        default_factory=dict
+    )  # every row, if asked for
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run, fully said; plain values where it may be, so that another process can be given it."""
+
+    scenario: str | Path | Scenario | None
+    ecu: Any
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    vehicle: str | Path | Vehicle | None = None
+    rig: str | Path | Rig | None = None
+    settings: tuple[str, ...] = ()
+    initial: float | str | None = None
+    seed: int | None = None
+    bus: str | None = None
+    options: session.RunOptions = field(default_factory=session.RunOptions)
+    trace: bool = False
+
+
+def run(
+    scenario: str | Path | Scenario | None = None,
+    ecu: Any = "reference",
+    clock: str = "free",
+    parameters: Mapping[str, float] | None = None,
+    *,
+    vehicle: str | Path | Vehicle | None = None,
+    rig: str | Path | Rig | None = None,
+    settings: Sequence[str] = (),
+    initial: float | str | None = None,
+    seed: int | None = None,
+    rate: float = 1000.0,
+    duration: float | None = None,
+    record: Sequence[str | Path] = (),
+    bus: str | None = None,
+    wall_timeout: float | None = None,
+    trace: bool = False,
+) -> Result:
+    """Run a scenario (a shipped name, a file, or one that was loaded) against an ECU.
+
+    `ecu` is "reference", the path of a C library, "module:Class" of a Python object, an object, or "bus" for one
+    on `bus` (INTERFACE:CHANNEL). `clock` is "free", "lockstep" or "realtime"; free needs the ECU in this process.
+    `parameters` replace the scenario's, `settings` (KEY=VALUE) the vehicle's keys; `vehicle`, `rig`, `initial`
+    ("closed", "open" or degrees) and `seed` win over the scenario's. `rate` [Hz], `duration` [s of model time],
+    files to `record`, `trace`: keep every row. A C library runs in a process of its own.
+
+    Raises ConfigError for what cannot be meant. What goes wrong in the run itself is the result's verdict.
+    """
+    from liftgate_hil.recording.open import check_record
+
+    if clock not in session.CLOCKS:
+        raise ConfigError(f"clock {clock}: allowed: {', '.join(session.CLOCKS)}")
+    options = session.RunOptions(
+        rate=rate,
+        clock=clock,
+        duration=duration,
+        records=tuple(check_record(str(name)) for name in record),
+        wall_timeout=wall_timeout,
+    )
+    job = Job(
+        scenario=scenario,
+        ecu=ecu,
+        parameters=dict(parameters or {}),
+        vehicle=vehicle,
+        rig=rig,
+        settings=tuple(settings),
+        initial=initial,
+        seed=seed,
+        bus=bus,
+        options=options,
+        trace=trace,
+    )
+    return _isolated(job) if is_library(ecu) else run_job(job)
+
+
+def _isolated(job: Job) -> Result:
+    """Run a job in a process of its own. Raises ConfigError."""
+    from liftgate_hil.isolation import run_isolated
+
+    resolve(job)  # what is wrong with the job is told here
+    try:
+        answer = pickle.loads(run_isolated(pickle.dumps(job), 1.0 / job.options.rate))
+    except EcuError as error:
+        return Result(
+            verdict="error",
+            reason=str(error),
+            maxima={},
+            minima={},
+            events=(),
+            summary=Summary(clock=job.options.clock),
+            recording=job.options.records,
+        )
+    if isinstance(answer, LiftgateError):
+        raise answer
+    assert isinstance(answer, Result)
+    return answer
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The objects of a job."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    rig: Rig
+    options: session.RunOptions
+    start_angle: float  # rad
+
+
+def resolve(job: Job) -> Parts:
+    """The objects that a job names; the scenario gives what the job leaves open. Raises ConfigError."""
+    scenario = job.scenario
+    if scenario is None or isinstance(scenario, str | Path):
+        name = None if scenario is None else str(scenario)
+        scenario = session.scenario_from(name, job.parameters)
+    vehicle = job.vehicle if job.vehicle is not None else scenario.vehicle or "suv"
+    if isinstance(vehicle, str | Path):
+        vehicle = session.vehicle_from(str(vehicle), [*scenario.settings, *job.settings])
+    rig = job.rig if job.rig is not None else scenario.rig or "liftgate"
+    if isinstance(rig, str | Path):
+        rig = session.rig_from(str(rig))
+    seed = job.seed if job.seed is not None else scenario.seed
+    initial = job.initial if job.initial is not None else scenario.initial
+    return Parts(
+        scenario=scenario,
+        vehicle=vehicle,
+        rig=rig,
+        options=replace(job.options, seed=seed),
+        start_angle=session.angle_from(initial, vehicle.gate.open_angle),
+    )
+
+
+def run_job(
+    job: Job,
+    takers: Sequence[Taker] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    memory: Memory | None = None,
+) -> Result:
+    """Run a job in this process; `takers` get its rows and frames, too. Raises ConfigError."""
+    parts = resolve(job)
+    parts.options.check()
+    seen: list[Taker] = [Extremes(), *takers]
+    if job.trace:
+        seen.append(Trace())
+    if job.ecu == ON_A_BUS:
+        return _on_bus(job, parts, Adapter(parts.rig, parts.vehicle.drives), seen, stopped)
+    with adapter_for(job.ecu, parts.rig, parts.vehicle.drives) as adapter:
+        if job.options.clock == "free":
+            return _free(parts, adapter, seen, stopped, memory)
+        return _on_bus(job, parts, adapter, seen, stopped)
+
+
+def _free(
+    parts: Parts,
+    adapter: Adapter,
+    takers: Sequence[Taker],
+    stopped: Callable[[], bool],
+    memory: Memory | None,
+) -> Result:
+    """In machine code, as fast as it goes."""
+    from liftgate_hil.recording.open import open_recorder
+
+    options, scenario = parts.options, parts.scenario
+    config = session.loop_config_of(parts.vehicle, parts.rig, options.rate, options.seed)
+    ticks = session.ticks_of(
+        scenario.duration if options.duration is None else options.duration, options.rate
+    )
+    if ticks is None:
+        raise ConfigError("duration: missing; allowed: of the scenario, or given")
+    reason = ""
+    recorders = []
+    with contextlib.ExitStack() as stack:
+        for path in options.records:
+            recorder = open_recorder(path, parts.vehicle.drives, "virtual", 0.0)
+            stack.callback(recorder.close)
+            recorders.append(recorder)
+        if recorders:
+            takers = [*takers, RecordingTaker(recorders)]
+        episode = Episode(
+            config,
+            session.start_of(config, parts.start_angle),
+            scenario.timeline,
+            adapter,
+            scenario.requests,
+            takers,
+            is_recorded=bool(recorders),
+            memory=memory,
+        )
+        stack.callback(episode.close)
+        try:
+            episode.run(ticks, stopped)
+            episode.finish()
+        except LiftgateError as error:
+            reason = str(error)
+        summary = episode.summary(parts.rig.bitrate)
+    failures = [recorder.failure for recorder in recorders if recorder.failure]
+    if failures:
+        raise RecordingError("; ".join(failures))
+    return result_of(takers, adapter, summary, reason, options.records)
+
+
+def _on_bus(
+    job: Job,
+    parts: Parts,
+    adapter: Adapter,
+    takers: Sequence[Taker],
+    stopped: Callable[[], bool],
+) -> Result:
+    """On a bus: in lockstep with an ECU, or in real time."""
+    from liftgate_hil.transport.find import WireChoice, find_way, open_transport
+
+    reason, summary = "", Summary(clock=job.options.clock)
+    name = job.bus or f"virtual:run-{id(parts):x}"
+    way = find_way(WireChoice(bus=name), parts.rig)
+    with contextlib.ExitStack() as stack:
+        peers = []
+        if job.ecu != ON_A_BUS:
+            wire = open_transport(way)
+            stack.callback(wire.close)
+            peers = [Peer(adapter, wire, parts.scenario.requests)]
+        elif job.options.clock == "free":
+            raise ConfigError("clock free: allowed with the ECU in this process")
+        emulator = session.Emulator(
+            vehicle=parts.vehicle,
+            rig=parts.rig,
+            scenario=parts.scenario,
+            way=way,
+            options=parts.options,
+            start_angle=parts.start_angle,
+            peers=peers,
+            watch=watcher(takers),
+            stopped=stopped,
+        )
+        try:
+            summary = emulator.run()
+        except ConfigError:
+            raise
+        except LiftgateError as error:
+            reason = str(error)
+    return result_of(takers, adapter, summary, reason, parts.options.records)
+
+
+def result_of(
+    takers: Sequence[Taker],
+    adapter: Adapter,
+    summary: Summary,
+    reason: str,
+    records: tuple[Path, ...],
+) -> Result:
+    """What the takers have seen."""
+    extremes = next(each for each in takers if isinstance(each, Extremes))
+    trace = next((each.columns() for each in takers if isinstance(each, Trace)), {})
+    high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
+    low = extremes.low if extremes.low is not None else high
+    return Result(
+        verdict="error" if reason else "pass",
+        reason=reason,
+        maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
+        minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
+        events=adapter.events(),
+        summary=summary,
+        recording=records,
+        pinch_time_s=extremes.pinch_time,
+        trace=trace,
+    )

@@ -1,0 +1,35 @@
+"""A run in a process of its own: the worker's side of `isolation`.
+
+python -P -m liftgate_hil.worker ROWS FRAMES MEMORY ANSWER       sizes, then descriptors; the job is on stdin
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.runs import Job, run_job
+
+
+def main() -> int:
+    """Run the job; its result, or what was raised, is the answer."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the parent
+    rows, frames, descriptor, answer = (int(each) for each in sys.argv[1:5])
+    job: Job = pickle.loads(sys.stdin.buffer.read())
+    memory = Memory(rows, frames, descriptor)
+    result: object
+    try:
+        result = run_job(job, memory=memory)
+    except LiftgateError as error:
+        result = error
+    with os.fdopen(answer, "wb") as stream:
+        pickle.dump(result, stream)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
