@@ -1,4 +1,5 @@
-# make demo: the closed loop on a virtual bus.  make test: what CI runs.
+# make demo: the closed loop on a virtual bus.  make test: what CI runs, on all CPUs (JOBS=1: one after the other).
+# make study: what takes minutes and is told in docs/ rather than judged with each change.  make coverage: lines that tests miss.
 # make test-package: sdist and wheel, built, installed into empty environments and used outside the checkout.
 # make test-vcan: the tests on a real vcan0; VCAN=optional lets it be where no machine with one can be had.
 PYTHON ?= python3
@@ -6,11 +7,13 @@ VENV   ?= .venv
 OUT    ?= out
 VCAN   ?= required
 BIN    := $(VENV)/bin
+# auto: a process for each CPU.
+JOBS   ?= auto
 VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo test test-package test-vcan lint setup bench identification clean
+.PHONY: demo test test-package test-vcan lint setup bench study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -24,8 +27,13 @@ demo: setup
 	mkdir -p $(OUT)
 	$(BIN)/liftgate-hil demo --output $(OUT)
 
+# What is judged by its behaviour in real time gets the machine for itself.
 test: lint
-	$(BIN)/python -m pytest --cov --cov-report=term
+	@$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime"; beside=$$?; \
+	$(BIN)/python -m pytest -m realtime && exit $$beside
+
+coverage: setup
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal --cov --cov-report=term
 
 test-package: setup
 	$(BIN)/python -m tools.check_package
@@ -49,8 +57,10 @@ lint: setup
 bench: setup
 	$(BIN)/python -m tools.benchmark --output docs
 
-# What identification finds from data of known truth, its coverage and its speed: docs/identification.md, some ten minutes.
-identification: setup
+# Many seeds: do the intervals cover the truth? And what identification finds from data of known truth, and its
+# speed: docs/identification.md. Some ten minutes.
+study: setup
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal tests/study
 	$(BIN)/python -m tools.identification --output docs
 
 clean:

@@ -52,7 +52,7 @@ def main() -> int:
         lines = [
             "# Identification: what it finds, and how sure it is",
             "",
-            "Made by `make identification` on",
+            "Made by `make study` on",
             "",
             *machine_lines(),
             f"- numpy {np.__version__}, scipy {scipy.__version__}",

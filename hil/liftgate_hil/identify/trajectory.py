@@ -170,6 +170,8 @@ def trajectory(
 ) -> Floats:
     """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds."""
     out = np.empty((len(times), len(OUTPUTS)))
-    start = Start(*(float(value) for value in start))  # machine code tells 0 from 0.0
+    # Machine code tells 0 from 0.0, and an array from every other sample of one: each would be compiled anew.
+    start = Start(*(float(value) for value in start))
+    times, rows = (np.require(each, np.float64, ("C", "W")) for each in (times, rows))
     compiled(run)(plant, sensors, base, start, model, times, rows, longest, out)
     return out

@@ -16,11 +16,13 @@ from liftgate_hil.identify.trajectory import (
     REST,
     Start,
     balanced_angle,
+    run,
     trajectory,
 )
 from liftgate_hil.session import vehicle_from
 from liftgate_plant import gate, integrate
 from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled, enabled
 from liftgate_plant.dynamics import Inputs, State, initial_state
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -222,3 +224,16 @@ def test_outputs_of_an_absent_drive_stay_zero() -> None:
     times = np.arange(101) * 1e-3
     out = rows(vehicle_from("compact"), "full", times, left_voltage_v=10.0)
     assert np.all(out[:, [OUTPUTS.index("right_current_a"), OUTPUTS.index("right_speed_rps")]] == 0)
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+def test_machine_code_serves_every_layout_of_the_same_numbers() -> None:
+    vehicle, times = suv(), np.arange(100) * 1e-3
+    whole = rows(vehicle, "third-order", times, left_voltage_v=9.0)
+    code: Any = compiled(run)
+    before = len(code.signatures)
+    still = times.copy()
+    still.setflags(write=False)
+    for other in (np.repeat(times, 2)[::2], still):
+        assert np.array_equal(rows(vehicle, "third-order", other, left_voltage_v=9.0), whole)
+    assert len(code.signatures) == before
