@@ -99,6 +99,6 @@ class PythonEcu(Adapter):
         for place, message in enumerate(answer):
             identifier, length, flags, data = fields_of_message(message)
             outbox["id"][place], outbox["length"][place] = identifier, length
-            outbox["flags"][place] = flags
-            outbox["data"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
+            outbox["format"][place] = flags
+            outbox["payload"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
         return len(answer)
