@@ -205,9 +205,11 @@ def run_lockstep(
 
 
 def newest(pieces: list[Frames], command: int) -> list[Frames]:
-    """The pieces from the last command on."""
+    """The pieces without any command but the last one; other frames stay."""
     ends = [place for place, piece in enumerate(pieces) if _ends_with(piece, command)]
-    return pieces[ends[-1] :] if ends else pieces
+    for place in ends[:-1]:
+        pieces[place] = _slice(pieces[place], 0, pieces[place].count - 1)
+    return pieces
 
 
 def split_after(frames: Frames, identifier: int) -> list[Frames]:
