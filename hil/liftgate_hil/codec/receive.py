@@ -73,7 +73,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(messages, -1, dtype=np.int64),
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
         np.full(1, _NEVER, dtype=np.int64),
-        np.empty(len(bus.signals)),
+        np.full(len(bus.signals), np.nan),
     )
 
 

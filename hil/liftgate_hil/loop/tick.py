@@ -97,7 +97,7 @@ def copied(state: Tree) -> Tree:
     if isinstance(state, np.ndarray):
         return state.copy()
     if isinstance(state, tuple):
-        return type(state)(*map(copied, state))  # type: ignore[return-value]  # a NamedTuple
+        return type(state)(*map(copied, state))
     return state
 
 

@@ -820,7 +820,7 @@ def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
 def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., RealtimeRun]):
     run = ready(limit_ns=-1)
     run.begin()
-    with pytest.raises(OverrunError, match="--overrun-limit"):
+    with pytest.raises(OverrunError, match="`overrun_limit`"):
         run.run(None, never)
     assert ends_stopped(run)
 

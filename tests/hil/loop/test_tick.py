@@ -32,6 +32,7 @@ from hil_support import (
     loop_config,
     outside,
     panel_frame,
+    plain_tick,
     rig_of,
     rows_of,
     start_of,
@@ -40,8 +41,18 @@ from hil_support import (
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.loop.tick import RUNNING, STOPPED, TIMEOUT, WAITING, LoopConfig, LoopState, tick
+from liftgate_hil.loop.tick import (
+    RUNNING,
+    STOPPED,
+    TIMEOUT,
+    WAITING,
+    LoopConfig,
+    LoopState,
+    copied,
+    tick,
+)
 from liftgate_hil.stimuli.timeline import Timeline, obstacle_at
+from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import initial_state
 from liftgate_plant.signals import Sensed, Truth
 
@@ -104,26 +115,31 @@ def open_at(rig: Rig, call: Tick, config: LoopConfig, angle_deg: float) -> LoopS
 # Purity.
 
 
-def test_the_state_that_goes_in_is_not_changed(rig: Rig, fast_tick: Tick):
+@pytest.mark.parametrize("which", ["plain", "compiled"])
+def test_nothing_but_the_arrays_of_its_own_state_is_written(rig: Rig, fast_tick: Tick, which: str):
+    call = tick if which == "plain" else compiled(tick)
     config = loop_config(rig=rig)
     state, _, _, _ = run(fast_tick, config, rest(config), 25, driving(rig))
-    for call in (tick, fast_tick):
-        kept, kept_config = copy.deepcopy(state), copy.deepcopy(config)
-        frames = frames_of([command_frame(rig, 9, **both(30.0, OPEN)), panel_frame(rig)])
-        kept_frames = copy.deepcopy(frames)
-        for way in ({}, {"silent": True, "missed": 3}, {"stop": True}):
-            around = outside(**way)
-            kept_around = copy.deepcopy(around)
-            call(config, state, frames, around)
-            assert equal(state, kept)
-            assert equal(config, kept_config)
-            assert equal(frames, kept_frames)
-            assert equal(around, kept_around)
+    kept, kept_config = copy.deepcopy(state), copy.deepcopy(config)
+    frames = frames_of([command_frame(rig, 9, **both(30.0, OPEN)), panel_frame(rig)])
+    kept_frames = copy.deepcopy(frames)
+    for way in ({}, {"silent": True, "missed": 3}, {"stop": True}):
+        around = outside(**way)
+        kept_around = copy.deepcopy(around)
+        own = copied(state)
+        after, _, _, _ = call(config, own, frames, around)
+        assert equal(state, kept)  # a copy shares nothing
+        assert equal(config, kept_config)
+        assert equal(frames, kept_frames)
+        assert equal(around, kept_around)
+        assert after.reception.values is own.reception.values or equal(
+            after.reception, own.reception
+        )
 
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_the_same_in_gives_the_same_out(rig: Rig, fast_tick: Tick, which: str):
-    call = tick if which == "plain" else fast_tick
+    call = plain_tick if which == "plain" else fast_tick
     noisy = ["sensors.current_noise=0.5", "sensors.angle_noise_deg=0.1"]
     config = loop_config(rig=rig, settings=noisy, seed=7)
     first = run(call, config, rest(config), 60, driving(rig))
@@ -156,7 +172,7 @@ def test_compiled_equals_plain(rig: Rig, fast_tick: Tick):
             rows += [(COMMAND, bytes(5)), (0x55, b"abc"), (COMMAND, bytes(8))]
         return [] if 200 <= number < 260 else rows  # a time-out on the way
 
-    plain = run(tick, config, rest(config), 400, frames_at)
+    plain = run(plain_tick, config, rest(config), 400, frames_at)
     fast = run(fast_tick, config, rest(config), 400, frames_at)
     assert plain[0].counts == fast[0].counts
     assert (plain[0].timeouts, plain[0].tick) == (fast[0].timeouts, fast[0].tick)

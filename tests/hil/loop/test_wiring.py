@@ -312,7 +312,7 @@ def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(rig: Rig)
     loop = Loop(
         config, start_of(config), NO_TIMELINE, Silence(), recorders=[notes], watch=watched.append
     )
-    loop._tick = lambda config, state, frames, around: (state, frames, rows.truth, rows.sensed)
+    loop._tick = lambda config, state, frames, *_: (state, frames, rows.truth, rows.sensed)
     loop.advance(empty_frames(0), 1)
     assert len(watched) == len(notes.rows) == 1
     for row in (*watched, *notes.rows):
