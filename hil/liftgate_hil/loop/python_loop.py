@@ -174,7 +174,7 @@ def run_lockstep(
     """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
 
     An ECU that answers every frame would lag for good by what it sent before the gate was there, so of the
-    commands that are waiting at the start the last one alone counts.
+    commands that are waiting at the start the last one alone counts. Other frames are kept.
     """
     lockstep.say("ready: waits for the first command")
     waiting: list[Frames] = []
@@ -182,7 +182,8 @@ def run_lockstep(
     is_told = False
     while not stopped() and (ticks is None or loop.state.tick < ticks):
         waiting += split_after(loop.transport.receive(timeout=0.1), lockstep.command)
-        if loop.state.tick == 0:
+        if loop.state.tick == 0 and waiting:
+            waiting += split_after(_rest(loop.transport), lockstep.command)
             waiting = newest(waiting, lockstep.command)
         silent = time.monotonic() - heard
         if lockstep.wall_timeout is not None and silent > lockstep.wall_timeout:
@@ -204,12 +205,23 @@ def run_lockstep(
                     loop.advance(frames if step == 0 else empty_frames(0), 1)
 
 
+def _rest(transport: Transport) -> Frames:
+    """All that is left to be read; one reading has an end."""
+    frames = empty_frames(0)
+    while (more := transport.receive()).count:
+        frames = join(frames, _slice(more, 0, more.count))
+    return frames
+
+
 def newest(pieces: list[Frames], command: int) -> list[Frames]:
-    """The pieces without any command but the last one; other frames stay."""
+    """The pieces without the commands before the last one."""
     ends = [place for place, piece in enumerate(pieces) if _ends_with(piece, command)]
-    for place in ends[:-1]:
-        pieces[place] = _slice(pieces[place], 0, pieces[place].count - 1)
-    return pieces
+    if not ends:
+        return pieces
+    before = [
+        _slice(piece, 0, piece.count - _ends_with(piece, command)) for piece in pieces[: ends[-1]]
+    ]
+    return [piece for piece in before if piece.count] + pieces[ends[-1] :]
 
 
 def split_after(frames: Frames, identifier: int) -> list[Frames]:

@@ -26,8 +26,11 @@ class RowText:
         if not len(rows):
             return b""
         kept = rows[:, self._keep]
-        if not np.isfinite(kept).all():  # a plant that has diverged; JSON has no word for that
-            return "".join(",".join(map(repr, row)) + "\n" for row in kept.tolist()).encode()
+        finite = np.isfinite(kept).all(axis=1)
+        if not finite.all():  # a plant that has diverged; JSON has no word for that
+            first = int(np.argmin(finite))
+            rest = "".join(",".join(map(repr, row)) + "\n" for row in kept[first:].tolist())
+            return self.lines(rows[:first]) + rest.encode()
         cells = kept.tolist()
         for row, whole in zip(cells, kept[:, self._whole].astype(np.int64).tolist(), strict=True):
             for place, value in zip(self._whole, whole, strict=True):

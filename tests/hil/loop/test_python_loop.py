@@ -67,7 +67,7 @@ Rows = list[tuple[int, bytes]]
 
 
 class Memory:
-    """A transport of lists: each read gets the next batch; what is sent is kept."""
+    """A transport of lists: each read gets the next batch, an empty one ends what is there. Keeps what is sent."""
 
     name = "memory"
     is_up = True
@@ -278,11 +278,15 @@ def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
 # Lockstep.
 
 
+PERIOD = Lockstep(COMMAND, 10)
+
+
 def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tuple[Loop, Notes]:
-    """Run until all batches are used up."""
-    transport, notes = Memory(batches), Notes()
+    """Run until all batches are used up, the first of which is there at the start."""
+    first, *later = batches
+    transport, notes = Memory([first, [], *later]), Notes()
     loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
-    run_lockstep(loop, Lockstep(COMMAND, 10), ticks, lambda: not transport.batches)
+    run_lockstep(loop, PERIOD, ticks, lambda: not transport.batches)
     return loop, notes
 
 
@@ -294,7 +298,8 @@ def test_each_command_advances_one_command_period(rig: Rig):
 
 
 def test_several_commands_in_one_read_each_get_their_own_period(rig: Rig):
-    loop, notes = lockstep(rig, [[command(rig, 0)], [command(rig, n) for n in range(1, 5)], []])
+    first, *later = (command(rig, n) for n in range(5))
+    loop, notes = lockstep(rig, [[first], later, []])
     assert loop.state.tick == 50
     assert [rows for rows in notes.received if rows] == [[command(rig, n)] for n in range(5)]
     assert loop.state.timeouts == 0
@@ -307,7 +312,9 @@ def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
         [panel],
         [(0x55, b"a")],
         [],
-        [(0x56, b"b"), command(rig, 0), (0x57, b"c"), command(rig, 1), (0x58, b"d")],
+        [(0x56, b"b"), command(rig, 0)],
+        [],
+        [(0x57, b"c"), command(rig, 1), (0x58, b"d")],
         [(COMMAND | REMOTE, b"")],
         [command(rig, 2)],
         [(0x59, b"e")],
@@ -328,11 +335,154 @@ def test_without_a_command_the_time_stands(rig: Rig):
     assert loop.state.tick == 0
 
 
+def test_of_the_commands_before_the_start_the_last_alone_counts_and_other_frames_are_kept(
+    rig: Rig,
+):
+    panel = panel_frame(rig, HandForce=10.0)
+    batches: list[Rows] = [
+        [(0x55, b"a"), command(rig, 0), command(rig, 1)],
+        [command(rig, n) for n in range(2, 300)],  # more than is read at once
+        [panel, command(rig, 300), (0x56, b"b")],
+        [],
+        [command(rig, 301)],
+    ]
+    transport, notes = Memory(batches), Notes()
+    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
+    run_lockstep(loop, PERIOD, None, lambda: not transport.batches)
+    assert loop.state.tick == 20
+    assert [rows for rows in notes.received if rows] == [
+        [(0x55, b"a"), panel, command(rig, 300)],
+        [(0x56, b"b"), command(rig, 301)],
+    ]
+    assert loop.state.counts == NO_COUNTS._replace(accepted=3, foreign=2)
+
+
+class Answering:
+    """The other end of a wire: an ECU that answers each `Gate` frame with one command, and had said so much before
+    the gate was there.
+    """
+
+    name = "answering"
+    is_up = True
+
+    def __init__(self, rig: Rig, said: int) -> None:
+        self._rig = rig
+        self.sent = 0
+        self.under_way: Rows = []
+        self.most = 0  # commands under way after an answer
+        for _ in range(said):
+            self._say()
+
+    def _say(self) -> None:
+        self.under_way.append(command(self._rig, self.sent))
+        self.sent += 1
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        rows, self.under_way = self.under_way[:1], self.under_way[1:]
+        return frames_of(rows)
+
+    def send(self, frames: Frames) -> None:
+        for row, _ in rows_of(frames):
+            if row == GATE:
+                self._say()
+                self.most = max(self.most, len(self.under_way))
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("said", [1, 2, 7, 300])
+def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_said_before(
+    rig: Rig, said: int
+):
+    ecu = Answering(rig, said)
+    loop = loop_of(ecu, loop_config(rig=rig))
+    run_lockstep(loop, PERIOD, 200, never)
+    assert loop.state.tick == 200
+    assert ecu.most == 1
+    assert loop.state.counts == NO_COUNTS._replace(accepted=20)
+    assert loop.state.timeouts == 0
+
+
+class Silence:
+    """A wire without anybody, and the clock that waiting on it moves on."""
+
+    name = "silence"
+    is_up = True
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, rows: dict[int, Rows]) -> None:
+        self.now = 100.0
+        self._reads = 0
+        self._rows = rows  # by the number of the waiting read
+        monkeypatch.setattr("liftgate_hil.loop.python_loop.time", self)
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        if timeout == 0.0:
+            return empty_frames(0)
+        self.now += timeout
+        self._reads += 1
+        return frames_of(self._rows.get(self._reads - 1, []))
+
+    def send(self, frames: Frames) -> None:
+        pass
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        pass
+
+
+def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+):
+    wire = Silence(monkeypatch, {50: [command(rig, 0)]})
+    loop = loop_of(wire, loop_config(rig=rig))
+    said: list[str] = []
+    run_lockstep(loop, PERIOD._replace(say=said.append), None, lambda: wire.now > 110.0)
+    # Once for each silence, not at every look.
+    assert said == [
+        "ready: waits for the first command",
+        "0.000 s: waits for a command (0x120)",
+        "0.010 s: waits for a command (0x120)",
+    ]
+
+
+def test_a_short_silence_is_not_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    wire = Silence(monkeypatch, {n: [command(rig, n)] for n in range(0, 100, 15)})
+    said: list[str] = []
+    loop = loop_of(wire, loop_config(rig=rig))
+    run_lockstep(loop, PERIOD._replace(say=said.append), None, lambda: wire.now > 110.0)
+    assert said == ["ready: waits for the first command"]
+    assert loop.state.tick == 70
+
+
+@pytest.mark.parametrize(("last", "model_time"), [(None, "0.000 s"), (20, "0.010 s")])
+def test_lockstep_gives_up_after_its_wall_timeout_without_a_command(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, last: int | None, model_time: str
+):
+    # Frames that are no commands don't count.
+    rows = {n: [panel_frame(rig)] for n in range(200)}
+    if last is not None:
+        rows[last] = [command(rig, 0)]
+    wire = Silence(monkeypatch, rows)
+    loop = loop_of(wire, loop_config(rig=rig))
+    with pytest.raises(OverrunError, match=rf"no command for 5 s at {model_time}.*allowed"):
+        run_lockstep(loop, PERIOD._replace(wall_timeout=5.0), None, never)
+    assert wire.now == pytest.approx(105.1 + (0.0 if last is None else 0.1 * (last + 1)), abs=0.11)
+
+
 @pytest.mark.parametrize("at_once", [False, True])
 @pytest.mark.parametrize("ticks", [10, 20, 25])
 def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):
-    commands = [command(rig, n) for n in range(6)]
-    batches = [commands[:1], commands[1:]] if at_once else [[each] for each in commands]
+    first, *later = (command(rig, n) for n in range(6))
+    batches = [[first], later] if at_once else [[first], *([each] for each in later)]
     loop, _ = lockstep(rig, [*batches, []], ticks)
     assert loop.state.tick == ticks
 
@@ -352,10 +502,9 @@ def test_lockstep_goes_on_can_fd_commands_too():
         {"SpannungLinks": 0.5, "SpannungRechts": 0.5, "BrueckeLinks": 5, "BrueckeRechts": 5,
          "Schloss": 12}
     )  # fmt: skip
-    transport = Memory([[(rig.command_identifier() | FD, payload)]] * 4 + [[]])
+    transport = Memory([[(rig.command_identifier() | FD, payload)], []] * 4)
     loop = loop_of(transport, loop_config(rig=rig))
-    lockstep_of = Lockstep(rig.command_identifier(), 10)
-    run_lockstep(loop, lockstep_of, None, lambda: not transport.batches)
+    run_lockstep(loop, Lockstep(rig.command_identifier(), 10), None, lambda: not transport.batches)
     assert loop.state.tick == 40
     assert loop.state.counts == NO_COUNTS._replace(accepted=4)
     assert loop.state.plant.left.speed > 0.0
@@ -402,7 +551,7 @@ def test_two_free_runs_leave_the_same_recordings_to_the_last_bit(rig: Rig, tmp_p
     for one, two in zip(first[2], second[2], strict=True):
         assert one.read_bytes() == two.read_bytes()
         assert one.stat().st_size > 100_000
-    assert first[1].events() == second[1].events()
+    assert first[1].events() == second[1].events() != []
 
 
 def test_the_reference_ecu_opens_the_gate_without_a_refused_frame(rig: Rig, tmp_path: Path):

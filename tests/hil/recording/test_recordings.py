@@ -28,7 +28,12 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.tick import tick
-from liftgate_hil.recording.bus_log import CandumpRecorder, ConvertedRecorder, candump_line, convert
+from liftgate_hil.recording.bus_log import (
+    CandumpRecorder,
+    ConvertedRecorder,
+    candump_lines,
+    convert,
+)
 from liftgate_hil.recording.open import check_record, open_recorder
 from liftgate_hil.recording.table import CsvRecorder
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH
@@ -91,7 +96,22 @@ def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
     ],
 )
 def test_a_line_is_candumps(identifier: int, payload: bytes, expected: str):
-    assert candump_line(12.5, "can0", frames_of([(identifier, payload)]), 0) == expected
+    assert candump_lines([12.5], "can0", frames_of([(identifier, payload)])) == expected
+
+
+def test_a_block_of_frames_is_their_lines_one_after_the_other():
+    rows = [(0x100 + n, bytes(range(n % 9))) for n in range(20)]
+    rows += [(0x777 | FD, bytes(range(64))), (0x1 | EXTENDED, b""), (0x120 | REMOTE, b"")]
+    times = [0.001 * n for n in range(len(rows))]
+    each = [
+        candump_lines([time], "can0", frames_of([row]))
+        for time, row in zip(times, rows, strict=True)
+    ]
+    assert candump_lines(times, "can0", frames_of(rows)) == "".join(each)
+    # Frames beyond the count are another tick's.
+    some = frames_of(rows)._replace(count=2)
+    assert candump_lines(times[:2], "can0", some) == "".join(each[:2])
+    assert candump_lines([], "can0", empty_frames(5)) == ""
 
 
 def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path):
@@ -133,7 +153,7 @@ def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path):
 
 def test_a_remote_frame_beside_can_fd_frames_stays_one(tmp_path: Path):
     # There are no remote frames in the CAN FD format: theirs is candump's classic line.
-    line = candump_line(0.0, "can0", frames_of([(0x120 | REMOTE | FD, b"")]), 0)
+    line = candump_lines([0.0], "can0", frames_of([(0x120 | REMOTE | FD, b"")]))
     assert line == "(0000000000.000000) can0 120#R\n"
 
 
@@ -278,6 +298,22 @@ def test_every_column_is_the_rows_value_of_that_name_one_row_or_many_at_a_time(t
             assert ("." in text) is not COLUMNS[name].is_whole, name
 
 
+def test_rows_before_a_divergence_are_written_as_ever(tmp_path: Path):
+    diverged = np.where(ROW == 0.0, np.nan, ROW)
+    texts = []
+    for blocks in ([np.array([ROW, ROW, diverged])], [np.array([ROW, ROW]), diverged[np.newaxis]]):
+        path = tmp_path / "plant.csv"
+        recorder = CsvRecorder(path, 2)
+        for block in blocks:
+            recorder.write_rows(block)
+        recorder.close()
+        texts.append(path.read_text().splitlines())
+    assert texts[0] == texts[1]
+    assert len(texts[0]) == 4
+    assert texts[0][1] == texts[0][2]
+    assert dict(zip(COLUMNS, texts[0][1].split(","), strict=True))["left_hall_count"].isdigit()
+
+
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_a_recorded_tick_is_plain_numbers(rig: Rig, fast_tick: object, tmp_path: Path, which: str):
     call = tick if which == "plain" else fast_tick
@@ -311,7 +347,7 @@ def test_a_file_that_cannot_be_is_told_before_the_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match="--record"):
+    with pytest.raises(ConfigError, match="record"):
         check_record(name)
 
 
@@ -319,14 +355,14 @@ def test_a_folder_in_the_place_of_the_file_is_told(tmp_path: Path):
     for suffix in (".csv", ".log"):
         path = tmp_path / f"taken{suffix}"
         path.mkdir()
-        with pytest.raises(ConfigError, match="--record"):
+        with pytest.raises(ConfigError, match="record"):
             open_recorder(check_record(str(path)), 2, "x", 0.0)
 
 
 def test_a_folder_in_the_place_of_a_converted_file_is_told_before_the_run(tmp_path: Path):
     path = tmp_path / "taken.blf"
     path.mkdir()
-    with pytest.raises(ConfigError, match="--record"):
+    with pytest.raises(ConfigError, match="record"):
         open_recorder(check_record(str(path)), 2, "x", 0.0)
 
 
