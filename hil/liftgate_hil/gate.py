@@ -79,7 +79,7 @@ class Gate:
         if isinstance(rig, str | Path):
             rig = session.rig_from(str(rig))
         if not 200.0 <= rate <= 10_000.0:
-            raise ConfigError(f"rate {rate}: allowed: 200 to 10000 Hz")
+            raise ConfigError(f"`rate` {rate}: allowed: 200 to 10000 Hz")
         self.rig = rig
         self._drives = vehicle.drives
         self._config = session.loop_config_of(vehicle, rig, rate, seed)
@@ -166,7 +166,7 @@ class Gate:
         known = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
         for name in quantities:
             if name not in known:
-                raise ConfigError(f"command {name}: allowed: {', '.join((*known, 'direction'))}")
+                raise ConfigError(f"`command` {name}: allowed: {', '.join((*known, 'direction'))}")
         for side in ("left", "right"):
             direction = quantities.get(f"{side}_direction", both if both is not None else "coast")
             duty = _number(
@@ -194,7 +194,7 @@ class Gate:
         """
         for name, value in surroundings.items():
             if name not in PROFILES:
-                raise ConfigError(f"set {name}: no such quantity; allowed: {', '.join(PROFILES)}")
+                raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
             signal = PROFILES[name]
             given = math.nan if value is None else _number(name, value, signal.low, signal.high)
             post(self._memory.shared.box[0], name, [given])
@@ -251,7 +251,7 @@ class Gate:
         from liftgate_hil.transport.can_bus import message_of
 
         if not 0.0 < seconds <= 1e6:
-            raise ConfigError(f"step {seconds}: allowed: above 0, up to 1e6 s")
+            raise ConfigError(f"`step` {seconds}: allowed: above 0, up to 1e6 s")
         end = self._now.loop.tick + max(1, round(seconds / self._config.step))
         messages: list[can.Message] = []
         while self._now.loop.tick < end:

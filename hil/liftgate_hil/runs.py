@@ -100,7 +100,7 @@ def run(
     from liftgate_hil.recording.open import check_record
 
     if clock not in session.CLOCKS:
-        raise ConfigError(f"clock {clock}: allowed: {', '.join(session.CLOCKS)}")
+        raise ConfigError(f"`clock` {clock}: allowed: {', '.join(session.CLOCKS)}")
     options = session.RunOptions(
         rate=rate,
         clock=clock,
@@ -217,7 +217,7 @@ def _free(
         scenario.duration if options.duration is None else options.duration, options.rate
     )
     if ticks is None:
-        raise ConfigError("duration: missing; allowed: of the scenario, or given")
+        raise ConfigError("`duration`: missing; allowed: in the scenario, or given")
     reason = ""
     recorders = []
     with contextlib.ExitStack() as stack:
@@ -270,7 +270,7 @@ def _on_bus(
             stack.callback(wire.close)
             peers = [Peer(adapter, wire, parts.scenario.requests)]
         elif job.options.clock == "free":
-            raise ConfigError("clock free: allowed with the ECU in this process")
+            raise ConfigError("`clock` free: allowed with the ECU in this process")
         emulator = session.Emulator(
             vehicle=parts.vehicle,
             rig=parts.rig,

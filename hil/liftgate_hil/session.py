@@ -64,7 +64,7 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
         raise ConfigError(
-            f"initial {initial}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+            f"`initial` {initial}: allowed: {others}closed, open, or 0 to {top:g} degrees"
         )
     return math.radians(degrees)
 
@@ -117,15 +117,15 @@ class RunOptions:
         """Raises ConfigError where they cannot be had together."""
         if len({path.resolve() for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
-            raise ConfigError(f"record {names}: allowed: a file once")
+            raise ConfigError(f"`record` {names}: allowed: a file once")
         if self.cpu is None:
             return
         if not self.realtime:
-            raise ConfigError(f"cpu {self.cpu}: allowed: together with realtime")
+            raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
         if hasattr(os, "sched_getaffinity") and self.cpu not in os.sched_getaffinity(0):
             from liftgate_hil.loop.priority import allowed_cpus
 
-            raise ConfigError(f"cpu {self.cpu}: allowed here: {allowed_cpus()}")
+            raise ConfigError(f"`cpu` {self.cpu}: allowed here: {allowed_cpus()}")
 
 
 def _never() -> bool:
@@ -217,8 +217,7 @@ class Emulator:
 
     def _in_python(self) -> Summary:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
-        from liftgate_hil.loop.python_loop import Loop
-        from liftgate_hil.loop.tick import tick
+        from liftgate_hil.loop.python_loop import Loop, scheduled_tick
         from liftgate_hil.recording.open import open_recorder
         from liftgate_hil.transport.find import open_transport
 
@@ -243,7 +242,7 @@ class Emulator:
                 watch=self.watch,
                 bitrate=self.way.bitrate(rig),
             )
-            self._announce(tick, transport.name)
+            self._announce(scheduled_tick, transport.name)
             loop.begin()
             try:
                 timing = self._clocked(loop)

@@ -8,15 +8,13 @@ bus the ECU is a second process. On a serial line it needs a port of its own, th
 from __future__ import annotations
 
 import argparse
-import contextlib
-import re
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.with_ecu import Events, on_a_bus
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
@@ -24,13 +22,10 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.statistics import Summary
     from liftgate_hil.session import Emulator
 
-_EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
 _EVERY = 10  # rows of the picture
 # The reference ECU presses 142 N on the demo's rod; a drive that stalls presses over 500 N.
 _MOST_FORCE = 200.0  # N
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
-
-Events = list[tuple[float, str]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
             args.bus = "virtual:demo"
         rig = session.rig_from(args.rig)
         emulator = _emulator(args, find_way(options.wire_choice(args), rig), extremes, trace)
-        summary, events = _on_a_bus(args, emulator)
+        summary, events = on_a_bus(args, emulator)
     _tell(args, extremes, trace, events, folder)
     report(args, summary)
     return _judge(args, summary, extremes, trace, events)
@@ -79,9 +74,9 @@ def _folder(args: argparse.Namespace) -> Path:
     """Where it writes; adds the demo's recordings. Raises ConfigError."""
     folder = Path(args.output)
     if not folder.is_dir():
-        raise ConfigError(f"output {args.output}: no such folder; allowed: one that exists")
+        raise ConfigError(f"`output` {args.output}: no such folder; allowed: one that exists")
     if (args.serial is None) != (args.ecu_serial is None):
-        raise ConfigError("serial and ecu-serial: allowed: both ends of the line, or neither")
+        raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
     if not args.no_record:
         args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
     return folder
@@ -95,7 +90,6 @@ def _as_machine_code(
     from liftgate_hil.cli.run import announcer
     from liftgate_hil.loop.episode import run_stretch
 
-    announcer(args)(run_stretch, "no bus")
     job = runs.Job(
         scenario=args.scenario,
         ecu=args.ecu,
@@ -104,6 +98,8 @@ def _as_machine_code(
         settings=tuple(args.settings),
         options=options.run_options(args),
     )
+    runs.resolve(job)
+    announcer(args)(run_stretch, "no bus")
     result = runs.run_job(job, [extremes, trace], options.StopSignals())
     if result.verdict == "error":
         raise LiftgateError(result.reason)
@@ -126,62 +122,6 @@ def _emulator(args: argparse.Namespace, way: Any, extremes: Extremes, trace: Tra
         stopped=options.StopSignals(),
         announce=announcer(args),
     )
-
-
-def _on_a_bus(args: argparse.Namespace, emulator: Emulator) -> tuple[Summary, Events]:
-    """On a virtual bus with the ECU in this process, on any other one with the ECU as a second process."""
-    from liftgate_hil.ecu.find import adapter_for
-    from liftgate_hil.ecu.peer import Peer
-    from liftgate_hil.transport.find import open_transport
-
-    drives = emulator.vehicle.drives
-    if emulator.way.is_interface("virtual"):
-        with contextlib.ExitStack() as stack:
-            wire = open_transport(emulator.way)
-            stack.callback(wire.close)
-            adapter = stack.enter_context(adapter_for(args.ecu, emulator.rig, drives))
-            emulator.peers = [Peer(adapter, wire, emulator.scenario.requests)]
-            summary = emulator.run()
-            return summary, [(event.time, event.text) for event in adapter.events()]
-    if args.clock == "free":
-        raise ConfigError("clock free: allowed without a bus, or on a virtual one")
-    if args.ecu == "bus":
-        return emulator.run(), []
-    with _ecu_process(args, drives) as child:
-        summary = emulator.run()
-        child.terminate()
-        return summary, _events_of(child, args.ecu)
-
-
-@contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.Popen[str]]:
-    """`liftgate-hil ecu` on the same bus; ended with this process."""
-    command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu", "--rig", args.rig]
-    command += ["--scenario", args.scenario, "--drives", str(drives), "--ecu", args.ecu]
-    for flag in ("bus", "interface", "channel", "bitrate"):
-        value = getattr(args, flag)
-        if value is not None:
-            command += [f"--{flag}", str(value)]
-    if args.ecu_serial is not None:
-        command += ["--serial", args.ecu_serial]
-    command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
-        yield child
-    finally:
-        child.kill()
-        child.wait()
-
-
-def _events_of(child: subprocess.Popen[str], ecu: str) -> Events:
-    stream: IO[str] | None = child.stderr
-    assert stream is not None
-    lines = stream.read().splitlines()
-    matches = [match for line in lines if (match := _EVENT.match(line))]
-    if not matches and ecu == "reference":
-        detail = " ".join(lines)[:300] or "it said nothing"
-        raise LiftgateError(f"the ECU's process did not take part: {detail}")
-    return [(float(match[1]), match[2]) for match in matches]
 
 
 def _tell(

@@ -101,5 +101,7 @@ def _requests(given: list[str]) -> list[Request]:
         if not 0.0 <= time_s <= 1e6:
             action = ""
         if action not in REQUESTS:
-            raise ConfigError(f"request {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}")
+            raise ConfigError(
+                f"`request` {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
+            )
     return sorted(requests, key=lambda request: request.time)

@@ -114,7 +114,7 @@ def problem_of(
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
     for measurement, each in zip(measurements, data, strict=True):
-        notes += [f"{measurement.source}: {note}" for note in measurement.notes]
+        notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
         if each.decimation is not None:
             said = [] if args.resample is None else [f"resampled to {args.resample:g} Hz"]
             said += [f"one in {args.decimate} after a low-pass"] if args.decimate > 1 else []

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 COMMANDS = {
@@ -62,11 +63,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(module.run(args))
     except ConfigError as error:
         for fault in error.issues:
-            print(f"liftgate-hil: {fault}", file=sys.stderr)
+            print(f"liftgate-hil: {as_flags(fault)}", file=sys.stderr)
         return 2
     except LiftgateError as error:
         for text in dict.fromkeys(_chain(error)):
-            print(f"liftgate-hil: {text}", file=sys.stderr)
+            print(f"liftgate-hil: {as_flags(text)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import signal
 from collections.abc import Callable
 from types import FrameType
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
     from liftgate_hil.transport.find import WireChoice
 
 MAX_RATE = 10_000.0
+_ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
+
+
+def as_flags(text: str) -> str:
+    """A message of the API, which names its arguments `so_named`, with the flags instead: --so-named."""
+    return _ARGUMENT.sub(lambda match: "--" + match[1].replace("_", "-"), text)
 
 
 def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.with_ecu import ON_A_BUS, on_a_bus
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.statistics import Summary
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_vehicle(parser)
     options.add_loop(parser)
     options.add_output(parser)
+    options.add_ecu(parser, ON_A_BUS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
         stopped=options.StopSignals(),
         announce=announcer(args),
     )
-    report(args, emulator.run())
+    summary, _ = on_a_bus(args, emulator)
+    report(args, summary)
     return 0
 
 

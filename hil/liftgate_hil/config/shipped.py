@@ -36,7 +36,7 @@ def shipped_names(folder: str) -> list[str]:
 
 
 def find_config(kind: str, name: str) -> Path:
-    """The file for a `--vehicle`, `--rig` or `--scenario` value: a shipped name or a path.
+    """The file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 
     `kind` is the folder under `configs`. Raises ConfigError where there is neither.
     """
@@ -51,4 +51,4 @@ def find_config(kind: str, name: str) -> Path:
     if path.is_file():
         return path
     known = ", ".join(shipped_names(f"configs/{kind}"))
-    raise ConfigError(f"--{kind[:-1]} {name}: neither a file nor a shipped name ({known})")
+    raise ConfigError(f"`{kind[:-1]}` {name}: neither a file nor a shipped name ({known})")

@@ -46,7 +46,7 @@ SIDES = ("left", "right")
 
 
 def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
-    """The vehicle of a file, with `--set` values put over it. Raises ConfigError with all faults."""
+    """The vehicle of a file, with `set` values put over it. Raises ConfigError with all faults."""
     raw = read_toml(path)
     for setting in settings:
         apply_setting(raw, setting)
@@ -84,7 +84,7 @@ def vehicle_of(raw: Table, source: str) -> Vehicle:
 
 
 def apply_setting(raw: Table, setting: str) -> None:
-    """Put one `--set KEY=VALUE` into a file's content; the value is TOML, as in the file."""
+    """Put one `set KEY=VALUE` into a file's content; the value is TOML, as in the file."""
     import tomllib
 
     key, equals, value = setting.partition("=")
@@ -94,12 +94,12 @@ def apply_setting(raw: Table, setting: str) -> None:
         parsed = _plain_number(value)
     names = key.strip().split(".")
     if not equals or not all(names):
-        raise ConfigError(f"--set {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
+        raise ConfigError(f"`set` {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
     place = raw
     for name in names[:-1]:
         inner = place.setdefault(name, {})
         if not isinstance(inner, dict):
-            raise ConfigError(f"--set {setting}: {name} is not a table")
+            raise ConfigError(f"`set` {setting}: {name} is not a table")
         place = inner
     place[names[-1]] = parsed
 

@@ -16,7 +16,7 @@ _COORDINATE = re.compile(r"(.+)\[([01])\]")
 def vehicle_text(
     source: Path, settings: Sequence[str], values: Mapping[str, float], origin: Mapping[str, Any]
 ) -> str:
-    """The text of `source` with `settings` (as of `--set`) and `values` (by their dotted names) put into it, and a
+    """The text of `source` with `settings` (as of `set`) and `values` (by their dotted names) put into it, and a
     table `[identification]` that says where they come from.
     """
     import tomlkit

@@ -26,7 +26,7 @@ def begin_run(guard: Any) -> None:
     guard.suspect = 0
     guard.is_loaded = 0
     for i in range(BINS):
-        guard.sum[i] = 0.0
+        guard.total[i] = 0.0
         guard.samples[i] = 0
 
 
@@ -56,7 +56,7 @@ def follow(constants: Constants, guard: Any, place: float, starting: bool) -> No
     time = 0.3 * c.reference_time if starting else c.reference_time
     guard.recent += (guard.filtered - guard.recent) * (1.0 - math.exp(-constants.cycle / time))
     if not np.isnan(place) and not starting:
-        guard.sum[bin_of(place)] += guard.filtered
+        guard.total[bin_of(place)] += guard.filtered
         guard.samples[bin_of(place)] += 1
 
 
@@ -99,6 +99,6 @@ def learn(guard: Any) -> None:
     """The run came to its end undisturbed: its currents are the reference."""
     for i in range(BINS):
         if guard.samples[i] > 0:
-            mean = guard.sum[i] / guard.samples[i]
+            mean = guard.total[i] / guard.samples[i]
             known = guard.reference[i]
             guard.reference[i] = mean if np.isnan(known) else 0.7 * known + 0.3 * mean

@@ -34,12 +34,12 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> A
         return ReferenceEcu(rig, drives, shares_clock)
     if _LIBRARY.fullmatch(name):
         if not Path(name).is_file():
-            raise ConfigError(f"ecu {name}: no such file")
+            raise ConfigError(f"`ecu` {name}: no such file")
         return LibraryEcu(Path(name), rig, drives)
     if _CLASS.fullmatch(name):
         return PythonEcu(_instance_of(name), rig, drives)
     raise ConfigError(
-        f"ecu {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
+        f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
     )
 
 
@@ -55,6 +55,6 @@ def _instance_of(name: str) -> Any:
         made = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise ConfigError(
-            f"ecu {name}: {error}; allowed: MODULE:CLASS that can be imported"
+            f"`ecu` {name}: {error}; allowed: MODULE:CLASS that can be imported"
         ) from error
     return made()

@@ -31,14 +31,14 @@ class LibraryEcu(Adapter):
             )
         except (OSError, AttributeError) as error:
             raise ConfigError(
-                f"ecu {path}: {error}; allowed: a shared library with the functions of liftgate_ecu.h"
+                f"`ecu` {path}: {error}; allowed: a shared library with the functions of liftgate_ecu.h"
             ) from error
         request = getattr(self._library, "liftgate_ecu_request", None)
         create.restype, create.argtypes = ctypes.c_void_p, []
         self._destroy.restype, self._destroy.argtypes = None, [ctypes.c_void_p]
         self._instance = create()
         if not self._instance:
-            raise EcuError(f"ecu {path}: liftgate_ecu_create gave no ECU")
+            raise EcuError(f"`ecu` {path}: liftgate_ecu_create gave no ECU")
         port = wire.Port(wire.address_of(step), wire.address_of(request), self._instance, 0)
         self.node = self.node._replace(port=port)
 

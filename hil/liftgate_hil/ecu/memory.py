@@ -39,7 +39,7 @@ GUARD = np.dtype(
         ("suspect", "i8"),  # cycles in a row
         ("is_loaded", "i8"),  # more current than expected, whatever the speed does
         ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet
-        ("sum", "f8", (BINS,)),  # of this run's currents
+        ("total", "f8", (BINS,)),  # of this run's currents
         ("samples", "i8", (BINS,)),
     ]
 )

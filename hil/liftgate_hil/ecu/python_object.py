@@ -37,13 +37,13 @@ class PythonEcu(Adapter):
         self._message_of = message_of_fields
         if not callable(getattr(ecu, "step", None)):
             raise ConfigError(
-                f"ecu {ecu!r}: no step; allowed: an object with step(now_s, frames) -> frames"
+                f"`ecu` {ecu!r}: no step; allowed: an object with step(now_s, frames) -> frames"
             )
         self._request: Callable[[str], object] | None = getattr(ecu, "request", None)
         period = getattr(ecu, "period_s", None)
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else float(period)
         if not 0.0 < seconds <= 60.0:
-            raise ConfigError(f"ecu {ecu!r}: period_s {period!r}; allowed: up to 60 s, above 0")
+            raise ConfigError(f"`ecu` {ecu!r}: period_s {period!r}; allowed: up to 60 s, above 0")
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
         port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
@@ -99,6 +99,6 @@ class PythonEcu(Adapter):
         for place, message in enumerate(answer):
             identifier, length, flags, data = fields_of_message(message)
             outbox["id"][place], outbox["length"][place] = identifier, length
-            outbox["flags"][place] = flags
-            outbox["data"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
+            outbox["format"][place] = flags
+            outbox["payload"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
         return len(answer)

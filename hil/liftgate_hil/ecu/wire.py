@@ -14,9 +14,9 @@ import numpy as np
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_plant.compiler import call_long_int, call_step, compilable
 
-# struct liftgate_frame
+# struct liftgate_frame; `flags` and `data` have other names, since records of numpy have these by themselves.
 FRAME = np.dtype(
-    [("id", "u4"), ("length", "u1"), ("flags", "u1"), ("data", "u1", (64,))], align=True
+    [("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True
 )
 FLAG_FD = 1
 CAPACITY = 1024  # frames a call, either way
@@ -77,9 +77,9 @@ def put_in(state: PortState, frames: Frames) -> None:
         identifier = frames.identifiers[i]
         row.id = identifier & 0xFFFFFFFF
         row.length = frames.lengths[i]
-        row.flags = FLAG_FD if identifier & FD else 0
+        row.format = FLAG_FD if identifier & FD else 0
         for k in range(frames.lengths[i]):
-            row.data[k] = frames.data[i, k]
+            row.payload[k] = frames.data[i, k]
         head.waiting += 1
 
 
@@ -89,13 +89,13 @@ def take_out(state: PortState, count: int) -> int:
     for i in range(count):
         row = state.outbox[i]
         length = int(np.int64(row.length))
-        is_fd = (int(np.int64(row.flags)) & FLAG_FD) != 0
+        is_fd = (int(np.int64(row.format)) & FLAG_FD) != 0
         if length > (64 if is_fd else 8):
             return BAD_FRAME
         state.sent.identifiers[i] = int(np.int64(row.id)) | (FD if is_fd else 0)
         state.sent.lengths[i] = length
         for k in range(length):
-            state.sent.data[i, k] = row.data[k]
+            state.sent.data[i, k] = row.payload[k]
     return count
 
 

@@ -334,7 +334,7 @@ def _midway(
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(
             "begins with drives that their voltage stalls, and how far friction holds them is not known; allowed: "
-            "--from before they stop, or from where the voltage is off"
+            "`from` before they stop, or from where the voltage is off"
         )
     speed = _first_speed(plant, data) if moves else 0.0
     known = first_sample(data.outputs.get("gate_angle_deg")) if angle_deg is None else angle_deg
@@ -349,7 +349,7 @@ def _midway(
     if math.isnan(place) or math.isnan(speed):
         raise ValueError(
             "begins in motion, and neither position nor angle say where; allowed: data that begin at rest, "
-            "a position or an angle, or --initial"
+            "a position or an angle, or `initial`"
         )
     latched = 0.0 if moves else _latched(data, _angle_at(plant, place))
     start = REST._replace(balanced=1.0, speed=speed, left_position=place, latched=latched)

@@ -18,10 +18,10 @@ from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
 from liftgate_hil.stimuli.mailbox import nothing_held
-from liftgate_hil.stimuli.outside import Outside, outside_at
+from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
 from liftgate_hil.transport.base import Transport
-from liftgate_plant.compiler import compiled
+from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.signals import Sensed, Truth
 
 
@@ -30,6 +30,23 @@ class Peer(Protocol):
 
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at this model time."""
+
+
+@compilable
+def scheduled_tick(
+    config: LoopConfig,
+    state: LoopState,
+    frames: Frames,
+    timeline: Timeline,
+    held: NDArray[np.float64],
+    ticks_missed: int,
+    is_silent: bool,
+    is_stop: bool,
+) -> tuple[LoopState, Frames, Truth, Sensed]:
+    """A tick with what timeline and mailbox say."""
+    time = state.tick * config.step
+    outside = outside_at(timeline, held, time, ticks_missed, is_silent, is_stop)
+    return tick(config, state, frames, outside)
 
 
 _PATIENCE = 2.0  # s of silence after which lockstep says that it waits
@@ -53,17 +70,14 @@ class Loop:
     ticks_missed: int = 0
     frames_sent: int = 0
     _tick: Callable[..., tuple[LoopState, Frames, Truth, Sensed]] = field(init=False)
-    _outside: Callable[..., Outside] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._tick = compiled(tick)
-        self._outside = compiled(outside_at)
+        self._tick = compiled(scheduled_tick)
 
     def begin(self) -> None:
         """Compile, or read the cache, before time counts; then the peers may speak first."""
-        outside = self._outside(self.timeline, self.held, 0.0, 0, False, False)
         # What a tick remembers it writes in place: this one has a state of its own.
-        self._tick(self.config, copied(self.state), empty_frames(1), outside)
+        self._call(copied(self.state), empty_frames(0), False, False)
         for peer in self.peers:
             peer.poll(0)
 
@@ -79,10 +93,7 @@ class Loop:
 
     def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
         self.ticks_missed += is_silent
-        outside = self._outside(
-            self.timeline, self.held, self.time, self.ticks_missed, is_silent, stop
-        )
-        self.state, replies, truth, sensed = self._tick(self.config, self.state, frames, outside)
+        self.state, replies, truth, sensed = self._call(self.state, frames, is_silent, stop)
         self.transport.send(replies)
         self.frames_sent += replies.count
         self.load.add(frames)
@@ -97,8 +108,15 @@ class Loop:
         if not math.isfinite(sum(truth)):
             raise PlantDivergedError(
                 f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "
-                f"current {truth.left_current_a}); allowed: a higher --rate, a saner vehicle"
+                f"current {truth.left_current_a}); allowed: a higher `rate`, a saner vehicle"
             )
+
+    def _call(
+        self, state: LoopState, frames: Frames, is_silent: bool, stop: bool
+    ) -> tuple[LoopState, Frames, Truth, Sensed]:
+        return self._tick(
+            self.config, state, frames, self.timeline, self.held, self.ticks_missed, is_silent, stop
+        )
 
     @property
     def time(self) -> float:
@@ -170,7 +188,7 @@ def run_lockstep(
         if lockstep.wall_timeout is not None and silent > lockstep.wall_timeout:
             raise OverrunError(
                 f"no command for {lockstep.wall_timeout:g} s at {loop.time:.3f} s of model time; "
-                "allowed: an ECU that answers, or a longer wall-timeout"
+                "allowed: an ECU that answers, or a longer `wall_timeout`"
             )
         if silent > _PATIENCE and not is_told:
             lockstep.say(f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X})")
@@ -187,9 +205,11 @@ def run_lockstep(
 
 
 def newest(pieces: list[Frames], command: int) -> list[Frames]:
-    """The pieces from the last command on."""
+    """The pieces without any command but the last one; other frames stay."""
     ends = [place for place, piece in enumerate(pieces) if _ends_with(piece, command)]
-    return pieces[ends[-1] :] if ends else pieces
+    for place in ends[:-1]:
+        pieces[place] = _slice(pieces[place], 0, pieces[place].count - 1)
+    return pieces
 
 
 def split_after(frames: Frames, identifier: int) -> list[Frames]:

@@ -108,13 +108,13 @@ class RealtimeRun:
             raise self._failure
         if self.outcome == realtime_loop.OVERRUN:
             raise OverrunError(
-                f"the loop fell more than --overrun-limit ({self.limit_ns / 1e6:.0f} ms) behind; "
-                "allowed: a lower --rate, a faster machine"
+                f"the loop fell more than `overrun_limit` ({self.limit_ns / 1e6:.0f} ms) behind; "
+                "allowed: a lower `rate`, a faster machine"
             )
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError(
                 f"the plant diverged at {self.state.tick * self.config.step:.3f} s; allowed: a higher "
-                "--rate, a saner vehicle"
+                "`rate`, a saner vehicle"
             )
 
     def timing(self) -> Timing:

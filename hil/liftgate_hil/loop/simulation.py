@@ -96,6 +96,6 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
         if not np.all(np.isfinite(out[:written])):
             bad = int(np.argmin(np.isfinite(out[:written]).all(axis=1)))
             raise PlantDivergedError(
-                f"the plant diverged at {out[bad, 0]:.6g} s; allowed: a shorter --step, a saner vehicle"
+                f"the plant diverged at {out[bad, 0]:.6g} s; allowed: a shorter `step`, a saner vehicle"
             )
         yield out[:written]

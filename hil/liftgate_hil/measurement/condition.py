@@ -90,7 +90,7 @@ def cut_angle(
     angles = angles_of(measurement, angle_of_position, hall_counts)
     if angles is None:
         raise ConfigError(
-            f"{measurement.source}: --cut-angle: no angle; allowed: with gate_angle_deg, a position "
+            f"{measurement.source}: `cut_angle`: no angle; allowed: with gate_angle_deg, a position "
             "or a Hall count"
         )
     inside = (angles >= low_deg) & (angles <= high_deg)
@@ -98,7 +98,7 @@ def cut_angle(
     stretches = edges.reshape(-1, 2)
     if len(stretches) == 0:
         raise ConfigError(
-            f"{measurement.source}: --cut-angle {low_deg:g}:{high_deg:g}: the gate is never there; "
+            f"{measurement.source}: `cut_angle` {low_deg:g}:{high_deg:g}: the gate is never there; "
             f"allowed: within {np.nanmin(angles):.4g} to {np.nanmax(angles):.4g} deg"
         )
     times = measurement.times

@@ -1,4 +1,4 @@
-"""`--map`: which column of a foreign file is which of ours, in what unit."""
+"""`map`: which column of a foreign file is which of ours, in what unit."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ ColumnMap = dict[str, Theirs]
 
 
 def parse_maps(given: Sequence[str]) -> ColumnMap:
-    """The map that all `--map` values make. Raises ConfigError with all faults."""
+    """The map that all `map` values make. Raises ConfigError with all faults."""
     result: ColumnMap = {}
     lines: list[str] = []
     for value in given:
         is_file = value.endswith(".toml") and (Path(value).is_file() or "=" not in value)
-        issues = ConfigIssues(value if is_file else f"--map {value}")
+        issues = ConfigIssues(value if is_file else f"`map` {value}")
         try:
             found = _from_file(Path(value), issues) if is_file else _from_text(value, issues)
         except ConfigError as error:

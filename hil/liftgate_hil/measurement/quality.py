@@ -133,7 +133,7 @@ def report_outliers(
     for name, rows in found.items():
         values = columns[name]
         first = int(rows[0])
-        said = "dropped" if drop else "kept, --drop-outliers would drop them"
+        said = "dropped" if drop else "kept, `drop_outliers` would drop them"
         result = noted(
             result,
             f"{name}: {len(rows)} outliers, the first {values[first]:.6g} at "

@@ -63,8 +63,8 @@ def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data
     raster = None if rate is None else _raster(data, rate)
     if not is_even(rows if raster is None else raster):
         raise ConfigError(
-            f"{data.name}: --decimate {factor}: the rows are not evenly spaced; "
-            "allowed: with --resample HZ"
+            f"{data.name}: `decimate` {factor}: the rows are not evenly spaced; "
+            "allowed: with `resample` HZ"
         )
     there = {name: np.isfinite(values) for name, values in data.outputs.items()}
     decimation = Decimation(
@@ -98,7 +98,7 @@ def _raster(data: Data, rate: float) -> Floats:
     count = math.floor((last - first) * rate * (1.0 + 1e-12) + 1e-6) + 1
     if count > _MOST:
         raise ConfigError(
-            f"{data.name}: --resample {rate:g}: {count} rows; allowed: up to {_MOST:g}"
+            f"{data.name}: `resample` {rate:g}: {count} rows; allowed: up to {_MOST:g}"
         )
     # The last one may be later by rounding.
     raster: Floats = np.minimum(first + np.arange(count, dtype=np.float64) / rate, last)

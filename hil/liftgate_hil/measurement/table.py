@@ -92,17 +92,17 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
     if "time_s" in mapping and not by_rows:
         issues.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
     if "time_s" not in (*names, *mapping) and by_rows:
-        issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or --map time_s=...")
+        issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
     for what, columns in _KINDS:
         if not any(column in (*names, *mapping) for column in columns):
             issues.append(
-                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by --map"
+                f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`"
             )
     told = {*names, *mapping}
     if told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
         issues.append(
             f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
-            "others by --map"
+            "others by `map`"
         )
     issues += _clashes(path, names)
     return _Reading(path, file, names, recorded, issues)
@@ -117,7 +117,7 @@ def _other_units(file: Columns, names: dict[str, str], path: Path) -> list[str]:
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
-            issues.append(f"{path}: {name}: not our unit; allowed: --map '{ours}={name}[{unit}]'")
+            issues.append(f"{path}: {name}: not our unit; allowed: `map` '{ours}={name}[{unit}]'")
             names[ours] = name
     return issues
 
@@ -145,7 +145,7 @@ def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap)
     if factors is None:
         name = reading.names[ours]
         called = ours if name == ours else f"{ours} ({name})"
-        hint = f"; or --map '{ours}={name}[unit]'" if theirs is None else ""
+        hint = f"; or `map` '{ours}={name}[unit]'" if theirs is None else ""
         reading.issues.append(
             f"{reading.path}: {called}: unit {unit!r}; allowed: {allowed_units(ours)}{hint}"
         )
@@ -170,7 +170,7 @@ def _check_range(reading: _Reading, ours: str, series: Series) -> None:
         rather = next((unit for ending, unit in _RATHER.items() if ours.endswith(ending)), None)
         factor = (conversion(ours, rather or "") or (1.0, 0.0))[0]
         if rather and low <= factor * np.nanmin(values) and factor * np.nanmax(values) <= high:
-            hint = f"; is it {rather}? --map '{ours}={theirs}[{rather}]'"
+            hint = f"; is it {rather}? `map` '{ours}={theirs}[{rather}]'"
         reading.issues.append(
             f"{reading.path}: {called}: {float(values[bad[0]]):.9g} in {word} {bad[0] + 1}{more}; "
             f"allowed: {low:g} to {high:g}{hint}"

@@ -17,20 +17,20 @@ from liftgate_hil.recording.table import CsvRecorder
 
 
 def check_record(name: str) -> Path:
-    """The path of a `--record` value. Raises ConfigError."""
+    """The path of a `record` value. Raises ConfigError."""
     path = Path(name)
     allowed = (".csv", ".log", *CONVERTED)
     if path.suffix not in allowed:
         raise ConfigError(
-            f"--record {name}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
+            f"`record` {name}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
         )
     if path.is_dir():
-        raise ConfigError(f"--record {name}: is a folder; allowed: a file")
+        raise ConfigError(f"`record` {name}: is a folder; allowed: a file")
     if not path.parent.is_dir():
-        raise ConfigError(f"--record {name}: no folder {path.parent}; allowed: one that exists")
+        raise ConfigError(f"`record` {name}: no folder {path.parent}; allowed: one that exists")
     if path.suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
         raise ConfigError(
-            f"--record {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+            f"`record` {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
         )
     return path
 
@@ -73,7 +73,7 @@ class GuardedRecorder:
 
     def _fail(self, error: Exception) -> None:
         text = error.strerror if isinstance(error, OSError) else None
-        self.failure = f"--record {self._path}: recording ended: {text or error}"
+        self.failure = f"`record` {self._path}: recording ended: {text or error}"
 
 
 def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> GuardedRecorder:
@@ -88,4 +88,4 @@ def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> Guarde
             recorder = ConvertedRecorder(path, channel, epoch)
         return GuardedRecorder(path, recorder)
     except OSError as error:
-        raise ConfigError(f"--record {path}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"`record` {path}: cannot be written: {error.strerror}") from error

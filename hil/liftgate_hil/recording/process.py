@@ -67,7 +67,7 @@ class RecorderProcess:
         if answer != _READY:
             self._process.wait()
             raise ConfigError(
-                answer or f"--record {self._names}: the recording process could not be started"
+                answer or f"`record` {self._names}: the recording process could not be started"
             )
         self._is_ready = True
 
@@ -84,7 +84,7 @@ class RecorderProcess:
             return  # there is nothing to complete, and the reason has been told
         if not lines or not lines[-1].startswith("{"):
             raise RecordingError(
-                f"--record {self._names}: the recording process was ended from outside"
+                f"`record` {self._names}: the recording process was ended from outside"
             )
         answer = json.loads(lines[-1])
         self.lost_rows = int(answer["lost"])

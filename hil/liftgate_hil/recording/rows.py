@@ -18,14 +18,14 @@ Blocks = Iterable[NDArray[np.float64]]
 
 
 def check_output(name: str) -> None:
-    """Raise ConfigError where `--output` names what cannot be written."""
+    """Raise ConfigError where `output` names what cannot be written."""
     path = Path(name)
     if name != "-" and path.suffix not in (".csv", ".mf4"):
         raise ConfigError(
-            f"--output {name}: format {path.suffix or 'none'!r}; allowed: .csv, .mf4, - (CSV to stdout)"
+            f"`output` {name}: format {path.suffix or 'none'!r}; allowed: .csv, .mf4, - (CSV to stdout)"
         )
     if not path.parent.is_dir():
-        raise ConfigError(f"--output {name}: no folder {path.parent}; allowed: one that exists")
+        raise ConfigError(f"`output` {name}: no folder {path.parent}; allowed: one that exists")
 
 
 def write_rows(name: str, blocks: Blocks, names: Sequence[str]) -> None:
@@ -40,7 +40,7 @@ def write_rows(name: str, blocks: Blocks, names: Sequence[str]) -> None:
         with Path(name).open("wb") as stream:
             _write_csv(stream, blocks, names)
     except OSError as error:
-        raise ConfigError(f"--output {name}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"`output` {name}: cannot be written: {error.strerror}") from error
 
 
 def _write_csv(stream: BinaryIO, blocks: Blocks, names: Sequence[str]) -> None:
@@ -55,7 +55,7 @@ def _write_mf4(name: str, blocks: Blocks, names: Sequence[str]) -> None:
         from asammdf import MDF, Signal
     except ImportError as error:
         raise ConfigError(
-            f"--output {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+            f"`output` {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
         ) from error
     rows = np.concatenate(list(blocks))
     times = np.ascontiguousarray(rows[:, COLUMN_PLACE["time_s"]])

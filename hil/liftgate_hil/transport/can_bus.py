@@ -36,14 +36,14 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
     interface, colon, channel = text.partition(":")
     if not colon or not interface or not channel:
         raise ConfigError(
-            f"--bus {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
+            f"`bus` {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
             "virtual:bench, udp_multicast:239.74.163.2, pcan:PCAN_USBBUS1@500000"
         )
     from liftgate_hil.python_can import can
 
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise ConfigError(f"--bus {text}: no interface {interface!r}; allowed: {known}")
+        raise ConfigError(f"`bus` {text}: no interface {interface!r}; allowed: {known}")
     arguments: dict[str, Any] = {"interface": interface, "channel": channel}
     if interface == "slcan":  # its own channels end in the serial port's speed
         arguments["bitrate"] = int(default_bitrate)
@@ -51,9 +51,9 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
     name, at, rate = channel.rpartition("@")
     if at:
         if not name:
-            raise ConfigError(f"--bus {text}: no channel before the @; allowed: one")
+            raise ConfigError(f"`bus` {text}: no channel before the @; allowed: one")
         if not rate.isdigit() or int(rate) == 0:
-            raise ConfigError(f"--bus {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
+            raise ConfigError(f"`bus` {text}: bit rate {rate!r}; allowed: a whole number of bit/s")
         arguments |= {"channel": name, "bitrate": int(rate)}
     elif interface not in _NO_BITRATE:
         arguments["bitrate"] = int(default_bitrate)

@@ -1,4 +1,4 @@
-"""Which wire is meant: `--bus`, `--serial`, python-can's own flags, or its own configuration."""
+"""Which wire is meant: `bus`, `serial`, python-can's own flags, or its own configuration."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from liftgate_hil.transport.can_bus import CanTransport, parse_bus
 from liftgate_hil.transport.serial_open import parse_serial
 
 _MISSING = (
-    "--bus: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
-    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or --serial PORT"
+    "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
+    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT"
 )
 
 
@@ -49,7 +49,7 @@ def find_way(choice: WireChoice, rig: Rig) -> Way:
     if choice.serial is None:
         return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
     if choice._replace(serial=None) != WireChoice():
-        raise ConfigError("--serial and --bus/-i/-c/-b/--fd: allowed: one or the other")
+        raise ConfigError("`serial` and `bus`/-i/-c/-b/`fd`: allowed: one or the other")
     check_serial(rig)
     return Way(None, parse_serial(choice.serial), rig.is_fd)
 
@@ -98,7 +98,7 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
     )  # fmt: skip
     if bus is not None:
         if interface is not None or channel is not None:
-            raise ConfigError("--bus and -i/-c: allowed: one or the other")
+            raise ConfigError("`bus` and -i/-c: allowed: one or the other")
         return parse_bus(bus, bitrate or rig.bitrate)
     from liftgate_hil.python_can import can
 

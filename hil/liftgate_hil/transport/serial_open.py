@@ -38,10 +38,10 @@ def parse_serial(text: str) -> tuple[str, int]:
     if found:
         port, rate = found.groups()
     if not port:
-        raise ConfigError(f"--serial {text}: no port; {ALLOWED}")
+        raise ConfigError(f"`serial` {text}: no port; {ALLOWED}")
     if len(rate) > 10 or not 0 < int(rate) <= _MAX_BAUDRATE:
         raise ConfigError(
-            f"--serial {text}: rate {rate}; allowed: 1 to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
+            f"`serial` {text}: rate {rate}; allowed: 1 to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
         )
     scheme, separator, _ = port.partition("://")
     if separator and scheme.lower() in ("socket", "rfc2217"):
@@ -52,7 +52,7 @@ def parse_serial(text: str) -> tuple[str, int]:
             whole = False
         if not whole:
             raise ConfigError(
-                f"--serial {text}: no HOST:PORT; allowed: {scheme}://HOST:PORT with a port of 1 to 65535"
+                f"`serial` {text}: no HOST:PORT; allowed: {scheme}://HOST:PORT with a port of 1 to 65535"
             )
     return port, int(rate)
 

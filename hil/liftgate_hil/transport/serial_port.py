@@ -48,8 +48,8 @@ class SerialTransport:
         except Exception as error:  # pyserial and its drivers raise what they like
             detail = " ".join(str(error).split()) or type(error).__name__
             if isinstance(error, ValueError) and "not known" in detail:
-                raise ConfigError(f"--serial {url}: {detail}; {ALLOWED}") from error
-            raise TransportError(f"--serial {url}: cannot be opened: {detail}") from error
+                raise ConfigError(f"`serial` {url}: {detail}; {ALLOWED}") from error
+            raise TransportError(f"`serial` {url}: cannot be opened: {detail}") from error
         self._decoder = Decoder()
         self._read_last = self._port
         self._arrived: deque[tuple[int, bytes]] = deque()

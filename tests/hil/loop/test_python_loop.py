@@ -42,11 +42,12 @@ from liftgate_hil import session
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.ecu.controller import Controller
-from liftgate_hil.ecu.node import EcuNode
+from liftgate_hil.ecu.adapter import ReferenceEcu
+from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.python_loop import (
+    Lockstep,
     Loop,
     join,
     run_clocked,
@@ -281,7 +282,7 @@ def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tup
     """Run until all batches are used up."""
     transport, notes = Memory(batches), Notes()
     loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
-    run_lockstep(loop, COMMAND, 10, ticks, lambda: not transport.batches)
+    run_lockstep(loop, Lockstep(COMMAND, 10), ticks, lambda: not transport.batches)
     return loop, notes
 
 
@@ -293,7 +294,7 @@ def test_each_command_advances_one_command_period(rig: Rig):
 
 
 def test_several_commands_in_one_read_each_get_their_own_period(rig: Rig):
-    loop, notes = lockstep(rig, [[command(rig, n) for n in range(5)], []])
+    loop, notes = lockstep(rig, [[command(rig, 0)], [command(rig, n) for n in range(1, 5)], []])
     assert loop.state.tick == 50
     assert [rows for rows in notes.received if rows] == [[command(rig, n)] for n in range(5)]
     assert loop.state.timeouts == 0
@@ -302,6 +303,7 @@ def test_several_commands_in_one_read_each_get_their_own_period(rig: Rig):
 def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
     panel = panel_frame(rig, HandForce=10.0)
     batches: list[Rows] = [
+        [command(rig, 9)],
         [panel],
         [(0x55, b"a")],
         [],
@@ -312,8 +314,9 @@ def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
         [],
     ]
     loop, notes = lockstep(rig, batches)
-    assert loop.state.tick == 30
+    assert loop.state.tick == 40
     assert [rows for rows in notes.received if rows] == [
+        [command(rig, 9)],
         [panel, (0x55, b"a"), (0x56, b"b"), command(rig, 0)],
         [(0x57, b"c"), command(rig, 1)],
         [(0x58, b"d"), (COMMAND | REMOTE, b""), command(rig, 2)],
@@ -329,7 +332,7 @@ def test_without_a_command_the_time_stands(rig: Rig):
 @pytest.mark.parametrize("ticks", [10, 20, 25])
 def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):
     commands = [command(rig, n) for n in range(6)]
-    batches = [commands] if at_once else [[each] for each in commands]
+    batches = [commands[:1], commands[1:]] if at_once else [[each] for each in commands]
     loop, _ = lockstep(rig, [*batches, []], ticks)
     assert loop.state.tick == ticks
 
@@ -337,7 +340,7 @@ def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):
 def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
     rows = [row for n in range(30) for row in (command(rig, n), panel_frame(rig, HandForce=n))]
     one, _ = lockstep(rig, [[row] for row in rows] + [[]])
-    all_, _ = lockstep(rig, [rows, []])
+    all_, _ = lockstep(rig, [rows[:1], rows[1:], []])
     assert one.state.plant == all_.state.plant
     assert one.state.tick == all_.state.tick == 300
 
@@ -351,7 +354,8 @@ def test_lockstep_goes_on_can_fd_commands_too():
     )  # fmt: skip
     transport = Memory([[(rig.command_identifier() | FD, payload)]] * 4 + [[]])
     loop = loop_of(transport, loop_config(rig=rig))
-    run_lockstep(loop, rig.command_identifier(), 10, None, lambda: not transport.batches)
+    lockstep_of = Lockstep(rig.command_identifier(), 10)
+    run_lockstep(loop, lockstep_of, None, lambda: not transport.batches)
     assert loop.state.tick == 40
     assert loop.state.counts == NO_COUNTS._replace(accepted=4)
     assert loop.state.plant.left.speed > 0.0
@@ -368,18 +372,19 @@ def test_splitting_and_joining_loses_no_frame(rig: Rig):
 # The reference ECU on an in-process bus.
 
 
-def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, EcuNode, list[Path]]:
+def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu, list[Path]]:
     """The emulator and the ECU; recordings in CSV and candump's text."""
     folder.mkdir()
     channel = str(uuid.uuid4())
     ours = CanTransport({"interface": "virtual", "channel": channel})
     theirs = CanTransport({"interface": "virtual", "channel": channel})
-    node = EcuNode(rig, theirs, Controller(2), 2, [Request(0.3, "open"), Request(2.0, "close")])
+    ecu = ReferenceEcu(rig, 2)
+    peer = Peer(ecu, theirs, [Request(0.3, "open"), Request(2.0, "close")])
     paths = [folder / "plant.csv", folder / "bus.log"]
     recorders = [CsvRecorder(paths[0], 2), CandumpRecorder(paths[1], "bench", 0.0)]
     noise = ["sensors.current_noise=0.05"]
     loop = loop_of(
-        ours, loop_config(rig=rig, settings=noise, seed=5), recorders=recorders, peers=[node]
+        ours, loop_config(rig=rig, settings=noise, seed=5), recorders=recorders, peers=[peer]
     )
     try:
         loop.begin()
@@ -388,7 +393,7 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, EcuNode, list
     finally:
         for each in (*recorders, ours, theirs):
             each.close()
-    return loop, node, paths
+    return loop, ecu, paths
 
 
 def test_two_free_runs_leave_the_same_recordings_to_the_last_bit(rig: Rig, tmp_path: Path):
@@ -397,17 +402,17 @@ def test_two_free_runs_leave_the_same_recordings_to_the_last_bit(rig: Rig, tmp_p
     for one, two in zip(first[2], second[2], strict=True):
         assert one.read_bytes() == two.read_bytes()
         assert one.stat().st_size > 100_000
-    assert first[1].controller.events == second[1].controller.events
+    assert first[1].events() == second[1].events()
 
 
 def test_the_reference_ecu_opens_the_gate_without_a_refused_frame(rig: Rig, tmp_path: Path):
-    loop, node, _ = closed_loop(rig, tmp_path / "run", 2000)
+    loop, ecu, _ = closed_loop(rig, tmp_path / "run", 2000)
     assert loop.state.plant.gate_angle > math.radians(10.0)
     assert loop.state.counts == NO_COUNTS._replace(accepted=loop.state.counts.accepted)
     # One command at the start and one every 10 ms; the last came after the last tick.
     assert loop.state.counts.accepted == 200
     assert loop.state.timeouts == 0
-    assert node.controller.events[0].text == "opening"
+    assert ecu.events()[0].text == "opening"
 
 
 # Fuzz.

@@ -1,0 +1,66 @@
+"""A database and a rig made from the catalogue: each quantity in a message of its own, as a double."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from hil_support import decoded, rig_of
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+
+FIRST_INPUT, FIRST_OUTPUT = 0x100, 0x300
+HEAD = 'VERSION ""\nBS_:\nBU_: A\n'
+CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+
+
+def _identifiers() -> dict[str, int]:
+    """Message: identifier."""
+    return {
+        **{f"In_{name}": FIRST_INPUT + place for place, name in enumerate(BUS_INPUTS)},
+        **{f"Out_{name}": FIRST_OUTPUT + place for place, name in enumerate(BUS_OUTPUTS)},
+    }
+
+
+def _wires() -> Iterator[str]:
+    yield 'dbc = "their.dbc"'
+    for section, prefix, names in (("inputs", "In", BUS_INPUTS), ("outputs", "Out", BUS_OUTPUTS)):
+        yield f"[{section}]"
+        yield from (f'{name} = "{prefix}_{name}.Value"' for name in names)
+
+
+def catalogue_rig(folder: Path) -> Rig:
+    """Every quantity that can be wired is."""
+    messages = _identifiers()
+    database = HEAD
+    for name, identifier in messages.items():
+        database += f'BO_ {identifier} {name}: 8 A\n SG_ Value : 0|64@1- (1,0) [0|0] "" A\n'
+    database += CYCLES
+    database += "".join(
+        f"SIG_VALTYPE_ {identifier} Value : 2;\n" for identifier in messages.values()
+    )
+    return rig_of(folder, database, "\n".join(_wires()))
+
+
+def input_frames(values: Mapping[str, float]) -> list[tuple[int, bytes]]:
+    """Frames, in any order but the catalogue's, that say these values of BUS_INPUTS."""
+    identifiers = _identifiers()
+    return [
+        (identifiers[f"In_{name}"], struct.pack("<d", value))
+        for name, value in reversed(values.items())
+    ]
+
+
+def outputs_in(rig: Rig, frames: Frames) -> dict[str, float]:
+    """What cantools makes of frames: each quantity of BUS_OUTPUTS that they carry, which must be there once."""
+    found = {}
+    for name in BUS_OUTPUTS:
+        rows = decoded(rig, frames, f"Out_{name}")
+        assert len(rows) <= 1, name
+        if rows:
+            found[name] = float(rows[0]["Value"])
+    assert len(found) == frames.count
+    return found

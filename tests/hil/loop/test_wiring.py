@@ -1,0 +1,357 @@
+"""Every quantity goes where its name says: from the bus into the plant, from the plant's rows onto the bus and
+into recordings. Each value is given a number of its own, and names are compared, never places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from catalogue_bus import catalogue_rig, input_frames, outputs_in
+from hil_support import NO_TIMELINE, frames_of, loop_config, outside, start_of
+
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.receive import NO_COUNTS
+from liftgate_hil.codec.transmit import first_transmission, transmit
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop import tick as tick_module
+from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.loop.realtime_loop import note_row
+from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.loop.tick import STOPPED, bus_values, tick
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, COLUMN_PLACE, ROW_WIDTH, Status, Timing
+from liftgate_hil.stimuli.mailbox import HELD, nothing_held
+from liftgate_hil.stimuli.outside import outside_at
+from liftgate_hil.stimuli.timeline import Profile, timeline_of
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_plant import integrate, sensors
+from liftgate_plant.bridge import CLOSE, OPEN, drive_input
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import Inputs
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Sensed, Surroundings, Truth, bus_name, signals_of
+from tests.plant.distinct import distinct
+
+Tick = Callable[..., Any]
+
+
+class Rows(NamedTuple):
+    """All that the loop tells."""
+
+    sensed: Sensed
+    truth: Truth
+    status: Status
+    timing: Timing
+
+    def by_name(self) -> dict[str, float]:
+        """As a rig calls them."""
+        values = {
+            bus_name(name, signal): getattr(self.sensed, name)
+            for name, signal in signals_of(Sensed).items()
+        }
+        for name, signal in signals_of(Truth).items():
+            ours = bus_name(name, signal)
+            values[f"true_{ours}" if ours in values else ours] = getattr(self.truth, name)
+        return {**values, **self.status._asdict(), **self.timing._asdict()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """A rig to which every quantity is wired."""
+    return catalogue_rig(tmp_path_factory.mktemp("rig"))
+
+
+# From the rows onto the bus.
+
+
+@pytest.mark.parametrize("which", ["plain", "compiled"])
+def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> None:
+    rows = distinct(Rows)
+    values_of, send = bus_values, transmit
+    if which == "compiled":
+        values_of, send = compiled(bus_values), compiled(transmit)
+    around = outside()._replace(timing=rows.timing)
+    values = values_of(rows.sensed, rows.truth, rows.status, around)
+    bus = whole.output_config()
+    _, frames = send(bus, values, first_transmission(bus), 0, True)
+    found = outputs_in(whole, frames)
+    assert found == rows.by_name()
+    assert len(set(found.values())) == len(BUS_OUTPUTS)
+
+
+def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
+    whole: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = distinct(Rows)
+    status = Status(
+        tick_overruns=107.0,
+        command_timeouts=111.0,
+        rejected_frames=113.0,
+        emulator_state=float(STOPPED),
+    )
+    monkeypatch.setattr(sensors, "sense", lambda *given: (given[5], rows.sensed))
+    monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
+    config = loop_config(rig=whole)
+    state = start_of(config)._replace(timeouts=111, counts=NO_COUNTS._replace(wrong_length=113))
+    around = outside(missed=107, stop=True)._replace(timing=rows.timing)
+    _, replies, truth, sensed = tick(config, state, empty_frames(0), around)
+    assert (truth, sensed) == (rows.truth, rows.sensed)
+    assert outputs_in(whole, replies) == rows._replace(status=status).by_name()
+
+
+def test_timing_that_is_not_known_is_not_sent(whole: Rig, fast_tick: Tick) -> None:
+    config = loop_config(rig=whole)
+    _, replies, truth, sensed = fast_tick(
+        config, start_of(config), empty_frames(0), outside(stop=True)
+    )
+    found = outputs_in(whole, replies)
+    assert found.keys() == BUS_OUTPUTS.keys() - {*Timing._fields}
+    status = Status(0.0, 0.0, 0.0, float(STOPPED))
+    told = Rows(sensed, truth, status, Timing(*(0.0 for _ in Timing._fields))).by_name()
+    assert found == {name: told[name] for name in found}
+
+
+# From the bus into the plant. Duties in %, angles in degrees, the rod's rate in N/mm.
+SAID = {
+    "left_duty": 30.0,
+    "right_duty": 55.0,
+    "left_direction": float(OPEN),
+    "right_direction": float(CLOSE),
+    "latch_release": 1.0,
+    "obstacle_angle": 20.0,
+    "obstacle_rate": 7.0,
+    "supply_voltage": 11.0,
+    "road_slope": 3.0,
+    "ambient_temperature": -8.0,
+    "wind_pressure": 17.0,
+    "snow_mass": 5.0,
+    "hand_force": -40.0,
+    "external_torque": 13.0,
+}
+
+
+def test_every_input_reaches_what_its_name_says(
+    whole: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert SAID.keys() == BUS_INPUTS.keys()
+    given: list[Inputs] = []
+
+    def step(plant: Any, state: Any, inputs: Inputs, seconds: float) -> Any:
+        given.append(inputs)
+        return state
+
+    monkeypatch.setattr(integrate, "step", step)
+    config = loop_config(rig=whole)
+    start = start_of(config, math.radians(60.0), latched=False)
+    state, _, _, _ = tick(config, start, frames_of(input_frames(SAID)), outside())
+    assert state.counts == NO_COUNTS._replace(accepted=len(BUS_INPUTS))
+    (inputs,) = given
+    assert inputs.left == drive_input(OPEN, 0.30)
+    assert inputs.right == drive_input(CLOSE, 0.55)
+    assert inputs.load._asdict() == {
+        "supply_voltage": 11.0,
+        "road_slope": pytest.approx(math.radians(3.0)),
+        "ambient_temperature": -8.0,
+        "wind_pressure": 17.0,
+        "snow_mass": 5.0,
+        "hand_force": -40.0,
+        "external_torque": 13.0,
+        "latch_released": 1.0,
+        "obstacle": Obstacle(
+            angle=pytest.approx(math.radians(20.0)),
+            distance=config.obstacle_distance,
+            stiffness=7000.0,
+            damping=0.0,
+            gap=0.0,
+            direction=1.0,
+        ),
+    }
+
+
+DRIVEN = {"left_duty": 0.30, "right_duty": -0.55, "left_coast": 0.0, "right_coast": 0.0}
+COASTING = {"left_duty": 0.0, "right_duty": 0.0, "left_coast": 1.0, "right_coast": 1.0}
+SURROUNDINGS = {
+    column: SAID[bus_name(column, signal)] for column, signal in signals_of(Surroundings).items()
+}
+
+
+def shown(call: Tick, config: Any, said: dict[str, float], around: Any) -> dict[str, float]:
+    """The inputs that the truth of one tick shows."""
+    frames = frames_of(input_frames(said)) if said else empty_frames(0)
+    truth = call(config, start_of(config), frames, around)[2]
+    return {name: getattr(truth, name) for name in (*DRIVEN, *Surroundings._fields)}
+
+
+def test_the_truth_shows_every_input(whole: Rig, fast_tick: Tick) -> None:
+    found = shown(fast_tick, loop_config(rig=whole), SAID, outside())
+    assert found == pytest.approx({**DRIVEN, **SURROUNDINGS})
+
+
+@pytest.mark.parametrize("way", ["profile", "panel", "posted"])
+@pytest.mark.parametrize("column", Surroundings._fields)
+def test_what_is_said_of_one_quantity_moves_no_other(
+    whole: Rig, fast_tick: Tick, column: str, way: str
+) -> None:
+    config = loop_config(rig=whole)
+    before = shown(fast_tick, config, {}, outside())
+    assert before.items() >= COASTING.items()
+    value, said, held, timeline = SURROUNDINGS[column], {}, nothing_held(), NO_TIMELINE
+    if way == "profile":
+        timeline = timeline_of({column: Profile([(0.0, value)])})
+    elif way == "panel":
+        name = bus_name(column, signals_of(Surroundings)[column])
+        said = {name: value}
+    else:
+        held[getattr(HELD, column)] = value
+    around = outside_at(timeline, held, 0.0, 0, False, False)
+    assert before[column] != value
+    assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
+
+
+def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
+    whole: Rig, fast_tick: Tick
+) -> None:
+    config = loop_config(rig=whole)
+    ranges = signals_of(Surroundings)
+    levels = {
+        way: {name: 0.25 * k + 0.5 * SURROUNDINGS[name] for name in ranges}
+        for k, way in enumerate(("profile", "panel", "posted"))
+    }
+    timeline = timeline_of(
+        {name: Profile([(0.0, value)]) for name, value in levels["profile"].items()}
+    )
+    panel = {bus_name(name, ranges[name]): value for name, value in levels["panel"].items()}
+    held = nothing_held()
+    for name, value in levels["posted"].items():
+        held[getattr(HELD, name)] = value
+
+    def found(said: dict[str, float], posted: Any) -> dict[str, float]:
+        around = outside_at(timeline, posted, 0.0, 0, False, False)
+        return shown(fast_tick, config, said, around)
+
+    assert found({}, nothing_held()) == pytest.approx({**COASTING, **levels["profile"]})
+    assert found(panel, nothing_held()) == pytest.approx({**COASTING, **levels["panel"]})
+    assert found(panel, held) == pytest.approx({**COASTING, **levels["posted"]})
+
+
+# From the rows into rings and recordings.
+
+
+def check_row(row: Any, truth: Truth, sensed: Sensed) -> None:
+    assert row.shape == (ROW_WIDTH,)
+    for name, value in truth._asdict().items():
+        assert row[COLUMN_PLACE[name]] == value, name
+    for name, value in sensed._asdict().items():
+        assert row[COLUMN_PLACE[f"sensed_{name}"]] == value, name
+
+
+@pytest.mark.parametrize("which", ["plain", "compiled"])
+def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> None:
+    rows = distinct(Rows)
+    memory = Memory(4, 4)
+    call = note_row if which == "plain" else compiled(note_row)
+    call(memory.shared, rows.truth, rows.sensed)
+    (row,) = RingReader(memory.shared.rows, memory.shared.control, "rows").take()
+    memory.close()
+    check_row(row, rows.truth, rows.sensed)
+
+
+class Silence:
+    """A transport on which nothing comes."""
+
+    name = "silence"
+    is_up = True
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        return empty_frames(0)
+
+    def send(self, frames: Frames) -> None:
+        pass
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        pass
+
+
+class Notes:
+    """A recorder that keeps rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+
+    def write_rows(self, rows: Any) -> None:
+        self.rows += list(rows)
+
+    def write_frames(self, frames: Frames, times: Any) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(rig: Rig) -> None:
+    rows, watched, notes = distinct(Rows), [], Notes()
+    config = loop_config(rig=rig)
+    loop = Loop(
+        config, start_of(config), NO_TIMELINE, Silence(), recorders=[notes], watch=watched.append
+    )
+    loop._tick = lambda config, state, frames, around: (state, frames, rows.truth, rows.sensed)
+    loop.advance(empty_frames(0), 1)
+    assert len(watched) == len(notes.rows) == 1
+    for row in (*watched, *notes.rows):
+        check_row(row, rows.truth, rows.sensed)
+
+
+# The Hall sensors' levels.
+
+CODES = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
+
+
+@pytest.mark.parametrize("rate", [200.0, 1000.0])
+def test_hall_a_and_b_fit_the_count_opening_and_closing(
+    whole: Rig, fast_tick: Tick, rate: float
+) -> None:
+    """At 200 Hz several edges come a tick: the levels are those of the count all the same. At 1 kHz an ECU that
+    samples A and B once a tick counts what the decoder does.
+    """
+    config = loop_config(rate, whole)
+    state = start_of(config, math.radians(30.0), latched=False)
+    counts: dict[str, list[float]] = {"left": [], "right": []}
+    codes: dict[str, list[int]] = {"left": [], "right": []}
+    for number in range(round(2.0 * rate)):
+        direction = OPEN if number < rate else CLOSE
+        said = {
+            "left_duty": 90.0, "left_direction": direction,
+            "right_duty": 60.0, "right_direction": direction,
+        }  # fmt: skip
+        frames = frames_of(input_frames(said)) if number % 2 == 0 else empty_frames(0)
+        state, _, truth, sensed = fast_tick(config, state, frames, outside())
+        for side in ("left", "right"):
+            count = getattr(sensed, f"{side}_hall_count")
+            assert count == getattr(truth, f"{side}_hall_count")
+            a, b = (int(getattr(sensed, f"{side}_hall_{which}")) for which in "ab")
+            codes[side].append(CODES[a, b])
+            counts[side].append(count)
+            assert CODES[a, b] == count % 4, (side, number)
+    for side in ("left", "right"):
+        steps = np.diff(counts[side])
+        assert steps.max() > 0 > steps.min()
+        assert bool(np.abs(steps).max() > 1) is (rate == 200.0)
+        if rate == 1000.0:
+            ways = (np.diff(codes[side]) + 1) % 4 - 1
+            assert np.array_equal(ways, steps)
+
+
+def test_the_catalogues_rig_is_a_rig(tmp_path: Path) -> None:
+    rig = catalogue_rig(tmp_path)
+    assert {wire.quantity for wire in rig.inputs} == BUS_INPUTS.keys()
+    assert {wire.quantity for wire in rig.outputs} == BUS_OUTPUTS.keys()

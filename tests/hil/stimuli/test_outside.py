@@ -1,0 +1,130 @@
+"""What acts from outside: each profile, each letter, each figure arrives under its own name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import NO_TIMELINE
+
+from liftgate_hil.signals import Timing
+from liftgate_hil.stimuli.mailbox import BOX, HELD, LETTERS, nothing_held, post, take_letters
+from liftgate_hil.stimuli.outside import Outside, outside_at
+from liftgate_hil.stimuli.timeline import (
+    Profile,
+    TimedObstacle,
+    obstacle_at,
+    profiles_at,
+    timeline_of,
+)
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import NO_OBSTACLE
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.signals import Surroundings
+from tests.plant.distinct import distinct
+
+BOTH = pytest.mark.parametrize("which", ["plain", "compiled"])
+
+
+def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
+    return function if which == "plain" else compiled(function)
+
+
+def new_box() -> Any:
+    return np.zeros(1, dtype=BOX).view(np.recarray)
+
+
+def by_name(around: Outside) -> dict[str, float]:
+    """What was posted, by the names of the held values."""
+    obstacle = {
+        f"obstacle_{name}": value for name, value in around.posted_obstacle._asdict().items()
+    }
+    return {**around.posted._asdict(), **obstacle, **around.timing._asdict()}
+
+
+def same(first: dict[str, float], second: dict[str, float]) -> bool:
+    return first.keys() == second.keys() and all(
+        first[name] == second[name] or (math.isnan(first[name]) and math.isnan(second[name]))
+        for name in first
+    )
+
+
+@BOTH
+def test_every_profile_moves_the_quantity_of_its_name(which: str) -> None:
+    said = distinct(Surroundings)._asdict()
+    # In another order than the catalogue's.
+    timeline = timeline_of(
+        {name: Profile([(0.0, said[name]), (1.0, said[name])]) for name in reversed(said)}
+    )
+    assert called(profiles_at, which)(timeline, 0.5)._asdict() == said
+    around = called(outside_at, which)(timeline, nothing_held(), 0.5, 0, False, False)
+    assert around.profiles._asdict() == said
+
+
+@BOTH
+def test_a_timeline_without_profiles_says_nothing(which: str) -> None:
+    around = called(outside_at, which)(NO_TIMELINE, nothing_held(), 1.0, 0, False, False)
+    assert all(math.isnan(value) for value in around.profiles)
+    assert all(math.isnan(value) for value in by_name(around).values())
+    assert around.obstacle == NO_OBSTACLE
+
+
+@BOTH
+def test_every_field_of_a_timelines_obstacle_is_its_own(which: str) -> None:
+    obstacle = distinct(Obstacle)
+    timeline = timeline_of({}, [TimedObstacle(obstacle, 1.0, 2.0)])
+    assert called(obstacle_at, which)(timeline, 1.5) == obstacle
+    around = called(outside_at, which)(timeline, nothing_held(), 1.5, 0, False, False)
+    assert around.obstacle == obstacle
+
+
+@BOTH
+def test_every_letter_is_held_under_the_name_it_was_posted_to(which: str) -> None:
+    numbers = count(1.5)
+    box, held = new_box(), nothing_held()
+    expected = dict.fromkeys(HELD._fields, math.nan)
+    for name in reversed(HELD._fields):
+        expected[name] = next(numbers)
+        assert post(box[0], name, [expected[name]])
+        called(take_letters, which)(box, held)
+        around = called(outside_at, which)(NO_TIMELINE, held, 0.0, 0, False, False)
+        assert same(by_name(around), expected), name
+    assert box[0].posted == box[0].taken == len(HELD._fields)
+
+
+def test_a_letter_of_several_values_fills_the_names_that_follow() -> None:
+    box, held = new_box(), nothing_held()
+    obstacle, timing = distinct(Obstacle), distinct(Timing)
+    assert post(box[0], "obstacle_angle", obstacle)
+    assert post(box[0], "lateness_p50", timing)
+    take_letters(box, held)
+    around = outside_at(NO_TIMELINE, held, 0.0, 0, False, False)
+    assert around.posted_obstacle == obstacle
+    assert around.timing == timing
+    assert all(math.isnan(value) for value in around.posted)
+
+
+def test_flags_and_missed_ticks_are_told_apart() -> None:
+    for silent in (False, True):
+        for stop in (False, True):
+            around = compiled(outside_at)(NO_TIMELINE, nothing_held(), 0.0, 17, silent, stop)
+            assert (around.ticks_missed, around.is_silent, around.is_stop) == (17, silent, stop)
+
+
+@BOTH
+def test_letters_are_taken_in_their_order_and_a_full_box_says_so(which: str) -> None:
+    box, held = new_box(), nothing_held()
+    take = called(take_letters, which)
+    for turn in range(3):
+        for number in range(LETTERS):
+            assert post(box[0], "hand_force_n", [1000.0 * turn + number])
+        assert not post(box[0], "hand_force_n", [-1.0])
+        take(box, held)
+        assert held[HELD.hand_force_n] == 1000.0 * turn + LETTERS - 1
+        assert np.isnan(np.delete(held, HELD.hand_force_n)).all()
+    take(box, held)
+    assert box[0].taken == 3 * LETTERS

@@ -1,0 +1,33 @@
+"""Records that compiled code and plain Python read alike."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+from types import ModuleType
+
+import numpy as np
+
+import liftgate_hil
+import liftgate_plant
+
+
+def modules() -> Iterator[ModuleType]:
+    for package in (liftgate_hil, liftgate_plant):
+        for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if not found.name.endswith("__main__"):
+                yield importlib.import_module(found.name)
+
+
+def test_no_field_has_the_name_of_something_that_numpys_records_have_by_themselves() -> None:
+    """`row.sum` would be the field in compiled code, and the method in plain Python."""
+    taken = {*dir(np.record), *dir(np.recarray)}
+    fields = {
+        f"{module.__name__}.{name}": set(value.names or ())
+        for module in modules()
+        for name, value in vars(module).items()
+        if isinstance(value, np.dtype)
+    }
+    assert "liftgate_hil.ecu.memory.GUARD" in fields
+    assert {name: names & taken for name, names in fields.items() if names & taken} == {}

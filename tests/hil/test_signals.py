@@ -1,0 +1,161 @@
+"""The catalogue: every quantity once, under one name, whose end tells its unit."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from liftgate_hil import signals
+from liftgate_hil.signals import (
+    BUS_INPUTS,
+    BUS_OUTPUTS,
+    COLUMN_PLACE,
+    COLUMNS,
+    IN,
+    INPUT_SIGNALS,
+    OUT,
+    OUTPUT_COUNT,
+    PANEL,
+    PROFILES,
+    ROW_WIDTH,
+    SENSED_PREFIX,
+    Command,
+    Rod,
+    Status,
+    Timing,
+    columns_of,
+)
+from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.rows import AT, INPUT_COLUMNS
+from liftgate_plant.signals import (
+    SUFFIXES,
+    Drives,
+    Sensed,
+    Surroundings,
+    Truth,
+    bus_name,
+    signals_of,
+)
+
+ROWS = (Drives, Surroundings, Truth, Sensed)
+
+
+def test_no_name_stands_twice() -> None:
+    """A dict made of several tables would hide it."""
+    panel = [bus_name(name, signal) for name, signal in signals_of(Surroundings).items()]
+    inputs = [*Command._fields, *Rod._fields, *panel]
+    assert list(BUS_INPUTS) == inputs
+    assert list(PANEL) == [*Rod._fields, *panel]
+    assert len(set(inputs)) == len(inputs)
+    outputs = len(Sensed._fields) + len(Truth._fields) + len(Status._fields) + len(Timing._fields)
+    assert len(BUS_OUTPUTS) == outputs == OUTPUT_COUNT
+    assert list(COLUMNS) == [*Truth._fields, *(f"{SENSED_PREFIX}{name}" for name in Sensed._fields)]
+    assert ROW_WIDTH == len(COLUMNS) == len(Truth._fields) + len(Sensed._fields)
+    assert list(PROFILES) == list(Surroundings._fields)
+    offline = [*Drives._fields, *Surroundings._fields, "latch_released"]
+    assert list(INPUT_SIGNALS) == list(INPUT_COLUMNS) == offline
+    assert len(set(offline)) == len(offline)
+    held = [
+        *Surroundings._fields,
+        *(f"obstacle_{name}" for name in Obstacle._fields),
+        *Timing._fields,
+    ]
+    assert list(HELD._fields) == held
+    for row in (*ROWS, Command, Rod, Status, Timing):
+        assert max(Counter(row._fields).values()) == 1
+
+
+@pytest.mark.parametrize(
+    ("places", "names"),
+    [
+        (IN, BUS_INPUTS),
+        (OUT, BUS_OUTPUTS),
+        (AT, INPUT_COLUMNS),
+        (HELD, HELD._fields),
+    ],
+    ids=["inputs", "outputs", "offline", "held"],
+)
+def test_a_place_is_where_its_name_stands(places: object, names: list[str]) -> None:
+    for place, name in enumerate(names):
+        assert getattr(places, name) == place
+    assert [COLUMN_PLACE[name] for name in COLUMNS] == list(range(ROW_WIDTH))
+
+
+# Ends in what an ampere's column ends in, and is the level of a Hall sensor.
+_NO_UNITS = {
+    f"{prefix}{side}_hall_a" for prefix in ("", SENSED_PREFIX) for side in ("left", "right")
+}
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_a_columns_end_tells_its_signals_unit(row: type) -> None:
+    check_ends(signals_of(row))
+
+
+@pytest.mark.parametrize("table", ["COLUMNS", "PROFILES", "INPUT_SIGNALS"])
+def test_the_columns_of_files_end_in_their_units(table: str) -> None:
+    check_ends(getattr(signals, table))
+
+
+def check_ends(table: dict) -> None:
+    units = {suffix: unit for unit, suffix in SUFFIXES.items() if suffix}
+    for name, signal in table.items():
+        told = units.get("_" + name.rpartition("_")[2], "")
+        assert told == ("A" if name in _NO_UNITS else signal.unit), name
+
+
+def test_no_two_units_have_one_suffix() -> None:
+    assert len(set(SUFFIXES.values())) == len(SUFFIXES)
+
+
+def test_left_and_right_are_alike() -> None:
+    for table in (*map(signals_of, ROWS), BUS_INPUTS, BUS_OUTPUTS, COLUMNS, INPUT_SIGNALS):
+        for name, signal in table.items():
+            if "left_" in name:
+                other = table[name.replace("left_", "right_")]
+                assert other == signal._replace(bus_name=signal.bus_name.replace("left_", "right_"))
+        assert sum("left_" in name for name in table) == sum("right_" in name for name in table)
+
+
+def test_what_is_sensed_and_what_is_so_have_one_unit_and_range() -> None:
+    sensed, truth = signals_of(Sensed), signals_of(Truth)
+    both = sensed.keys() & truth.keys()
+    assert {"left_current_a", "gate_angle_deg", "latched", "terminal_voltage_v"} <= both
+    for name in both:
+        assert sensed[name]._replace(bus_name="") == truth[name]._replace(bus_name=""), name
+
+
+def test_ranges_are_ranges_and_enumerations_name_all_their_values() -> None:
+    for table in (*map(signals_of, ROWS), BUS_INPUTS, BUS_OUTPUTS):
+        for name, signal in table.items():
+            assert signal.low < signal.high, name
+            assert signal.meaning, name
+            if signal.values:
+                assert (signal.low, signal.high) == (0.0, len(signal.values) - 1.0), name
+
+
+def test_a_rig_calls_quantities_as_rig_files_do() -> None:
+    """Names that stand in users' rigs."""
+    assert BUS_OUTPUTS.keys() >= {
+        "left_current", "left_hall_count", "left_hall_speed", "left_hall_a", "left_hall_b",
+        "gate_angle", "latch_state", "terminal_voltage", "ambient_temperature",
+        "left_motor_temperature", "road_slope", "gate_acceleration", "pinch_force",
+        "tick_overruns", "command_timeouts", "rejected_frames", "emulator_state",
+        "lateness_p50", "lateness_p99", "lateness_p999", "lateness_max", "execution_p50",
+        "execution_max", "command_delay_p50", "command_delay_max", "command_delay_force",
+        "true_left_current", "true_gate_angle", "true_latch_state", "left_speed",
+    }  # fmt: skip
+    assert BUS_INPUTS.keys() >= {
+        "left_duty", "left_direction", "latch_release", "obstacle_angle", "obstacle_rate",
+        "road_slope", "supply_voltage", "hand_force",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("offline", [False, True])
+def test_a_gate_with_one_drive_has_the_columns_of_the_left_one_alone(offline: bool) -> None:
+    both, one = columns_of(2, offline), columns_of(1, offline)
+    assert one == [name for name in both if "right" not in name]
+    assert set(both) <= set(COLUMNS)
+    assert sum("left" in name for name in both) == len(both) - len(one)

@@ -1,0 +1,21 @@
+"""Values that can be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import count
+from typing import Any, get_type_hints
+
+
+def distinct(kind: type[Any], numbers: Iterator[float] | None = None) -> Any:
+    """A NamedTuple, and all that it holds, of numbers of which no two are alike: 1.5, 2.5, …"""
+    numbers = count(1.5) if numbers is None else numbers
+    hints = get_type_hints(kind)
+    return kind(
+        **{
+            name: distinct(hints[name], numbers)
+            if hasattr(hints[name], "_fields")
+            else next(numbers)
+            for name in kind._fields
+        }
+    )

@@ -1,0 +1,236 @@
+"""Rows of the catalogue take each value of the plant from where it is, and give it in the units of files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.dynamics import Inputs, Load, Outputs, State
+from liftgate_plant.gate import GRAVITY
+from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
+from liftgate_plant.sensors import HallState, Sensors, SensorState, initial_sensors, sense
+from liftgate_plant.signals import Sensed, Surroundings, Truth
+from liftgate_plant.vehicle import plant_of
+from tests.plant.distinct import distinct
+from tests.plant.runs import suv
+
+DEGREES = 180.0 / math.pi
+BOTH = pytest.mark.parametrize("which", ["plain", "compiled"])
+
+
+def called(function: Callable[..., Any], which: str) -> Callable[..., Any]:
+    return function if which == "plain" else compiled(function)
+
+
+@BOTH
+def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
+    numbers = count(1.5)
+    state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
+    shown, load = distinct(Outputs, numbers), inputs.load
+    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown)
+    expected = {
+        "time_s": 0.25,
+        "gate_angle_deg": state.gate_angle * DEGREES,
+        "gate_rate_degps": state.gate_rate * DEGREES,
+        "latched": state.latched,
+        "pinch_force_n": shown.pinch_force,
+        "terminal_voltage_v": shown.terminal_voltage,
+        "left_force_n": shown.left_force,
+        "right_force_n": shown.right_force,
+        "left_voltage_v": shown.left_voltage,
+        "right_voltage_v": shown.right_voltage,
+        "supply_voltage_v": load.supply_voltage,
+        "road_slope_deg": load.road_slope * DEGREES,
+        "ambient_temperature_degc": load.ambient_temperature,
+        "wind_pressure_pa": load.wind_pressure,
+        "snow_mass_kg": load.snow_mass,
+        "hand_force_n": load.hand_force,
+        "external_torque_nm": load.external_torque,
+    }
+    for side in ("left", "right"):
+        drive, given = getattr(state, side), getattr(inputs, side)
+        expected |= {
+            f"{side}_current_a": drive.current,
+            f"{side}_speed_rps": drive.speed,
+            f"{side}_position_rev": drive.position,
+            f"{side}_hall_count": math.floor(4.0 * drive.position + 0.5),
+            f"{side}_winding_temperature_degc": drive.winding_temperature,
+            f"{side}_housing_temperature_degc": drive.housing_temperature,
+            f"{side}_duty": given.duty,
+            f"{side}_coast": given.coast,
+        }
+    assert expected.keys() == {*Truth._fields}
+    assert truth._asdict() == pytest.approx(expected, rel=1e-15)
+    assert len({*truth}) == len(Truth._fields)
+
+
+IDEAL = Sensors(acceleration_distance=0.7)
+
+
+@BOTH
+def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> None:
+    """Without errors of the sensors; the Hall decoders have missed what the count shows that they began with."""
+    numbers = count(1.5)
+    plant = plant_of(suv())
+    state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
+    shown, load = distinct(Outputs, numbers), inputs.load
+    began = {"left": 3, "right": 6}  # steps behind: two phases that are told apart
+    memory = initial_sensors(IDEAL, state)
+    halls = {}
+    for side in ("left", "right"):
+        hall: HallState = getattr(memory, f"{side}_hall")
+        behind = hall.count - began[side]
+        halls[f"{side}_hall"] = hall._replace(count=hall.count + 1000, sampled=behind + 1000)
+    memory = memory._replace(**halls)
+    after, sensed = called(sense, which)(IDEAL, plant, state, inputs, shown, memory, 0, 5, 0.001)
+    weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
+    expected = {
+        "gate_angle_deg": state.gate_angle * DEGREES,
+        "latched": state.latched,
+        "terminal_voltage_v": shown.terminal_voltage,
+        "ambient_temperature_degc": load.ambient_temperature,
+        "road_slope_deg": load.road_slope * DEGREES,
+        "gate_acceleration_mps2": 0.7 * shown.gate_acceleration + weight,
+    }
+    for side in ("left", "right"):
+        drive = getattr(state, side)
+        at = math.floor(4.0 * drive.position + 0.5)
+        expected |= {
+            f"{side}_current_a": drive.current,
+            f"{side}_winding_temperature_degc": drive.winding_temperature,
+            f"{side}_hall_count": at + 1000,
+            f"{side}_hall_speed": began[side],
+            f"{side}_hall_a": float(at % 4 in (1, 2)),
+            f"{side}_hall_b": float(at % 4 in (2, 3)),
+        }
+    assert expected.keys() == {*Sensed._fields}
+    assert sensed._asdict() == pytest.approx(expected, rel=1e-14)
+    for side in ("left", "right"):
+        assert getattr(after, f"{side}_hall").count == expected[f"{side}_hall_count"]
+        assert getattr(after, f"{side}_current") == expected[f"{side}_current_a"]
+
+
+@pytest.mark.parametrize("steps", [(1, 0), (2, 1), (3, 2), (0, 3)])
+def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> None:
+    numbers = count(1.5)
+    state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))
+    left, right = (step / 4.0 for step in steps)
+    state = state._replace(
+        left=state.left._replace(position=left), right=state.right._replace(position=right)
+    )
+    memory: SensorState = initial_sensors(IDEAL, state)
+    _, sensed = sense(IDEAL, plant_of(suv()), state, inputs, shown, memory, 0, 1, 0.001)
+    levels = {0: (0.0, 0.0), 1: (1.0, 0.0), 2: (1.0, 1.0), 3: (0.0, 1.0)}
+    assert (sensed.left_hall_a, sensed.left_hall_b) == levels[steps[0]]
+    assert (sensed.right_hall_a, sensed.right_hall_b) == levels[steps[1]]
+
+
+def noisy(name: str) -> set[str]:
+    """What changes with one of the sensors' errors."""
+    numbers = count(1.5)
+    plant = plant_of(suv())
+    state, inputs, shown = (distinct(kind, numbers) for kind in (State, Inputs, Outputs))
+
+    def read(sensors: Sensors) -> Sensed:
+        memory = initial_sensors(sensors, state)
+        return sense(sensors, plant, state, inputs, shown, memory, 3, 5, 0.001)[1]
+
+    before, after = read(Sensors()), read(Sensors()._replace(**{name: 0.01}))
+    return {
+        column for column in Sensed._fields if getattr(before, column) != getattr(after, column)
+    }
+
+
+CURRENTS = {"left_current_a", "right_current_a"}
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [
+        ("current_noise", CURRENTS),
+        ("current_offset", CURRENTS),
+        ("angle_noise", {"gate_angle_deg"}),
+        ("angle_offset", {"gate_angle_deg"}),
+        ("slope_noise", {"road_slope_deg"}),
+        ("slope_offset", {"road_slope_deg"}),
+        ("acceleration_noise", {"gate_acceleration_mps2"}),
+        ("voltage_noise", {"terminal_voltage_v"}),
+        (
+            "temperature_offset",
+            {
+                "ambient_temperature_degc",
+                "left_winding_temperature_degc",
+                "right_winding_temperature_degc",
+            },
+        ),
+    ],
+)
+def test_an_error_of_a_sensor_is_in_its_own_column(name: str, columns: set[str]) -> None:
+    assert noisy(name) == columns
+
+
+# Inputs.
+
+
+def load_by_name(load: Load) -> dict[str, float]:
+    """The surroundings as columns."""
+    return {
+        "supply_voltage_v": load.supply_voltage,
+        "road_slope_deg": math.degrees(load.road_slope),
+        "ambient_temperature_degc": load.ambient_temperature,
+        "wind_pressure_pa": load.wind_pressure,
+        "snow_mass_kg": load.snow_mass,
+        "hand_force_n": load.hand_force,
+        "external_torque_nm": load.external_torque,
+    }
+
+
+@BOTH
+def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
+    numbers = count(1.5)
+    base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
+    call = called(overlaid, which)
+    load = call(base, said)
+    assert load_by_name(load) == pytest.approx(said._asdict())
+    assert (load.latch_released, load.obstacle) == (base.latch_released, base.obstacle)
+    silent = Surroundings(*([math.nan] * len(Surroundings._fields)))
+    assert call(base, silent) == base
+    for name in Surroundings._fields:
+        alone = call(base, silent._replace(**{name: getattr(said, name)}))
+        assert load_by_name(alone) == pytest.approx(
+            {**load_by_name(base), name: getattr(said, name)}
+        )
+
+
+@BOTH
+def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> None:
+    numbers = count(1.5)
+    base = distinct(Load, numbers)
+    row = np.array([next(numbers) for _ in INPUT_COLUMNS])
+    said = dict(zip(INPUT_COLUMNS, row.tolist(), strict=True))
+    call = called(inputs_of, which)
+    inputs = call(row, base)
+    assert inputs.left == DriveInput(
+        duty=said["left_duty"], voltage=said["left_voltage_v"], coast=said["left_coast"]
+    )
+    assert inputs.right == DriveInput(
+        duty=said["right_duty"], voltage=said["right_voltage_v"], coast=said["right_coast"]
+    )
+    assert load_by_name(inputs.load) == pytest.approx(
+        {name: said[name] for name in Surroundings._fields}
+    )
+    assert inputs.load.latch_released == said["latch_released"]
+    assert inputs.load.obstacle == base.obstacle
+    nothing = np.full(len(INPUT_COLUMNS), math.nan)
+    silent = DriveInput(duty=0.0, voltage=0.0, coast=0.0)
+    assert call(nothing, base) == Inputs(silent, silent, base)
+    for name in INPUT_COLUMNS:
+        nothing[getattr(AT, name)] = said[name]
+    assert call(nothing, base) == inputs
