@@ -11,4 +11,6 @@ import pytest
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-pytest.register_assert_rewrite("tests.hil.identify.many_seeds", "tests.hil.identify.pauses")
+pytest.register_assert_rewrite(
+    "kills", "tests.hil.identify.many_seeds", "tests.hil.identify.pauses", "tests.system.kills"
+)
