@@ -22,4 +22,4 @@ def rig() -> Rig:
 @pytest.fixture(scope="session")
 def fast_tick() -> Callable[..., Any]:
     """The compiled tick."""
-    return compiled(tick)
+    return hil_support.pure(compiled(tick))

@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
+from numpy.typing import NDArray
 
 from liftgate_hil import session
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.receive import Counts, Reception, forget_stale, receive
 from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.transmit import Transmission, first_transmission, transmit
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop
+from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, initial_loop, tick
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.timeline import Timeline, no_timeline
@@ -216,3 +219,52 @@ def bus_config_of(
     )
     issues.raise_if_any()
     return bus
+
+
+# The codec and the tick as functions of their arguments: what they remember in arrays is copied first.
+
+
+def taken(
+    bus: BusConfig,
+    reception: Reception,
+    counts: Counts,
+    frames: Frames,
+    now_ns: int,
+    call: Callable[..., Counts] = receive,
+) -> tuple[Reception, Counts]:
+    """What has been received after these frames."""
+    after = copied(reception)
+    return after, call(bus, after, counts, frames, now_ns)
+
+
+def forgotten(bus: BusConfig, reception: Reception, now_ns: int) -> tuple[Reception, int]:
+    """What is left of it at a time, and how many messages went stale."""
+    after = copied(reception)
+    return after, forget_stale(bus, after, now_ns)
+
+
+def transmitted(
+    bus: BusConfig,
+    values: Sequence[float] | NDArray[np.float64],
+    before: Transmission | None = None,
+    now_ns: int = 0,
+    everything: bool = True,
+    call: Callable[..., Frames] = transmit,
+) -> tuple[Transmission, Frames]:
+    """What was sent of these values, and the frames."""
+    after = copied(before) if before else first_transmission(bus, len(values))
+    after.values[:] = values
+    return after, copied(call(bus, after, now_ns, everything))
+
+
+def pure(call: Callable[..., Any]) -> Callable[..., Any]:
+    """A tick that leaves its state as it was, and whose frames stay."""
+
+    def ticked(config: LoopConfig, state: LoopState, frames: Frames, given: Outside) -> Any:
+        after, replies, truth, sensed = call(config, copied(state), frames, given)
+        return after, copied(replies), truth, sensed
+
+    return ticked
+
+
+plain_tick = pure(tick)

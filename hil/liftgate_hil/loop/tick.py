@@ -11,9 +11,8 @@ state of one's own. Real time, the Python loop, lockstep and the episode all cal
 
 from __future__ import annotations
 
-import copy
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +89,16 @@ def initial_loop(config: LoopConfig, plant_state: State) -> LoopState:
     )
 
 
-def copied(state: LoopState) -> LoopState:
+Tree = TypeVar("Tree")
+
+
+def copied(state: Tree) -> Tree:
     """The same state with arrays of its own."""
-    return copy.deepcopy(state)
+    if isinstance(state, np.ndarray):
+        return state.copy()
+    if isinstance(state, tuple):
+        return type(state)(*map(copied, state))  # type: ignore[return-value]  # a NamedTuple
+    return state
 
 
 @compilable

@@ -9,19 +9,29 @@ from typing import Any
 import e2e.p01
 import e2e.p02
 import e2e.p05
-import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
-from hil_support import CALM, FREE, frames_of, loop_config, outside, rig_of, start_of
+from hil_support import (
+    CALM,
+    FREE,
+    forgotten,
+    frames_of,
+    loop_config,
+    outside,
+    rig_of,
+    start_of,
+    taken,
+    transmitted,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.e2e.check_state import INIT, INVALID, NODATA, STATE, VALID
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
-from liftgate_hil.codec.receive import NO_COUNTS, Counts, forget_stale, nothing_received, receive
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import first_transmission, transmit
+from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.tick import tick
@@ -126,10 +136,10 @@ def test_what_is_sent_is_what_the_package_makes(
     bus = bus_config_of(profile, sending=True, length=length, **more)
     their = theirs(profile, mode, length)
     modulus = {"e2e-p01": 15, "e2e-p02": 16, "e2e-p05": 256}[profile]
-    sent = first_transmission(bus)
+    sent = None
     for number in range(2 * modulus + 3):
         value = (number * 977) % 65536
-        sent, frames = codec[1](bus, np.array([float(value)]), sent, 0, True)
+        sent, frames = transmitted(bus, [float(value)], sent, call=codec[1])
         assert frames.data[0, :length].tobytes() == their(number % modulus, value)
 
 
@@ -142,7 +152,7 @@ def test_what_the_package_makes_is_taken(codec: tuple[Any, Any], profile: str, m
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number in range(40):
         frame = frames_of([(0x123, their(number % modulus, 100 + number))])
-        reception, counts = codec[0](bus, reception, counts, frame, number * CYCLE)
+        reception, counts = taken(bus, reception, counts, frame, number * CYCLE, codec[0])
     # The first shows that there is data, the second is the first of the window.
     assert counts == NO_COUNTS._replace(accepted=39, unqualified=1)
     assert reception.values[0] == 139.0
@@ -157,7 +167,7 @@ def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: i
     payload = bytearray(theirs(profile, mode)(counter, 0x1234))
     payload[bit // 8] ^= 1 << bit % 8
     reception = nothing_received(bus, 1)
-    _, counts = receive(bus, reception, NO_COUNTS, frames_of([(0x123, bytes(payload))]), 0)
+    _, counts = taken(bus, reception, NO_COUNTS, frames_of([(0x123, bytes(payload))]), 0)
     assert counts == NO_COUNTS._replace(checksum=1)
 
 
@@ -165,7 +175,7 @@ def test_another_data_id_is_seen():
     bus = bus_config_of("e2e-p05")
     bus.messages.data_ids[0][:] = 0x1A2C
     frame = frames_of([(0x123, theirs("e2e-p05")(0, 1))])
-    _, counts = receive(bus, nothing_received(bus, 1), NO_COUNTS, frame, 0)
+    _, counts = taken(bus, nothing_received(bus, 1), NO_COUNTS, frame, 0)
     assert counts.checksum == 1
 
 
@@ -181,14 +191,14 @@ def run(bus: BusConfig, steps: list[Step], profile: str = "e2e-p01") -> tuple[li
     causes, states = [], []
     for number, step in enumerate(steps):
         now = number * CYCLE
-        reception, _ = forget_stale(bus, reception, now)
+        reception, _ = forgotten(bus, reception, now)
         before = counts
         if step is not None:
             payload = bytearray(their(0 if isinstance(step, str) else step, number))
             if isinstance(step, str):
                 payload[7] ^= 1
             frame = frames_of([(0x123, bytes(payload))])
-            reception, counts = receive(bus, reception, counts, frame, now)
+            reception, counts = taken(bus, reception, counts, frame, now)
         causes.append(cause_of(before, counts))
         states.append(int(reception.memory[0, STATE]))
     return causes, states
@@ -249,7 +259,7 @@ def test_lost_frames_are_counted():
     reception, counts = nothing_received(bus, 1), NO_COUNTS
     for number, counter in enumerate((13, 14, 2, 3)):
         frame = frames_of([(0x123, theirs("e2e-p01")(counter, 0))])
-        reception, counts = receive(bus, reception, counts, frame, number * CYCLE)
+        reception, counts = taken(bus, reception, counts, frame, number * CYCLE)
     assert counts == NO_COUNTS._replace(accepted=3, unqualified=1, lost=2)
 
 
@@ -321,7 +331,7 @@ def test_the_state_machine_is_the_specifications(
         if isinstance(step, str):
             payload[7] ^= 1
         frame = frames_of([(0x123, bytes(payload))])
-        reception, counts = receive(bus, reception, counts, frame, 0)
+        reception, counts = taken(bus, reception, counts, frame, 0)
         states.append(int(reception.memory[0, STATE]))
     assert states == reference_states(real, window, min_ok, max_error)
 

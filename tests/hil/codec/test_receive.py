@@ -15,9 +15,11 @@ from hil_support import (
     both,
     command_frame,
     command_payload,
+    forgotten,
     frames_of,
     panel_frame,
     rig_of,
+    taken,
     with_checksum,
 )
 
@@ -26,9 +28,7 @@ from liftgate_hil.codec.receive import (
     NO_COUNTS,
     Counts,
     Reception,
-    forget_stale,
     nothing_received,
-    receive,
     rejected,
 )
 from liftgate_hil.codec.tables import BusConfig
@@ -55,7 +55,7 @@ def take(
     counts: Counts = NO_COUNTS,
     now: int = 0,
 ) -> tuple[Reception, Counts]:
-    return receive(bus, reception, counts, frames_of(rows), now)
+    return taken(bus, reception, counts, frames_of(rows), now)
 
 
 def value(reception: Reception, name: str) -> float:
@@ -189,13 +189,13 @@ def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(
     assert value(reception, "hand_force") == pytest.approx(30.0)
 
 
-def test_arguments_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
+def test_frames_are_not_changed(rig: Rig, bus: BusConfig, fresh: Reception):
     before, counts = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     kept = copy.deepcopy(before)
     frames = frames_of([command_frame(rig, 2, **both(70.0, OPEN)), panel_frame(rig)])
     kept_data = frames.data.copy()
-    receive(bus, before, counts, frames, 10 * MS)
-    forget_stale(bus, before, 1000 * MS)
+    taken(bus, before, counts, frames, 10 * MS)
+    forgotten(bus, before, 1000 * MS)
     assert same(before, kept)
     assert np.array_equal(frames.data, kept_data)
 
@@ -258,7 +258,7 @@ def test_frames_lost_before_a_refused_one_are_lost(rig: Rig, bus: BusConfig, fre
 
 def test_after_a_time_out_any_counter_is_welcome(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, counts = take(bus, fresh, command_frame(rig, 7, **both(40.0, OPEN)))
-    reception, stale = forget_stale(bus, reception, 30 * MS)
+    reception, stale = forgotten(bus, reception, 30 * MS)
     assert stale == 1
     reception, counts = take(
         bus, reception, command_frame(rig, 7, **both(50.0, OPEN)), counts=counts, now=40 * MS
@@ -274,10 +274,10 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig
     reception, _ = take(
         bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)), panel_frame(rig), now=start
     )
-    young, stale = forget_stale(bus, reception, start + 30 * MS - 1)
+    young, stale = forgotten(bus, reception, start + 30 * MS - 1)
     assert stale == 0
     assert same(young, reception)
-    old, stale = forget_stale(bus, reception, start + 30 * MS)
+    old, stale = forgotten(bus, reception, start + 30 * MS)
     assert stale == 1
     for name in BUS_INPUTS:
         if name in (
@@ -290,12 +290,12 @@ def test_values_go_stale_at_the_time_out_and_not_before(rig: Rig, bus: BusConfig
             assert np.isnan(value(old, name)), name
         else:
             np.testing.assert_equal(value(old, name), value(reception, name), name)
-    assert forget_stale(bus, old, start + 60 * MS)[1] == 0
+    assert forgotten(bus, old, start + 60 * MS)[1] == 0
 
 
 def test_a_panels_value_never_goes_stale(rig: Rig, bus: BusConfig, fresh: Reception):
     reception, _ = take(bus, fresh, panel_frame(rig, HandForce=100.0))
-    reception, stale = forget_stale(bus, reception, 10**15)
+    reception, stale = forgotten(bus, reception, 10**15)
     assert stale == 0
     assert value(reception, "hand_force") == pytest.approx(100.0)
 
@@ -304,7 +304,7 @@ def test_refused_frames_do_not_keep_a_command_alive(rig: Rig, bus: BusConfig, fr
     reception, _ = take(bus, fresh, command_frame(rig, 1, **both(40.0, OPEN)))
     for now in (10 * MS, 20 * MS):
         reception, _ = take(bus, reception, command_frame(rig, 1, **both(40.0, OPEN)), now=now)
-    assert forget_stale(bus, reception, 30 * MS)[1] == 1
+    assert forgotten(bus, reception, 30 * MS)[1] == 1
 
 
 DATABASE = """VERSION ""
@@ -393,5 +393,5 @@ def test_a_foreign_rigs_counter_width_and_time_out_hold(tmp_path: Path):
         )
         reception, counts = take(bus, reception, (THEIRS, payload), counts=counts, now=now * MS)
     assert counts == NO_COUNTS._replace(accepted=3, lost=2)
-    assert forget_stale(bus, reception, 80 * MS - 1)[1] == 0
-    assert forget_stale(bus, reception, 80 * MS)[1] == 1
+    assert forgotten(bus, reception, 80 * MS - 1)[1] == 0
+    assert forgotten(bus, reception, 80 * MS)[1] == 1

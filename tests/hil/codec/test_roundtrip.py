@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
-from hil_support import CALM, FREE, bus_config_of, frames_of, j1850
+from hil_support import CALM, FREE, bus_config_of, frames_of, j1850, taken, transmitted
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from liftgate_hil.codec.bus_config import SignalMapping, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
-from liftgate_hil.codec.receive import NO_COUNTS, Counts, Reception, nothing_received, receive
+from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import encode, first_transmission, transmit
+from liftgate_hil.codec.transmit import encode, transmit
 from liftgate_plant import signals as catalogue
 from liftgate_plant.compiler import compiled
 
@@ -30,7 +30,7 @@ NAN = float("nan")
 class Codec(NamedTuple):
     """Both directions, as Python or as machine code."""
 
-    receive: Callable[..., tuple[Reception, Counts]]
+    receive: Callable[..., Counts]
     transmit: Callable[..., Any]
 
 
@@ -44,20 +44,15 @@ def codec(request: pytest.FixtureRequest) -> Codec:
 def take(codec: Codec, bus: BusConfig, identifier: int, payload: bytes) -> tuple[Any, Counts]:
     """The values of one frame."""
     quantities = 1 + int(max(bus.signals.quantity, default=0))
-    reception, counts = codec.receive(
-        bus,
-        nothing_received(bus, quantities),
-        NO_COUNTS,
-        frames_of([(identifier, payload)]),
-        0,
-    )
+    frames = frames_of([(identifier, payload)])
+    start = nothing_received(bus, quantities)
+    reception, counts = taken(bus, start, NO_COUNTS, frames, 0, codec.receive)
     return reception.values, counts
 
 
 def put(codec: Codec, bus: BusConfig, values: list[float]) -> bytes:
     """The payload of the only message."""
-    before = first_transmission(bus)
-    _, frames = codec.transmit(bus, np.array(values, dtype=np.float64), before, 0, True)
+    _, frames = transmitted(bus, values, call=codec.transmit)
     assert frames.count == 1
     return frames.data[0, : int(frames.lengths[0])].tobytes()
 
@@ -287,7 +282,7 @@ def test_a_quantity_that_is_not_there_is_sent_as_its_start_value(codec: Codec):
 def test_a_message_of_which_nothing_is_there_is_not_sent(codec: Codec):
     message = Message(1, "M", 8, [Signal("S0", 0, 16, "little_endian", raw_initial=1234)])
     bus = layout_for(message, sending=True)
-    after, frames = codec.transmit(bus, np.array([NAN]), first_transmission(bus), 0, True)
+    after, frames = transmitted(bus, [NAN], call=codec.transmit)
     assert (frames.count, after.sent.tolist()) == (0, [0])
 
 

@@ -12,18 +12,25 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from catalogue_bus import catalogue_rig, input_frames, outputs_in
-from hil_support import NO_TIMELINE, frames_of, loop_config, outside, start_of
+from hil_support import NO_TIMELINE, frames_of, loop_config, outside, start_of, transmitted
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
-from liftgate_hil.codec.transmit import first_transmission, transmit
+from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop import tick as tick_module
 from liftgate_hil.loop.python_loop import Loop
-from liftgate_hil.loop.realtime_loop import note_row
-from liftgate_hil.loop.rings import Memory, RingReader
-from liftgate_hil.loop.tick import STOPPED, bus_values, tick
-from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, COLUMN_PLACE, ROW_WIDTH, Status, Timing
+from liftgate_hil.loop.rings import Memory, RingReader, note_row
+from liftgate_hil.loop.tick import STOPPED, line_up, tick
+from liftgate_hil.signals import (
+    BUS_INPUTS,
+    BUS_OUTPUTS,
+    COLUMN_PLACE,
+    OUTPUT_COUNT,
+    ROW_WIDTH,
+    Status,
+    Timing,
+)
 from liftgate_hil.stimuli.mailbox import HELD, nothing_held
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Profile, timeline_of
@@ -71,13 +78,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> None:
     rows = distinct(Rows)
-    values_of, send = bus_values, transmit
+    fill, send = line_up, transmit
     if which == "compiled":
-        values_of, send = compiled(bus_values), compiled(transmit)
+        fill, send = compiled(line_up), compiled(transmit)
     around = outside()._replace(timing=rows.timing)
-    values = values_of(rows.sensed, rows.truth, rows.status, around)
+    values = np.full(OUTPUT_COUNT, np.nan)
+    fill(values, rows.sensed, rows.truth, rows.status, around)
     bus = whole.output_config()
-    _, frames = send(bus, values, first_transmission(bus), 0, True)
+    _, frames = transmitted(bus, values, call=send)
     found = outputs_in(whole, frames)
     assert found == rows.by_name()
     assert len(set(found.values())) == len(BUS_OUTPUTS)
