@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import os
 
+import pytest
+
 # Before numpy is loaded. Matrices are small here, so that threads of the BLAS only wait for each other:
 # identification takes 47 s of CPU with two of them, and 29 s with one.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+pytest.register_assert_rewrite(
+    "kills", "tests.hil.identify.many_seeds", "tests.hil.identify.pauses", "tests.system.kills"
+)

@@ -24,6 +24,8 @@ import pytest
 
 from liftgate_hil.config.shipped import data_root
 
+pytestmark = pytest.mark.realtime
+
 DBC = data_root() / "dbc" / "liftgate.dbc"
 PATIENCE = 90.0  # s until a process must have done what is waited for; nothing is judged by it
 _groups = itertools.count(os.getpid() % 200)

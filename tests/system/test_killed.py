@@ -2,140 +2,36 @@
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import os
 import random
-import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 import uuid
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
 
 import can
 import pytest
-from asammdf import MDF
+from kills import (
+    NAMES,
+    PATIENCE,
+    check_kills,
+    check_text,
+    emulator,
+    frames_in,
+    kill,
+    recorder_of,
+    rows_in,
+    until,
+)
 
 from liftgate_hil.cli.main import main
-
-PATIENCE = 120.0  # s until something must have happened; nothing is judged by it
-LOST_S = 1.0  # of a recording, at most
-LINE = re.compile(r"\(\d{10}\.\d{6}\) \S+ (?:[0-9A-F]{3}|[0-9A-F]{8})#(?:[0-9A-F]{2}){0,8}")
-NAMES = ("a.log", "a.mf4", "a.blf", "a.csv")
-ROUNDS = range(50)
-
-
-def until(happened: object, what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    assert callable(happened)
-    while not happened():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.01)
-
-
-@contextlib.contextmanager
-def emulator(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """One that has begun to record."""
-    records = [part for name in NAMES for part in ("--record", str(folder / name))]
-    command = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--quiet", *records]
-    with subprocess.Popen(
-        [*command, "--overrun-limit", "3600"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as child:  # fmt: skip
-        try:
-            log = folder / "a.log"
-            until(lambda: log.exists() and log.stat().st_size > 0, "nothing was recorded")
-            yield child
-        finally:
-            child.kill()
-            child.communicate(timeout=PATIENCE)
-
-
-def recorder_of(folder: Path) -> int:
-    """The process that records there."""
-    for entry in Path("/proc").iterdir():
-        with contextlib.suppress(OSError):
-            command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
-            if b"liftgate_hil.recording.process" in command and str(folder).encode() in command:
-                return int(entry.name)
-    return 0
-
-
-def frames_in(path: Path) -> list[tuple[int, bytes, float]]:
-    with can.LogReader(path) as reader:
-        return [(m.arbitration_id, bytes(m.data), m.timestamp) for m in reader]
-
-
-def rows_in(path: Path) -> list[list[float]]:
-    with path.open(newline="") as stream:
-        rows = list(csv.reader(stream))
-    assert {len(row) for row in rows} == {len(rows[0])}
-    return [[float(cell) for cell in row] for row in rows[1:]]
-
-
-class Death(NamedTuple):
-    """When a process was certainly still alive, and when it certainly no longer was."""
-
-    alive: float
-    gone: float
-
-
-def kill(child: subprocess.Popen[str]) -> Death:
-    alive = time.time()
-    child.kill()
-    child.wait(timeout=PATIENCE)
-    return Death(alive, time.time())
-
-
-def check_text(lines: list[str], rows: list[list[float]], death: Death) -> None:
-    assert all(LINE.fullmatch(line) for line in lines)
-    first, last = (float(line[1:18]) for line in (lines[0], lines[-1]))
-    assert death.alive - LOST_S <= last <= death.gone
-    times = [row[0] for row in rows]
-    assert times == sorted(set(times))
-    # Model time begins with the first frame, to a cycle of the bus.
-    assert times[-1] >= death.alive - first - LOST_S
-
-
-def killed_emulator(folder: Path, seed: int) -> Death:
-    """Kill one; when it was, once its orphan has completed the files."""
-    with emulator(folder) as child:
-        time.sleep(random.Random(seed).uniform(0.1, 1.5))
-        death = kill(child)
-        # The recorder holds the same pipe, so that it ends with the recorder.
-        _, complaints = child.communicate(timeout=PATIENCE)
-        assert complaints == ""
-    return death
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 def test_a_killed_emulators_recordings_are_whole_to_the_last_second(tmp_path: Path) -> None:
-    folders = [tmp_path / str(number) for number in ROUNDS]
-    for folder in folders:
-        folder.mkdir()
-    with ThreadPoolExecutor(4) as pool:
-        kills = list(pool.map(killed_emulator, folders, ROUNDS))
-    for folder, death in zip(folders, kills, strict=True):
-        assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
-        text = (folder / "a.log").read_text()
-        assert text.endswith("\n")
-        check_text(text.splitlines(), rows_in(folder / "a.csv"), death)
-        frames = frames_in(folder / "a.log")
-        assert len(frames) == len(text.splitlines()) > 10
-        for name in ("a.blf", "a.mf4"):
-            others = frames_in(folder / name)
-            assert [frame[:2] for frame in others] == [frame[:2] for frame in frames], name
-            assert death.alive - LOST_S <= others[-1][2] <= death.gone, name
-        with MDF(folder / "a.mf4") as measured:
-            assert measured.bus_logging_map["CAN"]
-            stamps = sum(len(measured.get_master(index)) for index in range(len(measured.groups)))
-            assert stamps == len(frames)
+    check_kills(tmp_path, 12)  # 50: tests/study
 
 
 @pytest.mark.parametrize("seed", range(3))

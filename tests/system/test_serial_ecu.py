@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from c_ecu import build_ecu, needs_compiler, serial_line
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE = 300.0  # s until a process must have ended; nothing is judged by it
 OBSTACLE = "[[obstacle]]\nangle_deg = 35\ndistance = 1.0\nstiffness = 10_000\n"
 

@@ -96,7 +96,7 @@ def test_both_sides_of_the_comparison_solve_the_same_equations(tmp_path: Path, r
 
 def test_coverage_scores_errors_by_their_standard_deviations():
     case = coverage.CASES[0]
-    found = coverage.scores(case, 2)
+    found = coverage.collected(case, [coverage.one(case, seed) for seed in range(2)])
     assert found.z.shape == (2, len(case.estimate))
     assert found.worst() < 4.0
     assert len(coverage.table([(case, found)])) == 2 + len(case.estimate) + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -83,9 +84,15 @@ class Scores:
 
 
 def scores(case: Case, seeds: int) -> Scores:
-    """Estimate from as many sets of data."""
-    with ProcessPoolExecutor() as pool:
-        results = list(pool.map(_one, [case] * seeds, range(seeds), chunksize=5))
+    """Estimate from as many sets of data, on all CPUs."""
+    # Not forked: a child of a process with threads may wait for ever for a lock that one of them held.
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+        results = list(pool.map(one, [case] * seeds, range(seeds), chunksize=5))
+    return collected(case, results)
+
+
+def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> Scores:
+    """What `one` found, over seeds."""
     return Scores(
         case.estimate,
         np.array([z for z, _ in results]),
@@ -93,7 +100,8 @@ def scores(case: Case, seeds: int) -> Scores:
     )
 
 
-def _one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
+def one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
+    """Errors in standard deviations, and which estimates were called identifiable."""
     shipped, vehicle = session.vehicle_from("suv"), true_vehicle(TRUTH)
     data = _sensed(seed) if case.sensors else _gaussian(case.model, seed)
     sought = []

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.cli.main import main
 from tools.identification.measurements import TRUTH
 
 # The seal's phase is cut and the data are thinned out, as in §4.6.1.
@@ -36,11 +35,10 @@ RUNS: dict[str, dict[str, tuple[float, float]]] = {
 def run(folder: Path, preset: str, *flags: str) -> dict[str, Any]:
     """The result of one run on opening.csv."""
     target = folder / f"{preset}.json"
-    command = [
-        sys.executable, "-m", "liftgate_hil", "identify", str(folder / "opening.csv"), "--preset", preset,
-        *flags, "--result", str(target), "--quiet",
-    ]  # fmt: skip
-    subprocess.run(command, check=True, timeout=600)
+    data = str(folder / "opening.csv")
+    code = main(["identify", data, "--preset", preset, *flags, "--result", str(target), "--quiet"])
+    if code:
+        raise RuntimeError(f"identify --preset {preset} ended with exit code {code}")
     content: dict[str, Any] = json.loads(target.read_text())
     return content
 

@@ -11,36 +11,21 @@ from liftgate_hil.identify.data import Data, part_of
 from liftgate_hil.identify.identification import identify, validate
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.measurement.raster import thinned
-from liftgate_hil.session import vehicle_from
+from tests.hil.identify import many_seeds
+from tests.hil.identify.many_seeds import (
+    QUANTUM,
+    THINNED,
+    THINNED_TRUTH,
+    opening,
+    thinned_problem,
+)
 from tests.hil.identify.simulated import measured, scores, sought, true_vehicle
-
-TRUTH = {"motor.resistance": 0.83, "motor.torque_constant": 0.0119, "spring.preload": 333.0}
-QUANTUM = 0.25  # rev, of the shipped SUV's Hall counts
-THINNED = [(None, 7), (None, 25), (211.0, 1), (500.0, 4)]
-
-
-def opening(seed: int | None, quantum: float = 0.0) -> Data:
-    """3 s at 2 kHz of a voltage that ramps up, and steps."""
-    times = np.arange(6001) / 2000.0
-    volts = 12.0 * np.clip(times / 0.3, 0.0, 1.0) - 3.0 * (np.floor(times / 0.37) % 2)
-    noise = {"left_current_a": 0.05, "left_position_rev": 0.0 if quantum else 0.05}
-    data = measured(true_vehicle(TRUTH), "full", noise, seed, 0.0, (times, volts))
-    if not quantum:
-        return data
-    counts = np.rint(data.outputs["left_position_rev"] / quantum) * quantum
-    return dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
-
-
-def problem(data: Data, vehicle: str = "suv", **more: float) -> Problem:
-    names = [] if vehicle == "true" else list(TRUTH)
-    known = true_vehicle(TRUTH) if vehicle == "true" else vehicle_from(vehicle)
-    return Problem(known, "full", sought(names), [data], list(data.outputs), 0.0, **more)
 
 
 @pytest.mark.parametrize(("rate", "factor"), THINNED)
 def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) -> None:
     few = thinned(opening(None), rate, factor, QUANTUM)
-    for experiment in validate(problem(few, "true")).experiments:
+    for experiment in validate(thinned_problem(few, "true")).experiments:
         for series in experiment.series:
             assert series.maximum < 1e-9 * np.ptp(series.measured) or "speed" in series.output
         assert len(experiment.voltage) == len(experiment.times) == len(few.times)
@@ -51,12 +36,7 @@ def test_the_true_vehicle_follows_every_sample(rate: float | None, factor: int) 
 def test_the_truth_lies_within_three_standard_deviations(
     rate: float | None, factor: int, quantum: float
 ) -> None:
-    z = []
-    for seed in range(4):
-        result = identify(problem(thinned(opening(seed, quantum), rate, factor, QUANTUM)))
-        assert all(each.identifiable for each in result.parameters)
-        assert all(each.std < 0.01 * each.value for each in result.parameters)
-        z += list(scores(result, TRUTH))
+    z = many_seeds.of_thinned_data(rate, factor, quantum, [0])  # more seeds: tests/study
     assert np.max(np.abs(z)) < 3.0
 
 
@@ -66,8 +46,8 @@ def test_a_counters_edges_may_lie_anywhere(phase: float) -> None:
     true = opening(2).outputs["left_position_rev"]
     counts = np.floor(true / QUANTUM + phase) * QUANTUM
     moved = dataclasses.replace(data, outputs={**data.outputs, "left_position_rev": counts})
-    result = identify(problem(moved))
-    assert np.max(np.abs(scores(result, TRUTH))) < 3.0
+    result = identify(thinned_problem(moved))
+    assert np.max(np.abs(scores(result, THINNED_TRUTH))) < 3.0
     (offset,) = result.initial_states
     assert abs(offset.value - (phase - 0.5) * QUANTUM) < 3.0 * offset.std < 0.5 * QUANTUM
 
@@ -76,8 +56,8 @@ def test_inputs_come_later_by_their_delay_whatever_is_left_of_the_outputs() -> N
     data = opening(None)
     late = dataclasses.replace(data, inputs=np.roll(data.inputs, -6, axis=0))  # 3 ms early
     few = thinned(late, 400.0, 2, QUANTUM)
-    before = problem(few, "true")
-    after = problem(few, "true", delay=0.003)
+    before = thinned_problem(few, "true")
+    after = thinned_problem(few, "true", delay=0.003)
     wrong, right = (
         np.nanstd(each.predicted(each.initial) - each.measured, axis=0) for each in (before, after)
     )
@@ -93,11 +73,11 @@ def test_samples_that_look_where_the_inputs_end_are_left_out(factor: int) -> Non
     both[:, :2] = volts[:, None]
     drive = (data.times, volts)
     whole = measured(
-        true_vehicle(TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive
+        true_vehicle(THINNED_TRUTH), "full", dict.fromkeys(data.outputs, 0.0), None, 0.0, drive
     )
     late = dataclasses.replace(whole, inputs=np.roll(both, 100, axis=0))
     few = thinned(late, None, factor, QUANTUM)
-    known = problem(few, "true", delay=-0.05)
+    known = thinned_problem(few, "true", delay=-0.05)
     inside = few.times[:, None] > 0.5  # before, what was rolled to the front
     off = np.where(inside, known.predicted(known.initial) - known.measured, 0.0)
     assert np.sum(np.isfinite(off)) > len(few.times)
@@ -124,5 +104,5 @@ def test_a_part_has_the_inputs_that_hold_in_it() -> None:
 def test_a_search_from_far_away_goes_over_pieces_of_thinned_data() -> None:
     few = thinned(opening(3), None, 20, QUANTUM)
     far = true_vehicle({"motor.resistance": 2.5, "motor.torque_constant": 0.02})
-    given = Problem(far, "full", sought(list(TRUTH), far), [few], list(few.outputs), 0.0)
-    assert np.max(np.abs(scores(identify(given), TRUTH))) < 3.0
+    given = Problem(far, "full", sought(list(THINNED_TRUTH), far), [few], list(few.outputs), 0.0)
+    assert np.max(np.abs(scores(identify(given), THINNED_TRUTH))) < 3.0

@@ -1,0 +1,72 @@
+"""Do the intervals of an identification cover the truth? Many seeds, and each way to measure each way to begin.
+
+The suite has a few of each (`tests/hil/identify`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.hil.identify import many_seeds, pauses
+from tests.hil.identify.many_seeds import QUANTUM, THINNED
+
+
+def rms(z: np.ndarray) -> float:
+    return math.sqrt(np.mean(z**2))
+
+
+@pytest.mark.parametrize("model", ["full", "third-order", "second-order"])
+def test_errors_are_as_large_as_the_standard_deviations_say(model: str) -> None:
+    z = many_seeds.of_white_noise(model, range(25))
+    # 125 values: their mean has a standard deviation of about 0.1, their spread of 0.07.
+    assert np.abs(z).max() < 3.5
+    assert abs(np.mean(z)) < 0.25
+    assert 0.85 < np.std(z) < 1.15
+    # Of one parameter 0.2 and 0.14.
+    assert np.abs(np.mean(z, axis=0)).max() < 0.6
+    assert np.std(z, axis=0).min() > 0.6
+    assert np.std(z, axis=0).max() < 1.4
+
+
+def test_hall_counts_are_compared_at_their_edges_because_their_rests_would_mislead() -> None:
+    edges, naive = many_seeds.of_hall_counts(range(15))
+    assert np.abs(edges).max() < 3.0
+    assert np.abs(np.mean(edges, axis=0)).max() < 0.8
+    assert 0.6 < np.std(edges) < 1.3
+    assert np.abs(naive[:, 2]).max() > 5.0  # measured 8.2; 48 without the rounding's share
+
+
+def test_correlated_residuals_widen_the_standard_deviations_to_the_errors() -> None:
+    robust, classic = many_seeds.of_coloured_noise(range(25))
+    assert 0.7 < np.std(robust) < 1.4
+    assert np.std(classic) > 2.0
+
+
+def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter() -> None:
+    std = 0.0015
+    found = many_seeds.of_scattered_stamps(std, range(16))
+    assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)
+    assert 0.65 < rms(found.known) < 0.95  # measured 0.79
+    assert np.abs(found.known).max() < 3.0
+    assert rms(found.blind) > 2.0  # measured 3.2
+
+
+@pytest.mark.parametrize("quantum", [0.0, QUANTUM])
+@pytest.mark.parametrize(("rate", "factor"), THINNED)
+def test_thinned_data_lead_to_the_truth(rate: float | None, factor: int, quantum: float) -> None:
+    z = many_seeds.of_thinned_data(rate, factor, quantum, range(4))
+    assert np.max(np.abs(z)) < 3.0
+
+
+@pytest.mark.parametrize("outputs", [*pauses.NOISE])
+@pytest.mark.parametrize("case", [*pauses.CASES])
+def test_a_measurement_that_begins_in_a_pause_tells_the_same(case: str, outputs: str) -> None:
+    pauses.check_that_the_truth_is_found(case, outputs)
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_a_search_ends_where_one_from_the_truth_does(seed: int) -> None:
+    pauses.check_where_a_search_ends(seed)
