@@ -16,24 +16,28 @@ import liftgate_hil as lh
 
 HERE = Path(__file__).parent
 DATABASE = HERE.parents[1] / "dbc" / "liftgate.dbc"
-TRAPPED = 2.6  # A, mean of both motors
+DUTY = {"open": 100.0, "close": 70.0, "brake": 0.0, "coast": 0.0}  # %
+TRAPPED = 2.5  # A, mean of both motors
+SEAL = 150  # Hall counts above closed: more current is no surprise there
 BLANKING = 1.0  # s after a start
 REVERSAL = 1.0  # s
 
 
 class Ecu:
-    """Opens and closes at full duty; turns back for a second where the current says that something is trapped."""
+    """Opens and closes, and turns back for a second where the current says that something is trapped."""
 
     period_s = 0.010  # how often it is called; without it: the command's cycle in the rig
 
     def __init__(self) -> None:
-        self._database = cantools.database.load_file(DATABASE)
-        self._command = self._database.get_message_by_name("DriveCommand")
-        self._names = {"LeftDrive": "left", "RightDrive": "right"}
-        self._currents = {"left": 0.0, "right": 0.0}
+        database = cantools.database.load_file(DATABASE)
+        self._command = database.get_message_by_name("DriveCommand")
+        self._drives = {
+            message.frame_id: message
+            for message in map(database.get_message_by_name, ("LeftDrive", "RightDrive"))
+        }
+        self._heard: dict[str, dict[str, float]] = {}  # message: values
         self._direction = "coast"
-        self._since = 0.0
-        self._now = 0.0
+        self._now = self._since = 0.0
         self._alive = 0
         self._is_reversing = False
 
@@ -45,30 +49,37 @@ class Ecu:
         """What it sends, after all frames since the last call."""
         self._now = now_s
         for frame in frames:
-            message = self._database.get_message_by_frame_id(frame.arbitration_id)
-            if message.name in self._names:
-                values = message.decode(frame.data, decode_choices=False)
-                self._currents[self._names[message.name]] = values["MotorCurrent"]
-        current = sum(self._currents.values()) / 2.0  # positive opens
-        moving = now_s - self._since
-        if self._direction == "close" and moving > BLANKING and -current > TRAPPED:
-            print(f"{now_s:6.2f} s  trapped at {-current:.2f} A: reversing")
+            if frame.arbitration_id in self._drives:  # all that is on the bus comes here
+                message = self._drives[frame.arbitration_id]
+                self._heard[message.name] = message.decode(frame.data, decode_choices=False)
+        is_moving = DUTY[self._direction] > 0.0 and now_s - self._since > BLANKING
+        if is_moving and len(self._heard) == len(self._drives):
+            self._look()
+        return [self._frame()]
+
+    def _look(self) -> None:
+        """Where a motion has to end."""
+        left, right = self._heard["LeftDrive"], self._heard["RightDrive"]
+        current = (left["MotorCurrent"] + right["MotorCurrent"]) / 2.0  # positive opens
+        is_free = self._direction == "close" and left["HallCount"] > SEAL
+        if is_free and -current > TRAPPED:
+            print(f"{self._now:6.2f} s  trapped at {-current:.2f} A: reversing")
             self._go("open")
             self._is_reversing = True
-        elif self._is_reversing and moving > REVERSAL:
+        elif self._is_reversing and self._now - self._since > REVERSAL:
             self._go("brake")
-        return [self._frame()]
+        elif left["HallSpeed"] == right["HallSpeed"] == 0:
+            self._go("coast")  # at an end stop
 
     def _go(self, direction: str) -> None:
         self._direction, self._since, self._is_reversing = direction, self._now, False
 
     def _frame(self) -> can.Message:
-        duty = 100.0 if self._direction in ("open", "close") else 0.0
         is_release = self._direction == "open" and self._now - self._since < 1.0
         payload = self._command.encode(
             {
-                "LeftDuty": duty,
-                "RightDuty": duty,
+                "LeftDuty": DUTY[self._direction],
+                "RightDuty": DUTY[self._direction],
                 "LeftDirection": self._direction,
                 "RightDirection": self._direction,
                 "LatchRelease": "release" if is_release else "hold",
