@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
+from liftgate_hil.codec.e2e import profile_1
 from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ class EndToEnd:
 
     profile: str  # of checksum.PROFILES
     data_ids: tuple[int, ...]  # one, or in profile 2 sixteen
-    data_id_mode: str = "both"  # of checksum.DATA_ID_MODES
+    data_id_mode: str = "both"  # of profile_1.DATA_ID_MODES
     nibble: str | None = None  # signal that carries the data ID's nibble
     max_delta: int = 1  # largest step of the counter that is tolerated; 1: none may be lost
     sync: int = 0  # frames after a wrong sequence that are not used yet
@@ -107,7 +108,7 @@ def _protection(
         "kind": kind,
         "checksum_byte": byte,
         "data_ids": (e2e.data_ids * 16)[:16],
-        "data_id_mode": checksum.DATA_ID_MODES[e2e.data_id_mode],
+        "data_id_mode": profile_1.DATA_ID_MODES[e2e.data_id_mode],
         "nibble": nibble,
         "max_delta": e2e.max_delta,
         "sync": e2e.sync,

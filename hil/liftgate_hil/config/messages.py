@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.checksum import DATA_ID_MODES, KINDS, PROFILES
+from liftgate_hil.codec.checksum import KINDS, PROFILES
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
+from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.issues import ConfigIssues

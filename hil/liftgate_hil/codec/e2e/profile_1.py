@@ -1,0 +1,35 @@
+"""AUTOSAR E2E profile 1 (AUTOSAR_PRS_E2EProtocol, R21-11)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.crc import crc8_byte
+from liftgate_plant.compiler import compilable
+
+# How profile 1 takes the data ID into its CRC: both bytes, alternating, the low one, or the low one while the
+# high one's low nibble is sent.
+BOTH, ALTERNATING, LOW, NIBBLE = range(4)
+DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble": NIBBLE}
+
+
+@compilable
+def crc(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+    """E2E profile 1: CRC-8 with SAE J1850's polynomial, initial value and final XOR 0, over data ID and data."""
+    low, high = table.data_ids[0] & 0xFF, table.data_ids[0] >> 8
+    crc = 0
+    if table.data_id_mode == BOTH:
+        crc = crc8_byte(crc8_byte(crc, low), high)
+    elif table.data_id_mode == ALTERNATING:
+        crc = crc8_byte(crc, high if counter % 2 else low)
+    elif table.data_id_mode == LOW:
+        crc = crc8_byte(crc, low)
+    else:
+        crc = crc8_byte(crc8_byte(crc, low), 0)
+    for i in range(table.length):
+        if i != table.checksum_byte:
+            crc = crc8_byte(crc, int(np.int64(data[row, i])))
+    return crc

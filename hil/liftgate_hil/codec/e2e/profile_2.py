@@ -1,0 +1,21 @@
+"""AUTOSAR E2E profile 2 (AUTOSAR_PRS_E2EProtocol, R21-11)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.crc import crc8h2f_byte
+from liftgate_plant.compiler import compilable
+
+
+@compilable
+def crc(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+    """E2E profile 2: CRC8H2F over the data and then the counter's entry of the data ID list."""
+    crc = 0xFF
+    for i in range(table.length):
+        if i != table.checksum_byte:
+            crc = crc8h2f_byte(crc, int(np.int64(data[row, i])))
+    return crc8h2f_byte(crc, table.data_ids[counter & 15]) ^ 0xFF
