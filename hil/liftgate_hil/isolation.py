@@ -19,6 +19,7 @@ from liftgate_hil.loop.closed_loop import FRAMES, ROWS
 from liftgate_hil.loop.rings import Memory
 
 HANG_S = 10.0  # without a tick
+_PREPARE_S = 300.0  # until the first one: it compiles, and loads the ECU
 _LOOK_S = 0.05
 _WORKER = "liftgate_hil.worker"
 
@@ -56,7 +57,7 @@ def _answer(
     """What comes through the pipe. Raises EcuError."""
     parts: list[bytes] = []
     control = memory.shared.control[0]
-    ticks, since = 0, time.monotonic()
+    progress, since = (0, 0), time.monotonic()
     while True:
         if select.select([answer], [], [], _LOOK_S)[0]:
             part = os.read(answer, 1 << 20)
@@ -64,11 +65,12 @@ def _answer(
                 break
             parts.append(part)
             continue
-        now = time.monotonic()
-        if int(control.tick) != ticks:
-            ticks, since = int(control.tick), now
-        elif ticks > 0 and not parts and now - since > hang_s:
-            raise EcuError(f"the ECU at {ticks * step:.3f} s: no answer for {hang_s:g} s")
+        now, ticks = time.monotonic(), int(control.tick)
+        if (ticks, int(control.epoch_ns)) != progress:
+            progress, since = (ticks, int(control.epoch_ns)), now
+        patience = hang_s if control.epoch_ns else _PREPARE_S
+        if not parts and now - since > patience:
+            raise EcuError(f"the ECU at {ticks * step:.3f} s: no answer for {patience:g} s")
     status = child.wait()
     if not parts:
         why = f"exit code {status}" if status >= 0 else signal.Signals(-status).name

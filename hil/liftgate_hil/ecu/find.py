@@ -19,7 +19,7 @@ _CLASS = re.compile(r"[\w.]+:\w+$")
 
 
 def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> Adapter:
-    """The adapter of an ECU; the reference ECU's clock is the gate's, or begins when it hears the gate.
+    """The adapter of an ECU, whose clock is the gate's or begins when it first hears the gate.
 
     Raises ConfigError.
     """
@@ -28,16 +28,16 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> A
     from liftgate_hil.ecu.python_object import PythonEcu
 
     if not isinstance(ecu, str | Path):
-        return PythonEcu(ecu, rig, drives)
+        return PythonEcu(ecu, rig, drives, shares_clock)
     name = str(ecu)
     if name == "reference":
         return ReferenceEcu(rig, drives, shares_clock)
     if _LIBRARY.fullmatch(name):
         if not Path(name).is_file():
             raise ConfigError(f"`ecu` {name}: no such file")
-        return LibraryEcu(Path(name), rig, drives)
+        return LibraryEcu(Path(name), rig, drives, shares_clock)
     if _CLASS.fullmatch(name):
-        return PythonEcu(_instance_of(name), rig, drives)
+        return PythonEcu(_instance_of(name), rig, drives, shares_clock)
     raise ConfigError(
         f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
     )

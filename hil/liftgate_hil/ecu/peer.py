@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.node import ask, request_table, turn
+from liftgate_hil.ecu.node import PORT, ask, request_table, turn
 from liftgate_hil.errors import EcuError
 from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
+    from liftgate_hil.codec.frames import Frames
     from liftgate_hil.stimuli.requests import Request
     from liftgate_hil.transport.base import Transport
 
@@ -30,12 +31,11 @@ class Peer:
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at a time [ns]. Raises EcuError."""
         adapter = self._adapter
-        # Requests count from when the ECU's clock began.
-        began = int(adapter.state.reference.memory.control.began_ns[0])
-        if began >= 0:
-            since = now_ns - began
-            self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
         frames = self._transport.receive()
+        self._begin(frames, now_ns)
+        if self._began() >= 0:
+            since = now_ns - self._began()
+            self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
         adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
         if not is_fine:
             raise EcuError(f"the ECU: {adapter.failure()}")
@@ -49,6 +49,13 @@ class Peer:
             self._transport.send(frames)
 
     def elapsed_ns(self, now_ns: int) -> int:
-        """How long the ECU's clock has been running at a time [ns]."""
-        began = int(self._adapter.state.reference.memory.control.began_ns[0])
-        return now_ns - began if began >= 0 else 0
+        """How long the ECU's clock, from which requests count, has been running at a time [ns]."""
+        return now_ns - self._began() if self._began() >= 0 else 0
+
+    def _began(self) -> int:
+        return int(self._adapter.state.reference.memory.control.began_ns[0])
+
+    def _begin(self, frames: Frames, now_ns: int) -> None:
+        """The reference ECU begins by itself when it has heard all that it needs; others with the first frame."""
+        if self._began() < 0 and self._adapter.kind == PORT and frames.count:
+            self._adapter.state.reference.memory.control.began_ns[0] = now_ns

@@ -27,10 +27,10 @@ class PythonEcu(Adapter):
 
     kind = PORT
 
-    def __init__(self, ecu: Any, rig: Rig, drives: int) -> None:
+    def __init__(self, ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         from liftgate_hil.transport.messages import message_of_fields
 
-        super().__init__(rig, drives)
+        super().__init__(rig, drives, shares_clock)
         self._ecu = ecu
         self._error: BaseException | None = None
         self._reason = ""
