@@ -12,7 +12,14 @@ from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import request_table
 from liftgate_hil.errors import EcuError, PlantDivergedError
-from liftgate_hil.loop.episode import BAD_ECU, DIVERGED, Script, Stretch, run_stretch
+from liftgate_hil.loop.episode import (
+    BAD_ECU,
+    DIVERGED,
+    Script,
+    Stretch,
+    most_frames,
+    run_stretch,
+)
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -51,7 +58,9 @@ class RecordingTaker:
 
 
 class Episode:
-    """A closed loop about to run, as fast as it goes. `memory` may be seen by others."""
+    """A closed loop about to run, as fast as it goes. `memory` may be seen by others; its frames are to have room
+    for two ticks at least. Raises ValueError.
+    """
 
     def __init__(
         self,
@@ -65,6 +74,9 @@ class Episode:
         memory: Memory | None = None,
     ) -> None:
         self.config = config
+        least = 2 * most_frames(config)
+        if memory is not None and memory.sizes[1] <= least:
+            raise ValueError(f"a ring of {memory.sizes[1]} frames; allowed: more than {least}")
         self.memory = memory or Memory(ROWS, FRAMES)
         self._owns_memory = memory is None
         self._adapter = adapter

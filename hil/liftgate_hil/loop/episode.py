@@ -48,6 +48,12 @@ class Stretch(NamedTuple):
 
 
 @compilable
+def most_frames(config: LoopConfig) -> int:
+    """How many frames a tick may bring, either way."""
+    return CAPACITY + len(config.outputs.messages)
+
+
+@compilable
 def run_stretch(
     config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
 ) -> Stretch:
@@ -56,7 +62,7 @@ def run_stretch(
     loop, state = borrowed((start.loop, start.node))
     asked, to_gate = start.asked, outgoing(node, state, start.pending)
     control = shared.control[0]
-    stamps = np.zeros(CAPACITY + len(config.outputs.messages), dtype=np.int64)
+    stamps = np.zeros(most_frames(config), dtype=np.int64)
     room = len(shared.frames) - 2 * len(stamps) - control.frames
     rows = len(shared.rows) - control.rows
     outcome = DONE
