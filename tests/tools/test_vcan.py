@@ -12,6 +12,9 @@ import pytest
 from tools.vcan import __main__ as vcan
 from tools.vcan import install, native, places, process, uml
 
+# A process that runs tests beside others has a thread; the program itself has none.
+pytestmark = pytest.mark.filterwarnings("ignore:.*is multi-threaded:DeprecationWarning")
+
 
 def unavailable(*_: object) -> None:
     raise process.UnavailableError("this is a test")
