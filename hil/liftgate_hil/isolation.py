@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 from liftgate_hil.errors import EcuError
@@ -24,8 +25,16 @@ _LOOK_S = 0.05
 _WORKER = "liftgate_hil.worker"
 
 
-def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
-    """The worker's answer to a job whose ticks are `step` [s] apart. Raises EcuError where it crashed or hung."""
+def run_isolated(
+    job: bytes,
+    step: float,
+    stopped: Callable[[], bool] = lambda: False,
+    hang_s: float = HANG_S,
+) -> bytes:
+    """The worker's answer to a job whose ticks are `step` [s] apart, early if it is `stopped`.
+
+    Raises EcuError where it crashed or hung.
+    """
     memory = Memory(ROWS, FRAMES)
     answer, given = os.pipe()
     command = [
@@ -42,7 +51,7 @@ def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
             with suppress(BrokenPipeError):
                 child.stdin.write(job)
                 child.stdin.close()
-            return _answer(child, answer, memory, step, hang_s)
+            return _answer(child, answer, memory, step, stopped, hang_s)
         finally:
             child.kill()
             child.wait()
@@ -52,13 +61,20 @@ def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
 
 
 def _answer(
-    child: subprocess.Popen[bytes], answer: int, memory: Memory, step: float, hang_s: float
+    child: subprocess.Popen[bytes],
+    answer: int,
+    memory: Memory,
+    step: float,
+    stopped: Callable[[], bool],
+    hang_s: float,
 ) -> bytes:
     """What comes through the pipe. Raises EcuError."""
     parts: list[bytes] = []
     control = memory.shared.control[0]
     progress, since = (0, 0), time.monotonic()
     while True:
+        if stopped():
+            control.stop = 1
         if select.select([answer], [], [], _LOOK_S)[0]:
             part = os.read(answer, 1 << 20)
             if not part:

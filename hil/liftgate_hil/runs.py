@@ -66,7 +66,7 @@ class Job:
     seed: int | None = None
     bus: str | None = None
     options: session.RunOptions = field(default_factory=session.RunOptions)
-    trace: bool = False
+    trace: int = 0  # keep every so many rows; 0: none
 
 
 def run(
@@ -119,18 +119,24 @@ def run(
         seed=seed,
         bus=bus,
         options=options,
-        trace=trace,
+        trace=int(trace),
     )
-    return _isolated(job) if is_library(ecu) else run_job(job)
+    return execute(job)
 
 
-def _isolated(job: Job) -> Result:
+def execute(job: Job, stopped: Callable[[], bool] = lambda: False) -> Result:
+    """Run a job, in a process of its own where its ECU may crash. Raises ConfigError."""
+    return _isolated(job, stopped) if is_library(job.ecu) else run_job(job, stopped)
+
+
+def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     """Run a job in a process of its own. Raises ConfigError."""
     from liftgate_hil.isolation import run_isolated
 
     resolve(job)  # what is wrong with the job is told here
     try:
-        answer = pickle.loads(run_isolated(pickle.dumps(job), 1.0 / job.options.rate))
+        sent = pickle.dumps(job)
+        answer = pickle.loads(run_isolated(sent, 1.0 / job.options.rate, stopped))
     except EcuError as error:
         return Result(
             verdict="error",
@@ -182,17 +188,14 @@ def resolve(job: Job) -> Parts:
 
 
 def run_job(
-    job: Job,
-    takers: Sequence[Taker] = (),
-    stopped: Callable[[], bool] = lambda: False,
-    memory: Memory | None = None,
+    job: Job, stopped: Callable[[], bool] = lambda: False, memory: Memory | None = None
 ) -> Result:
-    """Run a job in this process; `takers` get its rows and frames, too. Raises ConfigError."""
+    """Run a job in this process; others may see its loop's `memory`. Raises ConfigError."""
     parts = resolve(job)
     parts.options.check()
-    seen: list[Taker] = [Extremes(), *takers]
+    seen: list[Taker] = [Extremes()]
     if job.trace:
-        seen.append(Trace())
+        seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
         return _on_bus(job, parts, Adapter(parts.rig, parts.vehicle.drives), seen, stopped)
     with adapter_for(job.ecu, parts.rig, parts.vehicle.drives) as adapter:

@@ -9,22 +9,24 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.with_ecu import Events, on_a_bus
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
-    from liftgate_hil.loop.closed_loop import Extremes, Trace
+    import numpy as np
+    from numpy.typing import NDArray
+
     from liftgate_hil.loop.statistics import Summary
-    from liftgate_hil.session import Emulator
 
 _EVERY = 10  # rows of the picture
 # The reference ECU presses 142 N on the demo's rod; a drive that stalls presses over 500 N.
 _MOST_FORCE = 200.0  # N
+_FREE_DEG = 5.0  # a reversal opens the gate by more
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 
 
@@ -46,28 +48,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+class Shown(NamedTuple):
+    """What a demo showed."""
+
+    summary: Summary
+    events: Events
+    pinch_force: float  # N, the largest
+    pinch_time: float  # s
+    columns: Mapping[str, NDArray[np.float64]]  # of every tenth row
+
+
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil import session
     from liftgate_hil.cli.run import report
-    from liftgate_hil.loop.closed_loop import Extremes, Trace
-    from liftgate_hil.transport.find import find_way
 
     folder = _folder(args)
     has_bus = args.bus is not None or args.interface is not None or args.serial is not None
     args.scenario = args.scenario or "demo"
-    extremes, trace = Extremes(), Trace(_EVERY)
     if not has_bus and args.clock == "free":
-        summary, events = _as_machine_code(args, extremes, trace)
+        shown = _as_machine_code(args)
     else:
-        if not has_bus:
-            args.bus = "virtual:demo"
-        rig = session.rig_from(args.rig)
-        emulator = _emulator(args, find_way(options.wire_choice(args), rig), extremes, trace)
-        summary, events = on_a_bus(args, emulator)
-    _tell(args, extremes, trace, events, folder)
-    report(args, summary)
-    return _judge(args, summary, extremes, trace, events)
+        args.bus = args.bus if has_bus else "virtual:demo"
+        shown = _on_a_bus(args)
+    _tell(args, shown, folder)
+    report(args, shown.summary)
+    return _judge(args, shown)
 
 
 def _folder(args: argparse.Namespace) -> Path:
@@ -82,10 +87,8 @@ def _folder(args: argparse.Namespace) -> Path:
     return folder
 
 
-def _as_machine_code(
-    args: argparse.Namespace, extremes: Extremes, trace: Trace
-) -> tuple[Summary, Events]:
-    """Both in this process, as fast as it goes."""
+def _as_machine_code(args: argparse.Namespace) -> Shown:
+    """Gate and ECU in one process, as fast as it goes."""
     from liftgate_hil import runs
     from liftgate_hil.cli.run import announcer
     from liftgate_hil.loop.episode import run_stretch
@@ -97,46 +100,54 @@ def _as_machine_code(
         rig=args.rig,
         settings=tuple(args.settings),
         options=options.run_options(args),
+        trace=_EVERY,
     )
     runs.resolve(job)
     announcer(args)(run_stretch, "no bus")
-    result = runs.run_job(job, [extremes, trace], options.StopSignals())
+    result = runs.execute(job, options.StopSignals())
     if result.verdict == "error":
         raise LiftgateError(result.reason)
-    return result.summary, [(event.time, event.text) for event in result.events]
+    return Shown(
+        result.summary,
+        [(event.time, event.text) for event in result.events],
+        result.maxima["pinch_force_n"],
+        result.pinch_time_s,
+        result.trace,
+    )
 
 
-def _emulator(args: argparse.Namespace, way: Any, extremes: Extremes, trace: Trace) -> Emulator:
+def _on_a_bus(args: argparse.Namespace) -> Shown:
+    """On a bus, virtual or real."""
     from liftgate_hil import session
     from liftgate_hil.cli.run import announcer, speaker
-    from liftgate_hil.loop.closed_loop import watcher
+    from liftgate_hil.loop.closed_loop import Extremes, Trace, watcher
+    from liftgate_hil.transport.find import find_way
 
-    return session.Emulator(
+    rig = session.rig_from(args.rig)
+    extremes, trace = Extremes(), Trace(_EVERY)
+    emulator = session.Emulator(
         vehicle=session.vehicle_from(args.vehicle, args.settings),
-        rig=session.rig_from(args.rig),
+        rig=rig,
         scenario=session.scenario_from(args.scenario),
-        way=way,
+        way=find_way(options.wire_choice(args), rig),
         options=options.run_options(args),
         watch=watcher([extremes, trace]),
         say=speaker(args),
         stopped=options.StopSignals(),
         announce=announcer(args),
     )
+    summary, events = on_a_bus(args, emulator)
+    force = extremes.maximum("pinch_force_n")
+    return Shown(summary, events, force, extremes.pinch_time, trace.columns())
 
 
-def _tell(
-    args: argparse.Namespace,
-    extremes: Extremes,
-    trace: Trace,
-    events: Sequence[tuple[float, str]],
-    folder: Path,
-) -> None:
+def _tell(args: argparse.Namespace, shown: Shown, folder: Path) -> None:
     """Print what happened, and draw it."""
     import numpy as np
 
     from liftgate_hil.report.run_plot import plot_run
 
-    columns = trace.columns()
+    columns, events = shown.columns, shown.events
     if len(columns["time_s"]) < 2:
         return  # stopped before it began
     if not args.no_record:
@@ -147,23 +158,14 @@ def _tell(
     for time, text in events:
         angle = float(np.interp(time, columns["time_s"], columns["gate_angle_deg"]))
         print(f"{time:7.3f} s  {angle:6.2f} deg  {text}")
-    if extremes.maximum("pinch_force_n") > 0.0:
-        print(
-            f"pinch force at most {extremes.maximum('pinch_force_n'):.1f} N, at "
-            f"{extremes.pinch_time:.3f} s"
-        )
+    if shown.pinch_force > 0.0:
+        print(f"pinch force at most {shown.pinch_force:.1f} N, at {shown.pinch_time:.3f} s")
     if not args.no_record:
         names = ", ".join(str(folder / f"demo.{kind}") for kind in ("log", "csv", "png"))
         print(f"written: {names}")
 
 
-def _judge(
-    args: argparse.Namespace,
-    summary: Summary,
-    extremes: Extremes,
-    trace: Trace,
-    events: Sequence[tuple[float, str]],
-) -> int:
+def _judge(args: argparse.Namespace, shown: Shown) -> int:
     """The exit code: 1 where the whole demo did not show what it is there to show. One that was stopped, or with
     another scenario, is not judged.
     """
@@ -171,37 +173,25 @@ def _judge(
 
     if args.scenario != "demo" or args.duration is not None:
         return 0
-    if summary.model_time_s < (scenario_from("demo").duration or 0.0):
+    if shown.summary.model_time_s < (scenario_from("demo").duration or 0.0):
         return 0
-    reasons = failures(summary, extremes, trace, events, tells=args.ecu == "reference")
+    reasons = failures(shown, tells=args.ecu == "reference")
     for reason in reasons:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
     return 1 if reasons else 0
 
 
-def failures(
-    summary: Summary,
-    extremes: Extremes,
-    trace: Trace,
-    events: Sequence[tuple[float, str]],
-    tells: bool,
-) -> list[str]:
+def failures(shown: Shown, tells: bool) -> list[str]:
     """What a whole demo did not do as it should; an ECU of ours `tells` that it reverses."""
-    import numpy as np
-
     found = []
-    columns = trace.columns()
-    force = extremes.maximum("pinch_force_n")
+    force, columns, summary = shown.pinch_force, shown.columns, shown.summary
     if not force > 0.0:
         found.append("the gate never met the obstacle")
+    elif not _is_freed(shown):
+        found.append("the gate did not reverse")
     if force > _MOST_FORCE:
         found.append(f"pinch force {force:.1f} N; allowed: up to {_MOST_FORCE:.0f} N")
-    after = columns["time_s"] > extremes.pinch_time
-    met = np.interp(extremes.pinch_time, columns["time_s"], columns["gate_angle_deg"])
-    freed = columns["gate_angle_deg"][after].max(initial=-np.inf) > met + 5.0
-    if force > 0.0 and not freed:
-        found.append("the gate did not reverse")
-    if tells and not any("reversing" in text for _, text in events):
+    if tells and not any("reversing" in text for _, text in shown.events):
         found.append("the ECU did not detect the obstacle")
     if columns["latched"][-1] < 0.5:
         angle = columns["gate_angle_deg"][-1]
@@ -215,3 +205,12 @@ def failures(
             "(liftgate-hil doctor says what to do)"
         )
     return found
+
+
+def _is_freed(shown: Shown) -> bool:
+    """Whether the gate opened again after it had pressed hardest."""
+    import numpy as np
+
+    times, angles = shown.columns["time_s"], shown.columns["gate_angle_deg"]
+    pressed = np.interp(shown.pinch_time, times, angles)
+    return bool(angles[times > shown.pinch_time].max(initial=-np.inf) > pressed + _FREE_DEG)
