@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.statistics import Summary
 
 _EVERY = 10  # rows of the picture
-# The reference ECU presses 142 N on the demo's rod; a drive that stalls presses over 500 N.
-_MOST_FORCE = 200.0  # N
+# The reference ECU presses 142 N on the demo's rod, a drive that stalls over 500 N; EN 12453 (doors of buildings)
+# lets 400 N pass for a moment.
+_MOST_FORCE = 400.0  # N
 _FREE_DEG = 5.0  # a reversal opens the gate by more
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 
