@@ -222,10 +222,18 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
             )
     cyclic = {wire.message for wire in rig.outputs}
     cyclic |= {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
-    for name in sorted(cyclic):
+    for name in sorted(cyclic | received):
         given = rig.options.get(name, MessageOptions()).cycle_ms
-        if given is None and not rig.messages[name].cycle_time:
+        told = rig.messages[name].cycle_time or 0
+        if given is not None:
+            continue
+        if not told and name in cyclic:
             issues.add(
                 f"messages.{name}.cycle_ms",
                 "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
+            )
+        elif not 0 <= told <= 60_000:
+            issues.add(
+                f"messages.{name}.cycle_ms",
+                f"the database's GenMsgCycleTime is {show(told)}; allowed: up to 60000 ms",
             )

@@ -64,7 +64,13 @@ def keys_of(issues: list[str]) -> list[str]:
 
 def test_the_shipped_rig_wires_everything_there_is():
     rig = session.rig_from("liftgate")
-    assert (len(rig.inputs), len(rig.outputs)) == (10, 28)
+    wired = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
+    assert wired == {
+        (message.name, signal.name)
+        for message in rig.messages.values()
+        for signal in message.signals
+        if signal.name not in ("AliveCounter", "Checksum")
+    }
     assert rig.command_identifier() == 0x120
     assert rig.command_cycle_ms() == 10.0
     assert not rig.is_fd
@@ -78,6 +84,15 @@ def test_a_foreign_database_needs_nothing_but_names(tmp_path: Path):
     assert messages.identifier.tolist() == [2566844672 & 0x1FFFFFFF | EXTENDED]
     assert messages.cycle_ns.tolist() == [10_000_000]
     assert rig.input_config().messages.timeout_ns.tolist() == [60_000_000]
+
+
+@pytest.mark.parametrize("cycle", ["-10", "60001", "1" + "0" * 400])
+def test_a_cycle_in_the_database_that_makes_no_sense_is_a_fault(tmp_path: Path, cycle: str):
+    database = DATABASE.replace("BO_ 2566844672 10;", f"BO_ 2566844672 {cycle};")
+    (fault,) = faults_of(tmp_path, RIG, database)
+    assert "messages.Out.cycle_ms: the database's GenMsgCycleTime is " in fault
+    replaced = write_rig(tmp_path, database, RIG + "[messages.Out]\ncycle_ms = 7\n")
+    assert load_rig(replaced).output_config().messages.cycle_ns.tolist() == [7_000_000]
 
 
 def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
