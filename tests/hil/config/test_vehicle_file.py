@@ -228,7 +228,7 @@ def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
 
 
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
-    with pytest.raises(ConfigError, match=r"--vehicle nosuch: .*suv"):
+    with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
         session.vehicle_from("nosuch")
     with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file"):
         session.vehicle_from("nosuch.toml")

@@ -50,10 +50,12 @@ from liftgate_hil.loop.realtime_loop import (
 from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
+from liftgate_hil.loop.tick import tick as plain_tick
 from liftgate_hil.signals import COLUMNS, ROW_WIDTH, Timing
 from liftgate_hil.stimuli.mailbox import nothing_held, post
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
+from liftgate_plant.compiler import compiled
 
 Rows = list[tuple[int, bytes]]
 MS = 1_000_000
@@ -71,7 +73,6 @@ class Rehearsal:
     def __init__(
         self,
         monkeypatch: pytest.MonkeyPatch,
-        fast_tick: Callable[..., Any],
         rig: Rig,
         rate: float = 1000.0,
         rows: int = 4096,
@@ -95,6 +96,8 @@ class Rehearsal:
         self.theirs.setblocking(False)
         self._trials = 0
 
+        tick_in_place = compiled(plain_tick)
+
         def clock_ns(clock: int, room: Room) -> int:
             return self.now if clock == 1 else self.now + self.real
 
@@ -115,7 +118,7 @@ class Rehearsal:
                 self.sent.append([])
                 self.steps.append(self._made_up + 1)
                 self._made_up = self._trials = 0
-            return fast_tick(config, state, frames, around)
+            return tick_in_place(config, state, frames, around)
 
         def write(descriptor: int, buffers: Any, frames: Frames) -> Writing:
             self._trials += 1
@@ -186,13 +189,11 @@ class Rehearsal:
 
 
 @pytest.fixture
-def rehearse(
-    monkeypatch: pytest.MonkeyPatch, fast_tick: Callable[..., Any], rig: Rig
-) -> Iterator[Callable[..., Rehearsal]]:
+def rehearse(monkeypatch: pytest.MonkeyPatch, rig: Rig) -> Iterator[Callable[..., Rehearsal]]:
     made: list[Rehearsal] = []
 
     def make(**more: Any) -> Rehearsal:
-        made.append(Rehearsal(monkeypatch, fast_tick, rig, **more))
+        made.append(Rehearsal(monkeypatch, rig, **more))
         return made[-1]
 
     yield make

@@ -116,12 +116,12 @@ def test_all_faults_of_all_maps_come_at_once(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_maps(["nothing", "left_speed_rps=n[mm]", "current=I", "time_s=t[s]*0", str(path)])
     assert caught.value.issues == [
-        "--map nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, "
+        "`map` nothing: allowed: OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, "
         "or FILE.toml",
-        "--map left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rps, Hz, rpm, rev/s, 1/s, "
+        "`map` left_speed_rps=n[mm]: left_speed_rps: unit 'mm'; allowed: rps, Hz, rpm, rev/s, 1/s, "
         "1/min, rev/min, rad/s, deg/s",
-        f"--map current=I: current: no such column of ours; allowed: {', '.join(KNOWN)}",
-        "--map time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",
+        f"`map` current=I: current: no such column of ours; allowed: {', '.join(KNOWN)}",
+        "`map` time_s=t[s]*0: time_s: scale '0'; allowed: a number, not 0",
         f"{path}: columns.left_current_a.skale: 1: unknown key; allowed: name, unit, scale, offset",
         f"{path}: left_current_a: unit 'V'; allowed: A, mA, kA, uA, µA",
     ]

@@ -174,10 +174,10 @@ def test_a_gap_stays_a_gap() -> None:
 @pytest.mark.parametrize(
     ("rate", "factor", "said"),
     [
-        (None, 2, "m.csv: --decimate 2: the rows are not evenly spaced; allowed: with --resample HZ"),
+        (None, 2, "m.csv: `decimate` 2: the rows are not evenly spaced; allowed: with `resample` HZ"),
         (1e3, 10, "m.csv: 15 rows; allowed: 20 or more"),
         (100.0, 1, "m.csv: 15 rows; allowed: 20 or more"),
-        (1e9, 1, "m.csv: --resample 1e+09: 149000001 rows; allowed: up to 5e+07"),
+        (1e9, 1, "m.csv: `resample` 1e+09: 149000001 rows; allowed: up to 5e+07"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_thinned_out_so_is_a_fault(
@@ -225,7 +225,7 @@ def test_outliers_are_told_and_dropped_on_request_only() -> None:
     m = measured(times, left_voltage_v=current, left_current_a=current)
     told = report_outliers(m, drop=False)
     assert "left_current_a: 2 outliers, the first" in told.notes[1]
-    assert told.notes[1].endswith("at 0.77 s; kept, --drop-outliers would drop them")
+    assert told.notes[1].endswith("at 0.77 s; kept, `drop_outliers` would drop them")
     assert len(told.notes) == 2  # an input is not looked at
     assert np.array_equal(told.columns["left_current_a"], current)
     dropped = report_outliers(m, drop=True)

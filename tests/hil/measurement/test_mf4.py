@@ -96,7 +96,7 @@ def test_a_unit_of_another_dimension_is_a_fault(tmp_path: Path) -> None:
     )
     assert faults_of(path) == [
         "left_current_a: unit 'V'; allowed: A, mA, kA, uA, µA; "
-        "or --map 'left_current_a=left_current_a[unit]'"
+        "or `map` 'left_current_a=left_current_a[unit]'"
     ]
     m = read(path, "left_current_a=left_current_a[A]*2")
     assert np.allclose(m.columns["left_current_a"], 2.0 * FINE)
@@ -131,7 +131,7 @@ def test_what_is_no_number_is_a_fault_with_its_sample(tmp_path: Path) -> None:
         "left_current_a: nan in sample 5 (2 such samples); allowed: a finite number",
         "left_speed_rps: no numbers; allowed: one number a sample",
         "left_voltage_v: 5000 in sample 8; allowed: -1000 to 1000; is it mV? "
-        "--map 'left_voltage_v=left_voltage_v[mV]'",
+        "`map` 'left_voltage_v=left_voltage_v[mV]'",
     ]
 
 

@@ -69,18 +69,18 @@ def test_a_bus_is_named_by_interface_channel_and_bit_rate(text: str, expected: d
     ["", ":", "vcan0", "socketcan:", ":vcan0", "pcan:x@", "pcan:x@fast", "pcan:x@0", "pcan:x@-5"],
 )
 def test_a_bus_that_is_none_is_told_with_examples(text: str):
-    with pytest.raises(ConfigError, match="--bus"):
+    with pytest.raises(ConfigError, match="`bus`"):
         parse_bus(text, 500_000.0)
 
 
 @pytest.mark.parametrize("text", ["pcan:@500000", "socketcan:@500000"])
 def test_a_bit_rate_without_a_channel_is_no_bus(text: str):
-    with pytest.raises(ConfigError, match="--bus"):
+    with pytest.raises(ConfigError, match="`bus`"):
         parse_bus(text, 500_000.0)
 
 
 def test_only_one_way_to_name_the_bus(rig: Rig):
-    with pytest.raises(ConfigError, match=r"--bus and -i/-c"):
+    with pytest.raises(ConfigError, match=r"`bus` and -i/-c"):
         bus_arguments(WireChoice(bus="virtual:x", interface="virtual"), rig)
 
 
@@ -99,7 +99,7 @@ def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(ConfigError, match="--bus: missing"):
+    with pytest.raises(ConfigError, match="`bus`: missing"):
         bus_arguments(WireChoice(), rig)
 
 

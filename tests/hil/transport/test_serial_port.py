@@ -52,7 +52,7 @@ def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
      "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
 )  # fmt: skip
 def test_a_line_that_is_none_is_told_on_one_line(text: str):
-    with pytest.raises(ConfigError, match="--serial") as caught:
+    with pytest.raises(ConfigError, match="`serial`") as caught:
         parse_serial(text)
     assert "allowed" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -65,7 +65,7 @@ def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
     before = descriptors()
     with pytest.raises(TransportError) as caught:
         SerialTransport(url)
-    assert str(caught.value).startswith(f"--serial {url}: cannot be opened: ")
+    assert str(caught.value).startswith(f"`serial` {url}: cannot be opened: ")
     assert "\n" not in str(caught.value)
     assert descriptors() == before
 
