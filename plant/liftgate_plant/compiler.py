@@ -16,6 +16,7 @@ import ctypes
 import fcntl
 import functools
 import hashlib
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -113,6 +114,19 @@ def borrowed(value: T) -> T:
     return value
 
 
+def fill(target: Any, at: int, numbers: tuple[float, ...]) -> None:
+    """Write a NamedTuple of floats into an array (n,) from a place on.
+
+    In machine code one store after the other; a loop over a tuple looks each value up in a jump table.
+    """
+    target[at : at + len(numbers)] = numbers
+
+
+def all_finite(numbers: tuple[float, ...]) -> bool:
+    """Whether a NamedTuple of floats has neither infinity nor NaN in it."""
+    return all(math.isfinite(number) for number in numbers)
+
+
 def enabled() -> bool:
     """Whether `compiled` compiles."""
     return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
@@ -127,6 +141,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     _teach_system_calls()
     _teach_foreign_calls()
     _teach_borrowing()
+    _teach_tuples()
     for helper in _compilable:
         if helper not in _known_to_numba:
             register_jitable(**_OPTIONS, **_HELPER_OPTIONS)(helper)
@@ -277,6 +292,63 @@ def _teach_borrowing() -> None:
     def borrowed_in_machine_code(value: Any) -> Any:
         def implementation(value: Any) -> Any:  # numba wants the very same signature
             return borrow(value)  # type: ignore[call-arg]  # it gets the context by itself
+
+        return implementation
+
+
+@functools.cache
+def _teach_tuples() -> None:
+    """Tell numba how to go through a NamedTuple of floats without loops."""
+    import numba
+    from llvmlite import ir
+    from numba.core import cgutils
+    from numba.extending import intrinsic, overload
+    from numba.np.arrayobj import store_item
+
+    types: Any = numba.types
+
+    def values_of(builder: Any, numbers: Any, value: Any) -> list[Any]:
+        return [builder.extract_value(value, place) for place in range(len(numbers))]
+
+    def generate_fill(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind, _, numbers = signature.args
+        array = context.make_array(kind)(context, builder, value=arguments[0])
+        for place, value in enumerate(values_of(builder, numbers, arguments[2])):
+            index = builder.add(arguments[1], context.get_constant(types.intp, place))
+            pointer = cgutils.get_item_pointer(context, builder, kind, array, [index])  # type: ignore[no-untyped-call]
+            store_item(context, builder, kind, value, pointer)  # type: ignore[no-untyped-call]
+        return context.get_dummy_value()
+
+    def generate_finite(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        # x − x is 0, or NaN; added up as a tree, as in a chain each sum would wait for the one before.
+        values = values_of(builder, signature.args[0], arguments[0])
+        parts = [builder.fsub(value, value) for value in values]
+        while len(parts) > 1:
+            odd = parts[len(parts) // 2 * 2 :]
+            parts = [
+                builder.fadd(a, b) for a, b in zip(parts[::2], parts[1::2], strict=False)
+            ] + odd
+        return builder.fcmp_ordered("==", parts[0], ir.Constant(parts[0].type, 0.0))
+
+    @intrinsic
+    def store(typing_context: Any, target: Any, at: Any, numbers: Any) -> Any:
+        return types.void(target, types.intp, numbers), generate_fill
+
+    @intrinsic
+    def finite(typing_context: Any, numbers: Any) -> Any:
+        return types.boolean(numbers), generate_finite
+
+    @overload(fill)
+    def fill_in_machine_code(target: Any, at: Any, numbers: Any) -> Any:
+        def implementation(target: Any, at: Any, numbers: Any) -> Any:
+            return store(target, at, numbers)  # type: ignore[call-arg]
+
+        return implementation
+
+    @overload(all_finite)
+    def finite_in_machine_code(numbers: Any) -> Any:
+        def implementation(numbers: Any) -> Any:
+            return finite(numbers)  # type: ignore[call-arg]
 
         return implementation
 

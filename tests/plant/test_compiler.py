@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import liftgate_hil
 import liftgate_plant
-from liftgate_plant.compiler import borrowed, compilable, compiled
+from liftgate_plant.compiler import all_finite, borrowed, compilable, compiled, fill
 
 
 class Inner(NamedTuple):
@@ -60,6 +60,36 @@ def test_borrowed_arrays_are_the_same_and_stay_their_owners():
 def test_in_plain_python_it_is_the_value_itself():
     value = Inner(np.zeros(1), 1.0)
     assert borrowed(value) is value
+
+
+class Numbers(NamedTuple):
+    a: float
+    b: float
+    c: float
+
+
+@compilable
+def filled(target: NDArray[np.float64], numbers: Numbers) -> bool:
+    fill(target, 1, numbers)
+    return all_finite(numbers)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "finite"),
+    [
+        (Numbers(1.0, -2.0, 3.0), True),
+        (Numbers(np.nan, 0.0, 0.0), False),
+        (Numbers(0.0, 0.0, np.nan), False),
+        (Numbers(0.0, np.inf, 0.0), False),
+        (Numbers(-np.inf, np.inf, 0.0), False),
+        (Numbers(1e308, 1e308, 0.0), True),
+    ],
+)
+def test_a_tuple_goes_whole_into_a_row_and_one_bad_number_is_seen(numbers, finite):
+    for run in (filled, compiled(filled)):
+        rows = np.zeros((5, 2))
+        assert run(rows[:, 1], numbers) == finite
+        np.testing.assert_array_equal(rows, [[0.0, each] for each in (0.0, *numbers, 0.0)])
 
 
 def cache_of(*folders: Path) -> str:

@@ -34,7 +34,7 @@ from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, fill
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import overlaid, truth_of, value_or
@@ -210,17 +210,13 @@ def line_up(
 ) -> None:
     """Fill the values of all outputs (OUTPUT_COUNT,): the rows of the catalogue, one after the other."""
     at = 0
-    for i in range(len(sensed)):
-        values[at + i] = sensed[i]
+    fill(values, at, sensed)
     at += len(sensed)
-    for i in range(len(truth)):
-        values[at + i] = truth[i]
+    fill(values, at, truth)
     at += len(truth)
-    for i in range(len(status)):
-        values[at + i] = status[i]
+    fill(values, at, status)
     at += len(status)
-    for i in range(len(outside.timing)):
-        values[at + i] = outside.timing[i]
+    fill(values, at, outside.timing)
 
 
 @compilable
