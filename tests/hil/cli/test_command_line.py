@@ -76,7 +76,7 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
         (["--scenario", "nosuch"], "demo"),
         (["--set", "motor.resistance"], "KEY=VALUE"),
         (["--set", "motor.volts=3"], "motor.volts"),
-        (["--cpu", "0"], "cpu 0: allowed: together with realtime"),
+        (["--cpu", "0"], "--cpu 0: allowed: together with --realtime"),
         (["--cpu", "one", "--realtime"], "0 to 1023"),
         (["--realtime", "--cpu", "1023"], "cpu 1023: allowed here: "),
         (["--record", "x.pcap"], ".csv"),

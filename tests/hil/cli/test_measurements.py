@@ -48,7 +48,7 @@ def test_without_flags_a_file_comes_as_it_is(drive: Path) -> None:
     assert len(m.times) == COUNT
     assert m.columns["left_current_a"][1000] == 80.0
     assert [note for note in m.notes if "outlier" in note] == [
-        "left_current_a: 1 outliers, the first 80 at 1 s; kept, --drop-outliers would drop them"
+        "left_current_a: 1 outliers, the first 80 at 1 s; kept, `drop_outliers` would drop them"
     ]
 
 
