@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tools.c_translator.build import ROUNDS, compare, source
+from tools.c_translator.build import BUILDS, ROUNDS, compare, source
 
 
 def main() -> None:
@@ -16,11 +16,19 @@ def main() -> None:
     if args.source:
         print(source(), end="")
         return
-    print(f"{'operating point':<22}{'compiled':>11}{'gcc -O2':>11}{'ratio':>8}   lowest–highest")
-    for name, figures in compare(args.rounds).items():
-        times = f"{figures.compiled * 1e9:8.0f} ns{figures.translation * 1e9:8.0f} ns"
-        spread = f"{figures.lowest:.2f}–{figures.highest:.2f}"
-        print(f"{name:<22}{times}{figures.ratio:8.2f}   {spread:>14}")
+    figures = compare(args.rounds)
+    for each in BUILDS:
+        print(f"{each.name}: {' '.join((each.compiler, *each.flags))}")
+        if not each.is_installed:
+            print("  not installed")
+            continue
+        for name, point in figures.items():
+            ratios = point.ratios[each.name]
+            print(
+                f"  {name:<22}{point.compiled * 1e9:6.0f} ns :"
+                f"{point.translations[each.name] * 1e9:6.0f} ns  ratio {point.ratio(each.name):.2f}"
+                f"  ({min(ratios):.2f} to {max(ratios):.2f})"
+            )
 
 
 if __name__ == "__main__":
