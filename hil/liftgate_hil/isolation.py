@@ -18,12 +18,12 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES, ROWS
 from liftgate_hil.loop.rings import Memory
 
-HANG_S = 10.0  # without a tick
+HANG_S = 10.0  # that the ECU may take for a tick, to be made, or to end
 _LOOK_S = 0.05
 _WORKER = "liftgate_hil.worker"
 
 
-def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
+def run_isolated(job: bytes, step: float, hang_s: float | None = None) -> bytes:
     """The worker's answer to a job whose ticks are `step` [s] apart. Raises EcuError where it crashed or hung."""
     memory = Memory(ROWS, FRAMES)
     answer, given = os.pipe()
@@ -41,7 +41,7 @@ def run_isolated(job: bytes, step: float, hang_s: float = HANG_S) -> bytes:
             with suppress(BrokenPipeError):
                 child.stdin.write(job)
                 child.stdin.close()
-            return _answer(child, answer, memory, step, hang_s)
+            return _answer(child, answer, memory, step, HANG_S if hang_s is None else hang_s)
         finally:
             child.kill()
             child.wait()
@@ -56,7 +56,7 @@ def _answer(
     """What comes through the pipe. Raises EcuError."""
     parts: list[bytes] = []
     control = memory.shared.control[0]
-    ticks, since = 0, time.monotonic()
+    seen, since = (0, 0), time.monotonic()
     while True:
         if select.select([answer], [], [], _LOOK_S)[0]:
             part = os.read(answer, 1 << 20)
@@ -64,13 +64,20 @@ def _answer(
                 break
             parts.append(part)
             continue
-        now = time.monotonic()
-        if int(control.tick) != ticks:
-            ticks, since = int(control.tick), now
-        elif ticks > 0 and not parts and now - since > hang_s:
-            raise EcuError(f"the ECU at {ticks * step:.3f} s: no answer for {hang_s:g} s")
+        now, progress = time.monotonic(), (int(control.tick), int(control.is_foreign))
+        if progress != seen:
+            seen, since = progress, now
+        elif control.is_foreign and now - since > hang_s:
+            raise EcuError(f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s")
     status = child.wait()
     if not parts:
-        why = f"exit code {status}" if status >= 0 else signal.Signals(-status).name
+        why = f"exit code {status}" if status >= 0 else _signal_name(-status)
         raise EcuError(f"the ECU at {int(control.tick) * step:.3f} s: its process ended ({why})")
     return b"".join(parts)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # a real-time signal
+        return f"signal {number}"

@@ -104,7 +104,7 @@ def _as_machine_code(
         settings=tuple(args.settings),
         options=options.run_options(args),
     )
-    result = runs.run_job(job, [extremes, trace], options.StopSignals())
+    result = runs.run_anywhere(job, [extremes, trace], options.StopSignals())
     if result.verdict == "error":
         raise LiftgateError(result.reason)
     return result.summary, [(event.time, event.text) for event in result.events]

@@ -22,7 +22,7 @@ class LibraryEcu(Adapter):
     is_foreign = True
 
     def __init__(self, path: Path, rig: Rig, drives: int, shares_clock: bool = True) -> None:
-        super().__init__(rig, drives)
+        super().__init__(rig, drives, shares_clock)
         try:
             self._library = ctypes.CDLL(str(path.resolve()))
             names = ("create", "destroy", "step")

@@ -103,6 +103,17 @@ class Episode:
         """Model time [s]."""
         return self._now.loop.tick * self.config.step
 
+    def begin(self) -> None:
+        """Compile, or read the cache, before anything happens."""
+        script = self._script._replace(ticks=0)
+        self._run(
+            self.config,
+            self._adapter.node,
+            self._now._replace(asked=0),
+            script,
+            self.memory.shared,
+        )
+
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Run until so many ticks are done. Raises PlantDivergedError, EcuError."""
         self._stretches(self._script._replace(ticks=ticks), stopped)
