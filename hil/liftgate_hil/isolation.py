@@ -19,8 +19,7 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES, ROWS
 from liftgate_hil.loop.rings import Memory
 
-HANG_S = 10.0  # without a tick
-_PREPARE_S = 300.0  # until the first one: it compiles, and loads the ECU
+HANG_S = 10.0  # that the ECU may take for a tick, to be made, or to end
 _LOOK_S = 0.05
 _WORKER = "liftgate_hil.worker"
 
@@ -29,7 +28,7 @@ def run_isolated(
     job: bytes,
     step: float,
     stopped: Callable[[], bool] = lambda: False,
-    hang_s: float = HANG_S,
+    hang_s: float | None = None,
 ) -> bytes:
     """The worker's answer to a job whose ticks are `step` [s] apart, early if it is `stopped`.
 
@@ -51,7 +50,8 @@ def run_isolated(
             with suppress(BrokenPipeError):
                 child.stdin.write(job)
                 child.stdin.close()
-            return _answer(child, answer, memory, step, stopped, hang_s)
+            patience = HANG_S if hang_s is None else hang_s
+            return _answer(child, answer, memory, step, stopped, patience)
         finally:
             child.kill()
             child.wait()
@@ -71,7 +71,7 @@ def _answer(
     """What comes through the pipe. Raises EcuError."""
     parts: list[bytes] = []
     control = memory.shared.control[0]
-    progress, since = (0, 0), time.monotonic()
+    seen, since = (0, 0), time.monotonic()
     while True:
         if stopped():
             control.stop = 1
@@ -81,14 +81,20 @@ def _answer(
                 break
             parts.append(part)
             continue
-        now, ticks = time.monotonic(), int(control.tick)
-        if (ticks, int(control.epoch_ns)) != progress:
-            progress, since = (ticks, int(control.epoch_ns)), now
-        patience = hang_s if control.epoch_ns else _PREPARE_S
-        if not parts and now - since > patience:
-            raise EcuError(f"the ECU at {ticks * step:.3f} s: no answer for {patience:g} s")
+        now, progress = time.monotonic(), (int(control.tick), int(control.is_foreign))
+        if progress != seen:
+            seen, since = progress, now
+        elif control.is_foreign and now - since > hang_s:
+            raise EcuError(f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s")
     status = child.wait()
     if not parts:
-        why = f"exit code {status}" if status >= 0 else signal.Signals(-status).name
+        why = f"exit code {status}" if status >= 0 else _signal_name(-status)
         raise EcuError(f"the ECU at {int(control.tick) * step:.3f} s: its process ended ({why})")
     return b"".join(parts)
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # a real-time signal
+        return f"signal {number}"

@@ -8,8 +8,9 @@ result.maxima["pinch_force_n"]
 from __future__ import annotations
 
 import contextlib
+import math
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
-from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, is_library
+from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError
 from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Taker, Trace, watcher
@@ -126,7 +127,7 @@ def run(
 
 def execute(job: Job, stopped: Callable[[], bool] = lambda: False) -> Result:
     """Run a job, in a process of its own where its ECU may crash. Raises ConfigError."""
-    return _isolated(job, stopped) if is_library(job.ecu) else run_job(job, stopped)
+    return _isolated(job, stopped) if is_library(job.ecu) else run_job(job, (), stopped)
 
 
 def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
@@ -134,15 +135,19 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     from liftgate_hil.isolation import run_isolated
 
     resolve(job)  # what is wrong with the job is told here
+    check_ecu(job.ecu)
     try:
         sent = pickle.dumps(job)
         answer = pickle.loads(run_isolated(sent, 1.0 / job.options.rate, stopped))
     except EcuError as error:
+        answer = error
+    if isinstance(answer, EcuError):  # it could not be made, crashed or hung
+        nothing = dict.fromkeys(COLUMNS, math.nan)
         return Result(
             verdict="error",
-            reason=str(error),
-            maxima={},
-            minima={},
+            reason=str(answer),
+            maxima=nothing,
+            minima=nothing,
             events=(),
             summary=Summary(clock=job.options.clock),
             recording=job.options.records,
@@ -188,20 +193,47 @@ def resolve(job: Job) -> Parts:
 
 
 def run_job(
-    job: Job, stopped: Callable[[], bool] = lambda: False, memory: Memory | None = None
+    job: Job,
+    takers: Sequence[Taker] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    memory: Memory | None = None,
 ) -> Result:
-    """Run a job in this process; others may see its loop's `memory`. Raises ConfigError."""
+    """Run a job in this process; `takers` get its rows and frames, others may see its loop's `memory`.
+
+    Raises ConfigError.
+    """
     parts = resolve(job)
     parts.options.check()
-    seen: list[Taker] = [Extremes()]
+    seen: list[Taker] = [Extremes(), *takers]
     if job.trace:
         seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
         return _on_bus(job, parts, Adapter(parts.rig, parts.vehicle.drives), seen, stopped)
-    with adapter_for(job.ecu, parts.rig, parts.vehicle.drives) as adapter:
+    with contextlib.ExitStack() as stack:
+        with _foreign_code(memory):
+            adapter = adapter_for(job.ecu, parts.rig, parts.vehicle.drives)
+        stack.callback(_close, adapter, memory)
         if job.options.clock == "free":
             return _free(parts, adapter, seen, stopped, memory)
         return _on_bus(job, parts, adapter, seen, stopped)
+
+
+@contextlib.contextmanager
+def _foreign_code(memory: Memory | None) -> Iterator[None]:
+    """Say in the memory, as far as somebody looks at it, that an ECU's own code runs, which may hang."""
+    if memory is None:
+        yield
+        return
+    memory.shared.control.is_foreign = 1
+    try:
+        yield
+    finally:
+        memory.shared.control.is_foreign = 0
+
+
+def _close(adapter: Adapter, memory: Memory | None) -> None:
+    with _foreign_code(memory):
+        adapter.close()
 
 
 def _free(
@@ -242,8 +274,10 @@ def _free(
         )
         stack.callback(episode.close)
         try:
-            episode.run(ticks, stopped)
-            episode.finish()
+            episode.begin()
+            with _foreign_code(memory):
+                episode.run(ticks, stopped)
+                episode.finish()
         except LiftgateError as error:
             reason = str(error)
         summary = episode.summary(parts.rig.bitrate)

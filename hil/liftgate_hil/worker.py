@@ -23,7 +23,7 @@ def main() -> int:
     memory = Memory(rows, frames, descriptor)
     result: object
     try:
-        result = run_job(job, lambda: bool(memory.shared.control.stop[0]), memory)
+        result = run_job(job, (), lambda: bool(memory.shared.control.stop[0]), memory)
     except LiftgateError as error:
         result = error
     with os.fdopen(answer, "wb") as stream:

@@ -28,6 +28,9 @@ class Adapter:
 
     def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         config = ecu_config(rig, drives)
+        self.shares_clock = (
+            shares_clock  # its time is the gate's, else begins when the gate is heard
+        )
         self.node = Node(self.kind, config, wire.NO_PORT)
         self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
 

@@ -19,7 +19,7 @@ _CLASS = re.compile(r"[\w.]+:\w+$")
 
 
 def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> Adapter:
-    """The adapter of an ECU, whose clock is the gate's or begins when it first hears the gate.
+    """The adapter of an ECU; the clock by which it gets requests is the gate's, or begins when it hears the gate.
 
     Raises ConfigError.
     """
@@ -33,14 +33,19 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> A
     if name == "reference":
         return ReferenceEcu(rig, drives, shares_clock)
     if _LIBRARY.fullmatch(name):
-        if not Path(name).is_file():
-            raise ConfigError(f"`ecu` {name}: no such file")
+        check_ecu(name)
         return LibraryEcu(Path(name), rig, drives, shares_clock)
     if _CLASS.fullmatch(name):
         return PythonEcu(_instance_of(name), rig, drives, shares_clock)
     raise ConfigError(
         f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
     )
+
+
+def check_ecu(ecu: Any) -> None:
+    """Raises ConfigError where an ECU is a library that is not there."""
+    if is_library(ecu) and not Path(ecu).is_file():
+        raise ConfigError(f"`ecu` {ecu}: no such file")
 
 
 def is_library(ecu: Any) -> bool:
@@ -52,9 +57,9 @@ def _instance_of(name: str) -> Any:
     """An object of "module:Class"."""
     module, _, attribute = name.partition(":")
     try:
-        made = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+        return getattr(importlib.import_module(module), attribute)()
+    except Exception as error:  # what a user's module does is not known
         raise ConfigError(
-            f"`ecu` {name}: {error}; allowed: MODULE:CLASS that can be imported"
+            f"`ecu` {name}: {type(error).__name__}: {error}; allowed: MODULE:CLASS that can be imported, of which "
+            "an object can be made without arguments"
         ) from error
-    return made()

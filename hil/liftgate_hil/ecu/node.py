@@ -24,7 +24,8 @@ REQUEST = np.dtype([("time_ns", "i8"), ("action", "i8")])
 def request_table(requests: Sequence[Request]) -> Any:
     """Requests as a table (n,) REQUEST for the loop."""
     rows = [(round(each.time * 1e9), ACTIONS.index(each.action)) for each in requests]
-    return np.array(sorted(rows), dtype=REQUEST).view(np.recarray)
+    rows.sort(key=lambda row: row[0])  # of those at one time the order stays
+    return np.array(rows, dtype=REQUEST).view(np.recarray)
 
 
 class Node(NamedTuple):

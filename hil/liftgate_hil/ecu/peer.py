@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from liftgate_hil.codec.frames import FD, Frames
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.node import PORT, ask, request_table, turn
+from liftgate_hil.ecu.node import REFERENCE, ask, request_table, turn
 from liftgate_hil.errors import EcuError
 from liftgate_plant.compiler import compiled
 
@@ -26,19 +29,22 @@ class Peer:
         self._transport = transport
         self._requests = request_table(requests)
         self._asked = 0
+        self._heard_ns = 0 if adapter.shares_clock else -1
         self._turn = compiled(turn)
 
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at a time [ns]. Raises EcuError."""
         adapter = self._adapter
         frames = self._transport.receive()
-        self._begin(frames, now_ns)
-        if self._began() >= 0:
-            since = now_ns - self._began()
+        if self._heard_ns < 0 and self._is_gates(frames):
+            self._heard_ns = now_ns
+        began = self._began_ns()
+        if began >= 0:
+            since = now_ns - began
             self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
         adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
         if not is_fine:
-            raise EcuError(f"the ECU: {adapter.failure()}")
+            raise EcuError(f"the ECU at {now_ns * 1e-9:.3f} s: {adapter.failure()}")
         if sent.count:
             self._transport.send(sent)
 
@@ -49,13 +55,18 @@ class Peer:
             self._transport.send(frames)
 
     def elapsed_ns(self, now_ns: int) -> int:
-        """How long the ECU's clock, from which requests count, has been running at a time [ns]."""
-        return now_ns - self._began() if self._began() >= 0 else 0
+        """How long the ECU's clock has been running at a time [ns]."""
+        began = self._began_ns()
+        return now_ns - began if began >= 0 else 0
 
-    def _began(self) -> int:
-        return int(self._adapter.state.reference.memory.control.began_ns[0])
+    def _is_gates(self, frames: Frames) -> bool:
+        """Whether one of these frames is the gate's."""
+        theirs = frames.identifiers[: frames.count] & ~FD
+        return bool(np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier).any())
 
-    def _begin(self, frames: Frames, now_ns: int) -> None:
-        """The reference ECU begins by itself when it has heard all that it needs; others with the first frame."""
-        if self._began() < 0 and self._adapter.kind == PORT and frames.count:
-            self._adapter.state.reference.memory.control.began_ns[0] = now_ns
+    def _began_ns(self) -> int:
+        """When the clock by which the ECU gets requests began; -1: not yet."""
+        adapter = self._adapter
+        if adapter.node.kind == REFERENCE:
+            return int(adapter.state.reference.memory.control.began_ns[0])
+        return self._heard_ns

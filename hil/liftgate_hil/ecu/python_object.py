@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:
@@ -35,32 +37,29 @@ class PythonEcu(Adapter):
         self._error: BaseException | None = None
         self._reason = ""
         self._message_of = message_of_fields
-        if not callable(getattr(ecu, "step", None)):
+        if isinstance(ecu, type) or not callable(getattr(ecu, "step", None)):
             raise ConfigError(
-                f"`ecu` {ecu!r}: no step; allowed: an object with step(now_s, frames) -> frames"
+                f"`ecu` {ecu!r}: allowed: an object with step(now_s, frames) -> frames"
             )
         self._request: Callable[[str], object] | None = getattr(ecu, "request", None)
         period = getattr(ecu, "period_s", None)
-        seconds = rig.command_cycle_ms() * 1e-3 if period is None else float(period)
-        if not 0.0 < seconds <= 60.0:
-            raise ConfigError(f"`ecu` {ecu!r}: period_s {period!r}; allowed: up to 60 s, above 0")
+        seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
+        if not isinstance(seconds, int | float) or not 1e-6 <= seconds <= 60.0:
+            raise ConfigError(f"`ecu` {ecu!r}: period_s {period!r}; allowed: 1e-6 to 60 s")
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
         port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
         self.node = self.node._replace(port=port)
 
     def failure(self) -> str:
-        """See Adapter."""
+        """See Adapter. Raises KeyboardInterrupt where that came to the ECU: it was meant for who runs it."""
         if self._reason:
             return self._reason
+        if isinstance(self._error, KeyboardInterrupt):
+            raise self._error
         if self._error is not None:
-            return f"{type(self._error).__name__}: {self._error}"
+            return f"{type(self._error).__name__}: {self._error}{_place_of(self._error)}"
         return super().failure()
-
-    @property
-    def error(self) -> BaseException | None:
-        """What it raised."""
-        return self._error
 
     def _on_request(self, instance: int, action: int) -> int:
         try:
@@ -84,21 +83,36 @@ class PythonEcu(Adapter):
                     for identifier, length, flags, data in rows
                 ],
             )
-            return self._send(answer or (), capacity)
+            return self._send(answer, capacity)
         except BaseException as error:  # told after the episode has ended
             self._error = error
             return wire.BAD_COUNT
 
-    def _send(self, answer: Sequence[can.Message], capacity: int) -> int:
+    def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
         from liftgate_hil.transport.messages import fields_of_message
 
+        if answer is None:
+            return 0
+        if not isinstance(answer, list | tuple):
+            self._reason = f"its step gave {answer!r}; allowed: a list of can.Message, or None"
+            return wire.BAD_COUNT
         if len(answer) > capacity:
             self._reason = f"its step gave {len(answer)} frames; allowed: up to {capacity}"
             return wire.BAD_COUNT
         outbox = self.state.port.outbox.view(np.ndarray)
         for place, message in enumerate(answer):
-            identifier, length, flags, data = fields_of_message(message)
+            try:
+                identifier, length, flags, data = fields_of_message(message)
+            except EcuError as error:
+                self._reason = f"its step gave {error}"
+                return wire.BAD_COUNT
             outbox["id"][place], outbox["length"][place] = identifier, length
             outbox["format"][place] = flags
             outbox["payload"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
         return len(answer)
+
+
+def _place_of(error: BaseException) -> str:
+    """Where in the ECU's code it was raised, in words."""
+    calls = traceback.extract_tb(error.__traceback__)[1:]  # the first is ours
+    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""

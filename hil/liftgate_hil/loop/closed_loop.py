@@ -103,13 +103,19 @@ class Episode:
         """Model time [s]."""
         return self._now.loop.tick * self.config.step
 
+    def begin(self) -> None:
+        """Compile, or read the cache, before anything happens."""
+        script = self._script._replace(ticks=0)
+        self._run(
+            self.config,
+            self._adapter.node,
+            self._now._replace(asked=0),
+            script,
+            self.memory.shared,
+        )
+
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Run until so many ticks are done. Raises PlantDivergedError, EcuError."""
-        # Compiles, or reads the cache; who looks at the memory sees from when on the ECU has its turns.
-        idle = self._now._replace(asked=max(self._now.asked, 0))
-        script = self._script._replace(ticks=0)
-        self._run(self.config, self._adapter.node, idle, script, self.memory.shared)
-        self.memory.shared.control.epoch_ns[0] = 1
         self._stretches(self._script._replace(ticks=ticks), stopped)
 
     def finish(self) -> None:

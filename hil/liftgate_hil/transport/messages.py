@@ -42,6 +42,8 @@ def fields_of_message(message: object) -> tuple[int, int, int, bytes]:
     identifier |= ERROR if message.is_error_frame else 0
     data = b"" if message.is_remote_frame else bytes(message.data)
     length = message.dlc if message.is_remote_frame else len(data)
-    if len(data) > (64 if message.is_fd else 8) or not 0 <= identifier < 1 << 32:
+    if max(len(data), length) > (64 if message.is_fd else 8):
         raise EcuError(f"{message!r}; allowed: up to 8 bytes, with CAN FD 64")
+    if not 0 <= message.arbitration_id < 1 << (29 if message.is_extended_id else 11):
+        raise EcuError(f"{message!r}; allowed: identifiers of 11 bits, extended ones of 29")
     return identifier, length, int(message.is_fd), data

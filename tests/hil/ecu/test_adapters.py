@@ -1,0 +1,304 @@
+"""One contract for every adapter: the reference ECU, a C library, a Python object; in an episode and as a peer."""
+
+from __future__ import annotations
+
+import re
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import c_ecu
+import pytest
+from c_library import build, needs_compiler
+from echo_ecu import ECHO_REQUEST, ECHO_STEPS, Echo, Opener
+from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, start_of
+from run_support import Keeper, Told, episode_of, run_kept
+
+import liftgate_hil as lh
+from liftgate_hil.codec.receive import NO_COUNTS
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.ecu.find import adapter_for
+from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.loop.python_loop import Loop, run_free
+from liftgate_hil.recording.bus_log import CandumpRecorder
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.transport.can_bus import CanTransport
+
+HERE = Path(__file__).parent
+
+
+class Line(NamedTuple):
+    """Of a bus's log."""
+
+    tick: int
+    identifier: int
+    is_extended: bool
+    payload: bytes
+
+
+def lines_of(path: Path) -> list[Line]:
+    found = []
+    for line in path.read_text().splitlines():
+        match = re.fullmatch(r"\(([\d.]+)\) \S+ ([0-9A-F]+)#([0-9A-F]*)", line)
+        assert match, line
+        found.append(
+            Line(
+                round(float(match[1]) * 1e3),
+                int(match[2], 16),
+                len(match[2]) == 8,
+                bytes.fromhex(match[3]),
+            )
+        )
+    return found
+
+
+def in_an_episode(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
+    result = lh.run(scenario, ecu, record=[log])
+    assert result.verdict == "pass", result.reason
+    return lines_of(log)
+
+
+def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
+    """The same on a virtual bus, ticked from Python."""
+    channel = str(uuid.uuid4())
+    ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
+    config = loop_config()
+    recorder = CandumpRecorder(log, "bus", 0.0)
+    with adapter_for(ecu, lh.load_rig(shipped()), 2) as adapter:
+        peer = Peer(adapter, theirs, scenario.requests)
+        loop = Loop(
+            config, start_of(config), scenario.timeline, ours, recorders=[recorder], peers=[peer]
+        )
+        loop.begin()
+        run_free(loop, round(1e3 * (scenario.duration or 0.0)), lambda: False)
+        loop.finish()
+        peer.finish()
+    for each in (recorder, ours, theirs):
+        each.close()
+    return lines_of(log)
+
+
+def shipped() -> Path:
+    return find_config("rigs", "liftgate")
+
+
+@pytest.fixture(scope="module")
+def echo_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("echo"), (HERE / "echo.c").read_text())
+
+
+WAYS = [in_an_episode, as_a_peer]
+KINDS = [
+    pytest.param("library", marks=needs_compiler),
+    "object",
+    "echo_ecu:Echo",
+]
+
+
+@pytest.fixture
+def make(request: pytest.FixtureRequest) -> Callable[[str], Any]:
+    """What `ecu` is to be for a kind."""
+
+    def made(kind: str) -> Any:
+        if kind == "library":
+            return str(request.getfixturevalue("echo_library"))
+        return Echo() if kind == "object" else kind
+
+    return made
+
+
+# The contract.
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_gets_each_frame_once_in_order_and_is_read_one_tick_later(
+    make: Callable[[str], Any], way: Callable[..., list[Line]], kind: str, tmp_path: Path
+) -> None:
+    lines = way(make(kind), Scenario(no_timeline(), (), 0.3), tmp_path / "bus.log")
+    gates = [line for line in lines if not line.is_extended and line.identifier != ECHO_STEPS]
+    echoes = [line for line in lines if line.is_extended]
+    assert len(gates) > 150
+    # What the gate said at the end has no answer any more.
+    assert echoes == [
+        line._replace(tick=line.tick + 1, is_extended=True) for line in gates if line.tick < 300
+    ]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_requests_reach_it_at_their_time_before_its_step(
+    make: Callable[[str], Any], way: Callable[..., list[Line]], kind: str, tmp_path: Path
+) -> None:
+    asked = [
+        (0.0, "open"), (0.05, "close"), (0.05, "stop"), (0.05, "open"), (0.0704, "stop"), (0.2, "open")
+    ]  # fmt: skip
+    scenario = Scenario(no_timeline(), tuple(Request(*each) for each in asked), 0.1)
+    lines = way(make(kind), scenario, tmp_path / "bus.log")
+    heard = [
+        (line.tick, line.identifier - ECHO_REQUEST, int.from_bytes(line.payload, "little"))
+        for line in lines
+        if ECHO_REQUEST <= line.identifier < ECHO_REQUEST + 3
+    ]
+    # Obeyed in the step at that time or the first after it, and read one tick later; those at one time in order.
+    assert heard == [
+        (1, 1, 0), (51, 2, 50_000_000), (51, 0, 50_000_000), (51, 1, 50_000_000), (72, 0, 71_000_000)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [each for each in KINDS if each != "object"])
+def test_another_run_begins_afresh(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
+    scenario, logs = Scenario(no_timeline(), (), 0.05), []
+    for number in range(2):
+        path = tmp_path / f"{number}.log"
+        lines = in_an_episode(make(kind), scenario, path)
+        told = [line for line in lines if line.identifier == ECHO_STEPS]
+        assert [(line.tick, line.payload) for line in told] == [(1, bytes(4))]
+        logs.append(path.read_bytes())
+    assert logs[0] == logs[1]
+
+
+def test_an_object_goes_on_as_its_maker_left_it(tmp_path: Path) -> None:
+    ecu, scenario = Echo(), Scenario(no_timeline(), (), 0.05)
+    for steps in (0, 51):
+        lines = in_an_episode(ecu, scenario, tmp_path / "bus.log")
+        told = [line.payload for line in lines if line.identifier == ECHO_STEPS]
+        assert told == [steps.to_bytes(4, "little")]
+
+
+@needs_compiler
+@pytest.mark.parametrize("way", WAYS)
+def test_a_library_is_made_once_and_destroyed_at_the_end(
+    way: Callable[..., list[Line]],
+    echo_library: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    notes = tmp_path / "notes"
+    monkeypatch.setenv("LIFTGATE_TEST_NOTES", str(notes))
+    way(str(echo_library), Scenario(no_timeline(), (), 0.02), tmp_path / "bus.log")
+    assert notes.read_text().split() == ["created", "destroyed"]
+
+
+@needs_compiler
+def test_a_library_and_an_object_that_do_the_same_give_the_same_run(
+    echo_library: Path, tmp_path: Path
+) -> None:
+    scenario = Scenario(no_timeline(), (Request(0.02, "open"),), 0.1)
+    for name, ecu in (("c", echo_library), ("python", Echo())):
+        in_an_episode(ecu, scenario, tmp_path / f"{name}.log")
+    assert (tmp_path / "c.log").read_bytes() == (tmp_path / "python.log").read_bytes()
+
+
+# The reference ECU.
+
+
+@pytest.mark.parametrize("drives", [1, 2])
+def test_the_reference_ecu_hears_each_frame_of_the_gate(rig: Rig, drives: int) -> None:
+    keeper = Keeper()
+    with ReferenceEcu(rig, drives) as adapter:
+        episode = episode_of([keeper], adapter)
+        episode.run(500)
+        sent = len(keeper.wires(is_sent=True))
+        # The counters of LeftDrive and RightDrive have told of every gap.
+        assert adapter.state.reference.counts == NO_COUNTS._replace(accepted=sent)
+        assert adapter.events() != []
+        assert adapter.events(told=1) == adapter.events()[1:]
+        episode.close()
+
+
+def test_the_reference_ecu_is_made_anew_for_each_run() -> None:
+    runs = [lh.run("demo", duration=3.0) for _ in range(2)]
+    assert runs[0].events == runs[1].events
+    assert runs[0].summary == runs[1].summary
+
+
+def test_no_ecu_at_all_is_a_silent_bus(rig: Rig) -> None:
+    keeper = Keeper()
+    with Adapter(rig, 2) as adapter:
+        episode = episode_of([keeper], adapter)
+        episode.run(100)
+        assert adapter.events() == []
+        assert adapter.last_frames() is None
+        episode.close()
+    assert keeper.wires(is_sent=False) == []
+    assert len(keeper.wires(is_sent=True)) == 20 + 20 + 10 + 1 + 1
+
+
+# When a Python object is visited.
+
+
+@pytest.mark.parametrize(
+    ("period_s", "rate", "expected_ms"),
+    [
+        (None, 1000.0, [0, 10, 20, 30, 40]),  # the rig's cycle
+        (0.001, 1000.0, list(range(50))),
+        (0.004, 1000.0, list(range(0, 50, 4))),
+        (0.0015, 1000.0, [0, 2, 3, 5, 6, 8, 9, 11, 12, 14, 15]),
+        (0.0001, 1000.0, list(range(50))),
+        (0.005, 500.0, [0, 6, 10, 16, 20, 26, 30, 36, 40, 46]),
+        (1.0, 1000.0, [0]),
+    ],
+)
+def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
+    period_s: float | None, rate: float, expected_ms: list[int]
+) -> None:
+    ecu = Told(lambda turn: [], period_s=period_s)
+    result = lh.run(Scenario(no_timeline(), (), 0.05), ecu, rate=rate)
+    assert result.verdict == "pass"
+    times = [round(1e3 * now, 6) for now, _ in ecu.heard if now < 0.05]
+    assert times[: len(expected_ms)] == expected_ms
+    # A message of cycle T comes at each multiple of T; nothing is lost between two visits.
+    last = ecu.heard[-1][0]
+    for identifier in (LEFT_DRIVE, RIGHT_DRIVE):
+        frames = [
+            each for _, heard in ecu.heard for each in heard if each.arbitration_id == identifier
+        ]
+        assert len(frames) == int(last / 0.005 + 1e-6)
+        assert [each.data[6] & 15 for each in frames] == list(range(len(frames)))
+    for now, heard in ecu.heard:
+        assert {each.timestamp for each in heard} <= {now}
+
+
+def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
+    for answer in (None, [], ()):
+        result, _ = run_kept(Scenario(no_timeline(), (), 0.05), Told(lambda turn, a=answer: a))
+        assert result.verdict == "pass"
+        assert result.summary.received == NO_COUNTS
+
+
+# ECUs that drive.
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+@pytest.mark.parametrize("kind", ["object", "echo_ecu:Opener"])
+def test_a_simple_python_ecu_opens_the_gate(kind: str, clock: str) -> None:
+    ecu = Opener() if kind == "object" else kind
+    scenario = Scenario(no_timeline(), (Request(0.2, "open"),), 2.0)
+    result = lh.run(scenario, ecu, clock, trace=True)
+    assert result.verdict == "pass", result.reason
+    assert result.summary.received == NO_COUNTS._replace(accepted=200)
+    assert result.summary.command_timeouts == 0
+    angle = result.trace["gate_angle_deg"]
+    assert angle[199] == 0.0
+    assert angle[200] > 0.0
+    assert angle[-1] > 8.0
+    if isinstance(ecu, Opener):
+        assert ecu.angles[-1] == pytest.approx(angle[-2], abs=0.1)
+
+
+@c_ecu.needs_compiler
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_the_example_library_opens_the_gate(example_library: Path, clock: str) -> None:
+    scenario = Scenario(no_timeline(), (Request(0.2, "open"),), 2.0)
+    runs = [lh.run(scenario, example_library, clock, trace=True) for _ in range(2)]
+    assert runs[0].verdict == "pass", runs[0].reason
+    assert runs[0].summary.received == NO_COUNTS._replace(accepted=200)
+    assert runs[0].maxima["gate_angle_deg"] > 5.0
+    for name, column in runs[0].trace.items():
+        assert column.tobytes() == runs[1].trace[name].tobytes()

@@ -1,0 +1,209 @@
+"""A C library that does what none may: the run ends with the cause, and its caller lives on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+import re
+from pathlib import Path
+
+import pytest
+from c_library import build, needs_compiler
+
+import liftgate_hil as lh
+from liftgate_hil import runs, session
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.ecu.find import is_library
+from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.isolation import run_isolated
+from liftgate_hil.signals import COLUMNS
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import no_timeline
+
+pytestmark = needs_compiler
+
+SCENARIO = Scenario(no_timeline(), (Request(0.02, "open"),), 0.1)
+AT = "now_ns == 50000000"
+SOURCE = """
+#include "liftgate_ecu.h"
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+static int state;
+volatile int *volatile nowhere;
+void *liftgate_ecu_create(void) {{ {create} return &state; }}
+void liftgate_ecu_destroy(void *ecu) {{ (void)ecu; {destroy} }}
+void liftgate_ecu_request(void *ecu, int action) {{ (void)ecu; (void)action; {request} }}
+int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
+                      struct liftgate_frame *out, int capacity)
+{{
+    (void)ecu, (void)now_ns, (void)in, (void)count, (void)out, (void)capacity;
+    {step}
+    return 0;
+}}
+"""
+
+
+def library(folder: Path, **bodies: str) -> Path:
+    parts = ("create", "destroy", "request", "step")
+    return build(folder, SOURCE.format(**{part: bodies.get(part, "") for part in parts}))
+
+
+def check_that_the_caller_lives_on() -> None:
+    assert lh.run("demo", duration=0.1).verdict == "pass"
+
+
+def frame(length: int, flags: int = 0) -> str:
+    return (
+        f"if ({AT}) {{ memset(out, 0, sizeof *out); out->id = 0x400; out->length = {length}; "
+        f"out->flags = {flags}; return 1; }}"
+    )
+
+
+RETURNED = r"its step returned {}; allowed: 0 to 1024 frames"
+NO_FRAME = r"it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
+
+
+@pytest.mark.parametrize(
+    ("bodies", "time_s", "reason"),
+    [
+        ({"step": f"if ({AT}) *nowhere = 1;"}, 0.05, r"its process ended \(SIGSEGV\)"),
+        ({"step": f"if ({AT}) abort();"}, 0.05, r"its process ended \(SIGABRT\)"),
+        ({"step": f"if ({AT}) exit(3);"}, 0.05, r"its process ended \(exit code 3\)"),
+        ({"step": f"if ({AT}) raise(SIGRTMIN + 1);"}, 0.05, r"its process ended \(signal \d+\)"),
+        ({"request": "*nowhere = 1;"}, 0.02, r"its process ended \(SIGSEGV\)"),
+        ({"destroy": "*nowhere = 1;"}, 0.101, r"its process ended \(SIGSEGV\)"),
+        ({"step": f"if ({AT}) return -1;"}, 0.05, RETURNED.format("-1")),
+        ({"step": f"if ({AT}) return 5000;"}, 0.05, RETURNED.format("5000")),
+        ({"step": frame(200)}, 0.05, NO_FRAME),
+        ({"step": frame(9)}, 0.05, NO_FRAME),
+        ({"step": frame(65, flags=1)}, 0.05, NO_FRAME),
+    ],
+)
+def test_what_it_does_wrong_is_told(
+    tmp_path: Path, bodies: dict[str, str], time_s: float, reason: str
+) -> None:
+    result = lh.run(SCENARIO, library(tmp_path, **bodies))
+    assert result.verdict == "error"
+    assert re.fullmatch(rf"the ECU at {time_s:.3f} s: {reason}", result.reason), result.reason
+    assert set(result.maxima) == set(result.minima) == set(COLUMNS)
+    assert not math.isinf(result.maxima["pinch_force_n"])
+    check_that_the_caller_lives_on()
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "memset(out, 0, capacity * sizeof *out); return capacity;",
+        frame(64, flags=1),
+        # More bits than FD mean nothing, and what lies behind the payload does neither.
+        frame(8, flags=0xFE),
+    ],
+)
+def test_what_it_may_do_is_no_error(tmp_path: Path, step: str) -> None:
+    result = lh.run(SCENARIO, library(tmp_path, step=step))
+    assert result.verdict == "pass", result.reason
+
+
+def test_without_requests_it_gets_none(tmp_path: Path) -> None:
+    source = SOURCE.format(create="", destroy="", request="", step="")
+    source = re.sub(r"void liftgate_ecu_request.*", "", source)
+    path = build(tmp_path, source)
+    assert lh.run(SCENARIO, path).verdict == "pass"
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path, clock: str) -> None:
+    result = lh.run(SCENARIO, library(tmp_path, create="if (state == 0) return NULL;"), clock)
+    assert result.verdict == "error"
+    assert "liftgate_ecu_create gave no ECU" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("bodies", "time_s"),
+    [
+        ({"create": "for (;;) pause();"}, 0.0),
+        ({"step": "for (;;) pause();"}, 0.0),
+        ({"request": "for (;;) pause();"}, 0.02),
+        ({"step": f"if ({AT}) for (;;) {{ }}"}, 0.05),
+        ({"destroy": "for (;;) pause();"}, 0.101),
+    ],
+)
+def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
+    options = session.RunOptions(clock="free")
+    job = runs.Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
+    with pytest.raises(EcuError) as caught:
+        run_isolated(pickle.dumps(job), 0.001, hang_s=1.0)
+    assert str(caught.value) == f"the ECU at {time_s:.3f} s: no answer for 1 s"
+
+
+def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
+    result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
+    assert (result.verdict, result.reason) == (
+        "error",
+        "the ECU at 0.050 s: no answer for 0.5 s",
+    )
+
+
+def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path) -> None:
+    path = library(tmp_path, step=f"if ({AT}) abort();")
+    result = lh.run(SCENARIO, path, rate=500.0)
+    assert result.reason.startswith("the ECU at 0.050 s")
+
+
+@pytest.mark.parametrize("missing", ["create", "destroy", "step"])
+def test_a_library_without_a_function_is_a_mistake_of_the_caller(
+    tmp_path: Path, missing: str
+) -> None:
+    source = SOURCE.format(create="", destroy="", request="", step="")
+    path = build(tmp_path, source.replace(f"liftgate_ecu_{missing}(", f"another_{missing}("))
+    with pytest.raises(ConfigError, match=f"ecu.*{missing}.*functions of liftgate_ecu.h"):
+        lh.run(SCENARIO, path)
+
+
+@pytest.mark.parametrize("content", [b"", b"no library", b"\x7fELF and no more"])
+def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(
+    tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "ecu.so"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"ecu.*ecu\.so.*functions of liftgate_ecu\.h"):
+        lh.run(SCENARIO, path)
+
+
+def test_what_else_is_wrong_is_told_before_a_process_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.isolation.run_isolated", lambda *_: pytest.fail("started"))
+    with pytest.raises(ConfigError, match="no-such-vehicle"):
+        lh.run(SCENARIO, library(tmp_path), vehicle="no-such-vehicle")
+    with pytest.raises(ConfigError, match="no such file"):
+        lh.run(SCENARIO, tmp_path / "missing.so")
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("ecu.so", True), ("./ecu.so.1.2", True), ("/a b/ecu.dylib", True), ("C:\\ecu.dll", True),
+        ("reference", False), ("module:Class", False), ("bus", False), (".so", False),
+        (object(), False),
+    ],
+)  # fmt: skip
+def test_libraries_are_known_by_their_names(name: object, expected: bool) -> None:
+    assert is_library(name) is expected
+    if isinstance(name, str):
+        assert is_library(Path(name)) is expected
+
+
+def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
+    """Everything that a run may be given can be handed to another process."""
+    rig = session.rig_from("liftgate")
+    vehicle = session.vehicle_from("compact")
+    scenario = dataclasses.replace(SCENARIO, duration=0.05)
+    result = lh.run(scenario, library(tmp_path), rig=rig, vehicle=vehicle, trace=True)
+    assert result.verdict == "pass", result.reason
+    assert len(result.trace["time_s"]) == 51
+    assert result.summary.ticks == 51

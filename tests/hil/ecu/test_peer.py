@@ -1,0 +1,207 @@
+"""An ECU at the other end of a bus: in this process, and in one of its own."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import c_ecu
+import pytest
+from echo_ecu import ECHO_REQUEST, Echo
+from hil_support import (
+    GATE,
+    LEFT_DRIVE,
+    OPEN,
+    both,
+    command_frame,
+    frames_of,
+    rows_of,
+    with_checksum,
+)
+from run_support import Told
+
+import liftgate_hil as lh
+from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
+from liftgate_hil.codec.receive import NO_COUNTS
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.find import adapter_for
+from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.errors import EcuError
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.transport.base import LinkCounts
+
+MS = 1_000_000
+Rows = list[tuple[int, bytes]]
+
+
+class Wire:
+    """A transport of lists."""
+
+    name = "wire"
+    is_up = True
+
+    def __init__(self) -> None:
+        self.inbox: Rows = []
+        self.sent: Rows = []
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        rows, self.inbox = self.inbox, []
+        return frames_of(rows) if rows else empty_frames(0)
+
+    def send(self, frames: Frames) -> None:
+        self.sent += rows_of(frames)
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        pass
+
+
+def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]) -> list[int]:
+    """The times [ms] at which an Echo tells of a request."""
+    wire = Wire()
+    peer = Peer(adapter, wire, requests)
+    times = []
+    for now in range(100):
+        wire.inbox = heard.get(now, [])
+        peer.poll(now * MS)
+        times += [now for row, _ in wire.sent if ECHO_REQUEST <= row < ECHO_REQUEST + 3]
+        wire.sent.clear()
+    return times
+
+
+REQUESTS = [Request(0.0, "open"), Request(0.02, "stop")]
+
+
+def test_with_the_gates_clock_requests_count_from_the_start(rig: Rig) -> None:
+    with adapter_for(Echo(), rig, 2) as adapter:
+        assert polled(adapter, REQUESTS, {40: [(GATE, bytes(5))]}) == [0, 20]
+
+
+def test_with_a_clock_of_its_own_requests_count_from_when_the_gate_is_first_heard(
+    rig: Rig,
+) -> None:
+    heard = {
+        5: [(0x55, b"x"), (GATE | EXTENDED, bytes(5)), command_frame(rig, 0, **both(0.0, OPEN))],
+        40: [(0x56, b""), (GATE, bytes(5))],
+        50: [(LEFT_DRIVE, bytes(8))],
+    }
+    with adapter_for(Echo(), rig, 2, shares_clock=False) as adapter:
+        assert polled(adapter, REQUESTS, heard) == [40, 60]
+
+
+@pytest.mark.parametrize("kind", ["reference", "object"])
+def test_the_time_that_has_passed_is_that_since_the_gate_was_heard(rig: Rig, kind: str) -> None:
+    wire = Wire()
+    ecu = "reference" if kind == "reference" else Told(lambda turn: [])
+    with adapter_for(ecu, rig, 2, shares_clock=False) as adapter:
+        peer = Peer(adapter, wire)
+        peer.poll(10 * MS)
+        assert peer.elapsed_ns(10 * MS) == 0
+        gate = rig.messages["Gate"].encode({"Angle": 3.0, "LatchState": 0, "TerminalVoltage": 12})
+        drives = [
+            (identifier, with_drive(rig, name, identifier))
+            for identifier, name in ((LEFT_DRIVE, "LeftDrive"), (LEFT_DRIVE + 1, "RightDrive"))
+        ]
+        wire.inbox = [(GATE, gate), *drives]
+        peer.poll(30 * MS)
+        assert peer.elapsed_ns(75 * MS) == 45 * MS
+
+
+def with_drive(rig: Rig, name: str, identifier: int) -> bytes:
+    values = {"MotorCurrent": 0, "HallCount": 0, "HallSpeed": 0, "AliveCounter": 0, "Checksum": 0}
+    return with_checksum(identifier, rig.messages[name].encode(values))
+
+
+def test_the_reference_ecu_says_at_the_end_that_the_motors_are_off(rig: Rig) -> None:
+    wire = Wire()
+    with adapter_for("reference", rig, 2) as adapter:
+        Peer(adapter, wire).finish()
+    (last,) = wire.sent
+    values = rig.messages["DriveCommand"].decode(last[1], decode_choices=False)
+    assert values["LeftDirection"] == values["RightDirection"] == 0
+    assert values["LeftDuty"] == values["RightDuty"] == values["LatchRelease"] == 0
+
+
+def test_an_ecu_that_says_nothing_at_the_end_sends_nothing(rig: Rig) -> None:
+    wire = Wire()
+    with adapter_for(Told(lambda turn: []), rig, 2) as adapter:
+        Peer(adapter, wire).finish()
+    assert wire.sent == []
+
+
+def test_what_it_does_wrong_is_told_with_its_time(rig: Rig) -> None:
+    with adapter_for(Told(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
+        peer = Peer(adapter, Wire())
+        peer.poll(0)
+        peer.poll(10 * MS)
+        with pytest.raises(EcuError, match=r"the ECU at 0\.020 s: its step gave 5"):
+            peer.poll(20 * MS)
+
+
+# A process of its own.
+
+_groups = itertools.count(os.getpid() % 200)
+
+
+@pytest.fixture
+def bus() -> str:
+    """A multicast group of this test's own."""
+    return f"udp_multicast:239.75.{next(_groups) % 250}.{os.getpid() % 250 + 1}"
+
+
+@pytest.fixture
+def ecu_on(bus: str) -> Iterator[Any]:
+    """Starts `liftgate-hil ecu`; ended with the test."""
+    children = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        folders = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+        path = os.pathsep.join([*folders, os.environ.get("PYTHONPATH", "")])
+        command = [sys.executable, "-m", "liftgate_hil", "ecu", "--bus", bus, *arguments]
+        children.append(
+            subprocess.Popen(
+                command, stderr=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": path}
+            )
+        )
+        return children[-1]
+
+    yield start
+    for child in children:
+        child.kill()
+        child.communicate()
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["reference", "echo_ecu:Opener", pytest.param("library", marks=c_ecu.needs_compiler)],
+)
+def test_an_ecu_in_a_process_of_its_own_opens_the_gate_in_lockstep(
+    bus: str, ecu_on: Any, kind: str, request: pytest.FixtureRequest
+) -> None:
+    ecu = str(request.getfixturevalue("example_library")) if kind == "library" else kind
+    ecu_on("--ecu", ecu, "--request", "0.2:open")
+    scenario = Scenario(no_timeline(), (), 2.0)
+    result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=120.0, trace=True)
+    assert result.verdict == "pass", result.reason
+    # Each command once, none of them refused: a period of model time each.
+    assert result.summary.received == NO_COUNTS._replace(accepted=200)
+    assert result.summary.command_timeouts == 0
+    # Asked by the ECU's own clock, at the latest after 20 commands.
+    assert result.trace["gate_angle_deg"][-1] > 1.0
+
+
+def test_without_anybody_on_the_bus_lockstep_gives_up(bus: str) -> None:
+    scenario = Scenario(no_timeline(), (), 2.0)
+    result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=0.3)
+    assert result.verdict == "error"
+    assert result.reason.startswith("no command for 0.3 s at 0.000 s of model time")
