@@ -1,4 +1,7 @@
-"""The other end of a benchmark's wire, a process of its own: a command every 10 ms; reads what comes.
+"""The other end of a benchmark's wire, a process of its own: a command every 10.1 ms; reads what comes.
+
+Not every 10 ms: against feedback every 5 ms that would be one and the same phase throughout a run, and with it the
+time from command to feedback whatever that phase makes it. So the phase moves on by 0.1 ms with each command.
 
 python -m tools.benchmark.peer DESCRIPTOR
 """
@@ -14,7 +17,7 @@ from liftgate_hil import session
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import empty_frames
 
-PERIOD = 0.010
+PERIOD = 0.0101  # s
 
 
 def main() -> None:
