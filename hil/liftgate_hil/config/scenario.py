@@ -76,21 +76,22 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
     names = [name for name, _ in profiles]
     for name in sorted({name for name in names if name and names.count(name) > 1}):
         issues.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
-    issues.raise_if_any()
     settings = table(issues, "set", raw.get("set", {}))
-    scenario = Scenario(
+    defaults: dict[str, Any] = {
+        "vehicle": _beside(path, issues, raw, "vehicle"),
+        "rig": _beside(path, issues, raw, "rig"),
+        "seed": _seed(issues, raw.get("seed", 0)),
+        "initial": _initial(issues, raw.get("initial", "closed")),
+        "settings": tuple(f"{key}={value!r}" for key, value in _flat(settings)),
+    }
+    issues.raise_if_any()
+    return Scenario(
         timeline_of(dict(profiles), obstacles),
         tuple(sorted(requests, key=lambda request: request.time)),
         duration,
-        vehicle=_beside(path, issues, raw, "vehicle"),
-        rig=_beside(path, issues, raw, "rig"),
-        seed=_seed(issues, raw.get("seed", 0)),
-        initial=_initial(issues, raw.get("initial", "closed")),
-        settings=tuple(f"{key}={value!r}" for key, value in _flat(settings)),
         parameters=parameters,
+        **defaults,
     )
-    issues.raise_if_any()
-    return scenario
 
 
 def _parameters(

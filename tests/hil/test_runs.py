@@ -1,0 +1,119 @@
+"""`liftgate_hil.run`: a scenario against an ECU, what it takes and what it gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.signals import COLUMNS
+
+TEXT = """
+description = "closing onto a rod"
+duration = 2.5
+vehicle = "suv"
+initial = 45.0
+[parameters]
+rod = 10_000
+start = 0.2
+[set]
+"environment.ambient_temperature_degc" = 10
+supply.voltage = 13
+[[obstacle]]
+angle_deg = 42
+stiffness = "$rod"
+[[request]]
+time = "$start"
+action = "close"
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "scenario.toml"
+    path.write_text(TEXT)
+    return path
+
+
+def test_a_result_has_every_column_and_what_the_ecu_told(scenario: Path) -> None:
+    result = lh.run(scenario, ecu="reference")
+    assert (result.verdict, result.reason) == ("pass", "")
+    assert set(result.maxima) == set(result.minima) == set(COLUMNS)
+    assert result.maxima["gate_angle_deg"] >= 45.0 > result.minima["gate_angle_deg"]
+    assert result.maxima["supply_voltage_v"] == result.minima["supply_voltage_v"] == 13.0
+    assert result.maxima["ambient_temperature_degc"] == 10.0
+    assert result.maxima["pinch_force_n"] > 5.0
+    assert 0.2 < result.pinch_time_s < 2.5
+    assert result.events[0].text == "closing"
+    assert result.summary.ticks == 2501
+
+
+def test_parameters_replace_those_of_the_file(scenario: Path) -> None:
+    soft = lh.run(scenario, parameters={"rod": 1000})
+    hard = lh.run(scenario, parameters={"rod": 60_000})
+    assert hard.maxima["pinch_force_n"] > 1.2 * soft.maxima["pinch_force_n"]
+
+
+def test_arguments_win_over_the_file(scenario: Path) -> None:
+    result = lh.run(
+        scenario, vehicle="compact", initial="closed", duration=0.5, settings=["supply.voltage=11"]
+    )
+    assert result.summary.model_time_s == pytest.approx(0.501)
+    assert result.maxima["supply_voltage_v"] == 11.0
+    assert result.minima["latched"] == 1.0
+
+
+def test_a_trace_keeps_every_row(scenario: Path) -> None:
+    result = lh.run(scenario, trace=True)
+    assert set(result.trace) == set(COLUMNS)
+    assert len(result.trace["time_s"]) == result.summary.ticks
+    assert result.trace["pinch_force_n"].max() == result.maxima["pinch_force_n"]
+
+
+def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
+    files = [tmp_path / "run.csv", tmp_path / "run.log"]
+    result = lh.run(scenario, record=files)
+    assert result.recording == tuple(files)
+    assert len(files[0].read_text().splitlines()) == 2502
+    assert len(files[1].read_text().splitlines()) > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"clock": "fast"}, "`clock` fast: allowed: realtime, free, lockstep"),
+        ({"parameters": {"nix": 1}}, "parameters.nix: no such parameter; allowed: rod, start"),
+        ({"ecu": "nix"}, "`ecu` nix: allowed: reference"),
+        ({"ecu": "bus"}, "`clock` free: allowed with the ECU in this process"),
+        ({"vehicle": "nix"}, "nix: neither a file"),
+        ({"record": ["x.foo"]}, "`record` x.foo: format"),
+        ({"initial": 95.0}, "`initial` 95.0"),
+        ({"settings": ["nix"]}, "`set` nix: allowed: KEY=VALUE"),
+    ],
+)
+def test_what_cannot_be_meant_is_told(
+    scenario: Path, arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        lh.run(scenario, **arguments)
+
+
+def test_without_a_duration_a_run_would_never_end() -> None:
+    with pytest.raises(ConfigError, match="`duration`: missing"):
+        lh.run()
+
+
+def test_all_issues_of_a_scenario_come_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(
+        'seed = -1\ninitial = "ajar"\nnix = 1\n[[obstacle]]\nangle_deg = "$angle"\n'
+        '[[request]]\ntime = "$when"\naction = "open"\n'
+    )
+    with pytest.raises(ConfigError) as caught:
+        lh.run(path)
+    told = "\n".join(caught.value.issues)
+    for key in ("seed", "initial", "nix", "obstacle[0].angle_deg", "request[0].time"):
+        assert f"{path}: {key}: " in told
