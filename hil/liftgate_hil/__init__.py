@@ -14,26 +14,28 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from liftgate_hil import errors
-    from liftgate_hil.config.rig import Rig, load_rig
-    from liftgate_hil.config.scenario import Scenario, load_scenario
-    from liftgate_hil.config.vehicle import load_vehicle
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.gate import Gate
     from liftgate_hil.runs import Result, run
+    from liftgate_hil.session import rig_from as load_rig
+    from liftgate_hil.session import scenario_from as load_scenario
+    from liftgate_hil.session import vehicle_from as load_vehicle
     from liftgate_plant.vehicle import Vehicle
 
     __version__: str
 
-# Public name: the module that has it. Imported where it is asked for, so that starting a command stays fast.
+# Public name: where it is. Imported when it is asked for, so that starting a command stays fast.
 _HOMES = {
-    "Gate": "liftgate_hil.gate",
-    "Result": "liftgate_hil.runs",
-    "Rig": "liftgate_hil.config.rig",
-    "Scenario": "liftgate_hil.config.scenario",
-    "Vehicle": "liftgate_plant.vehicle",
-    "load_rig": "liftgate_hil.config.rig",
-    "load_scenario": "liftgate_hil.config.scenario",
-    "load_vehicle": "liftgate_hil.config.vehicle",
-    "run": "liftgate_hil.runs",
+    "Gate": ("liftgate_hil.gate", "Gate"),
+    "Result": ("liftgate_hil.runs", "Result"),
+    "Rig": ("liftgate_hil.config.rig", "Rig"),
+    "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
+    "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
+    "load_rig": ("liftgate_hil.session", "rig_from"),
+    "load_scenario": ("liftgate_hil.session", "scenario_from"),
+    "load_vehicle": ("liftgate_hil.session", "vehicle_from"),
+    "run": ("liftgate_hil.runs", "run"),
 }
 
 __all__ = [
@@ -59,7 +61,8 @@ def __getattr__(name: str) -> object:
     if name == "errors":
         return import_module("liftgate_hil.errors")
     if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+        module, attribute = _HOMES[name]
+        return getattr(import_module(module), attribute)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -78,8 +78,8 @@ class Gate:
             vehicle = session.vehicle_from(str(vehicle), settings)
         if isinstance(rig, str | Path):
             rig = session.rig_from(str(rig))
-        if not 200.0 <= rate <= 10_000.0:
-            raise ConfigError(f"`rate` {rate}: allowed: 200 to 10000 Hz")
+        session.check_rate(rate)
+        session.check_seed(seed)
         self.rig = rig
         self._drives = vehicle.drives
         self._config = session.loop_config_of(vehicle, rig, rate, seed)

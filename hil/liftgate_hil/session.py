@@ -32,21 +32,23 @@ NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
 
 
-def vehicle_from(name: str, settings: Sequence[str] = ()) -> Vehicle:
+def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
     """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. Raises ConfigError."""
-    return load_vehicle(find_config("vehicles", name), settings)
+    return load_vehicle(find_config("vehicles", str(name)), settings)
 
 
-def rig_from(name: str) -> Rig:
+def rig_from(name: str | Path) -> Rig:
     """The rig of a shipped name or a path. Raises ConfigError."""
-    return load_rig(find_config("rigs", name))
+    return load_rig(find_config("rigs", str(name)))
 
 
-def scenario_from(name: str | None, parameters: Mapping[str, float] | None = None) -> Scenario:
+def scenario_from(
+    name: str | Path | None, parameters: Mapping[str, float] | None = None
+) -> Scenario:
     """The scenario of a shipped name or a path with its parameters replaced, or none. Raises ConfigError."""
     if name is None:
         return no_scenario()
-    return load_scenario(find_config("scenarios", name), parameters or {})
+    return load_scenario(find_config("scenarios", str(name)), parameters or {})
 
 
 def angle_from(initial: float | str, open_angle: float, others: str = "") -> float:
@@ -55,11 +57,11 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
     Raises ConfigError.
     """
     named = {"closed": 0.0, "open": open_angle}
-    if initial in named:
-        return named[str(initial)]
+    if isinstance(initial, str) and initial in named:
+        return named[initial]
     try:
         degrees = float(initial)
-    except ValueError:
+    except (TypeError, ValueError):
         degrees = math.nan
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
@@ -94,6 +96,18 @@ def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
     return initial_loop(config, initial_state(config.plant, angle, latched=float(angle == 0.0)))
 
 
+def check_rate(rate: float) -> None:
+    """Raises ConfigError where there is no such rate [Hz]."""
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 200.0 <= rate <= 1e4:
+        raise ConfigError(f"`rate` {rate!r}: allowed: 200 to 10000 Hz")
+
+
+def check_seed(seed: int) -> None:
+    """Raises ConfigError where it is none."""
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
+        raise ConfigError(f"`seed` {seed!r}: allowed: a whole number of 0 to {2**32 - 1}")
+
+
 def ticks_of(duration: float | None, rate: float) -> int | None:
     """How many ticks a duration [s] is, at least one; None: until stopped."""
     return None if duration is None else max(1, math.ceil(duration * rate - 1e-9))
@@ -114,7 +128,11 @@ class RunOptions:
     cpu: int | None = None  # which
 
     def check(self) -> None:
-        """Raises ConfigError where they cannot be had together."""
+        """Raises ConfigError where one cannot be had, or not together with another."""
+        check_rate(self.rate)
+        check_seed(self.seed)
+        if self.duration is not None and not 0.0 < self.duration <= 1e9:
+            raise ConfigError(f"`duration` {self.duration}: allowed: above 0, up to 1e+09 s")
         if len({path.resolve() for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
             raise ConfigError(f"`record` {names}: allowed: a file once")

@@ -91,6 +91,9 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
         ({"vehicle": "nix"}, "nix: neither a file"),
         ({"record": ["x.foo"]}, "`record` x.foo: format"),
         ({"initial": 95.0}, "`initial` 95.0"),
+        ({"rate": 1e6}, "`rate` 1000000.0: allowed"),
+        ({"duration": -1.0}, "`duration` -1.0: allowed: above 0"),
+        ({"seed": -1}, "`seed` -1: allowed"),
         ({"settings": ["nix"]}, "`set` nix: allowed: KEY=VALUE"),
     ],
 )
@@ -99,6 +102,19 @@ def test_what_cannot_be_meant_is_told(
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.run(scenario, **arguments)
+
+
+def test_shipped_names_and_paths_are_loaded(scenario: Path) -> None:
+    loaded = lh.load_scenario(scenario, {"rod": 20_000})
+    assert loaded.parameters["rod"] == 20_000
+    result = lh.run(
+        loaded,
+        vehicle=lh.load_vehicle("compact"),
+        rig=lh.load_rig("liftgate"),
+        initial=45.0,
+        duration=0.1,
+    )
+    assert result.verdict == "pass"
 
 
 def test_without_a_duration_a_run_would_never_end() -> None:

@@ -12,6 +12,7 @@ import time
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
     from liftgate_hil.stimuli.requests import Request
@@ -45,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.ecu.peer import Peer
     from liftgate_hil.transport.find import find_way, open_transport
 
+    if args.ecu == "bus":
+        raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
     rig = session.rig_from(args.rig)
     scenario = session.scenario_from(args.scenario)
     duration = args.duration if args.duration is not None else scenario.duration
@@ -87,7 +90,6 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
 
 
 def _requests(given: list[str]) -> list[Request]:
-    from liftgate_hil.errors import ConfigError
     from liftgate_hil.stimuli.requests import REQUESTS, Request
 
     requests = []
