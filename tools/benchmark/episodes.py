@@ -1,0 +1,238 @@
+"""What an episode costs: the closed loop in machine code, against the plant's own step in the same run.
+
+The plant's step with sensors is measured on the very inputs of each episode, read row by row from what it
+recorded, so that both go through the same phases: moving, stalled, at rest.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil import session
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.ecu.library import LibraryEcu
+from liftgate_hil.ecu.python_object import PythonEcu
+from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Taker, Trace
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
+from liftgate_hil.stimuli.timeline import obstacle_at
+from liftgate_plant import dynamics, integrate, sensors
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import borrowed, compilable, compiled, fill
+from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.sensors import SensorState
+from liftgate_plant.signals import Sensed
+
+ROUNDS = 15
+RATE = 1000.0
+ECU_SOURCES = Path(__file__).resolve().parent.parent / "ecu"
+
+
+class IdleEcu:
+    """A Python ECU that does nothing."""
+
+    def step(self, now_s: float, frames: Sequence[Any]) -> list[Any]:
+        """Hear all, say nothing."""
+        return []
+
+
+class Case(NamedTuple):
+    """An ECU of the table."""
+
+    name: str
+    make: Callable[[Rig, int], Adapter]
+    is_recorded: bool = False
+
+
+class Figures(NamedTuple):
+    """Seconds a tick: medians and minima of the rounds; the ratio's median is that of each round's own."""
+
+    episode: float
+    plant: float
+    ratio: float
+    least_episode: float
+    least_plant: float
+
+    @property
+    def least_ratio(self) -> float:
+        """Of the two minima."""
+        return self.least_episode / self.least_plant
+
+
+class Replay(NamedTuple):
+    """What acted on the plant, a row a tick."""
+
+    rows: NDArray[np.float64]  # (ticks, 6): duties, coasting, latch released, obstacle in the way
+    obstacle: Obstacle
+
+
+class Bench(NamedTuple):
+    """What all episodes have in common. The rings are the same for all, so that no page is touched first."""
+
+    config: LoopConfig
+    rig: Rig
+    scenario: Scenario
+    drives: int
+    ticks: int
+    memory: Memory
+
+
+@compilable
+def plant_steps(
+    config: LoopConfig,
+    plant: State,
+    memory: SensorState,
+    replay: Replay,
+    seen: NDArray[np.float64],
+) -> State:
+    """The plant's step with its sensors under recorded inputs; `seen` (2, columns of Sensed) is for what they
+    show, lest the compiler leaves it out.
+    """
+    config = borrowed(config)
+    rows, seen = borrowed((replay.rows, seen))
+    for k in range(len(rows)):
+        body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
+        load = dynamics.with_latch(dynamics.with_obstacle(config.load, body), rows[k, 4])
+        inputs = Inputs(
+            DriveInput(rows[k, 0], 0.0, rows[k, 2]), DriveInput(rows[k, 1], 0.0, rows[k, 3]), load
+        )
+        plant = integrate.step(config.plant, plant, inputs, config.step)
+        shown = dynamics.outputs(config.plant, plant, inputs)
+        memory, sensed = sensors.sense(
+            config.sensors, config.plant, plant, inputs, shown, memory, config.seed, k + 1, config.step
+        )  # fmt: skip
+        fill(seen[k % 2], 0, sensed)
+    return plant
+
+
+class Commands:
+    """Keeps the frames of one identifier: when [ns], and the payload."""
+
+    def __init__(self, identifier: int) -> None:
+        self._identifier = identifier
+        self.frames: list[tuple[int, bytes]] = []
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        for each in frames[frames["identifier"] == self._identifier]:
+            payload = bytes(each["payload"][: each["length"]])
+            self.frames.append((int(each["time_ns"]), payload))
+
+
+def bench_of(name: str = "demo") -> Bench:
+    """The shipped SUV and rig, and a scenario without profiles."""
+    vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
+    scenario = session.scenario_from(name)
+    config = session.loop_config_of(vehicle, rig, RATE, 0)
+    ticks = session.ticks_of(scenario.duration, RATE)
+    assert ticks is not None
+    return Bench(config, rig, scenario, vehicle.drives, ticks, Memory(ROWS, FRAMES))
+
+
+def run_episode(bench: Bench, case: Case, takers: Sequence[Taker] = ()) -> tuple[float, State]:
+    """One episode: its seconds, and where it ended."""
+    control = bench.memory.shared.control[0]
+    control.rows = control.frames = control.bits = 0
+    with case.make(bench.rig, bench.drives) as adapter:
+        episode = Episode(
+            bench.config, session.start_of(bench.config), bench.scenario.timeline, adapter,
+            bench.scenario.requests, takers, case.is_recorded or bool(takers), bench.memory,
+        )  # fmt: skip
+        start = time.thread_time()
+        episode.run(bench.ticks)
+        return time.thread_time() - start, episode.state.plant
+
+
+def replay_of(bench: Bench, case: Case) -> Replay:
+    """What acted on the plant in an episode: its rows, the commands for the latch, and the scenario's obstacle."""
+    trace, commands = Trace(), Commands(bench.rig.command_identifier())
+    _, end = run_episode(bench, case, [trace, commands])
+    columns = trace.columns()
+    message = bench.rig.messages["DriveCommand"]
+    rows = np.zeros((bench.ticks, 6))
+    for place, name in enumerate(("left_duty", "right_duty", "left_coast", "right_coast")):
+        rows[:, place] = columns[name]
+    for stamp, payload in commands.frames:
+        told = message.decode(payload, decode_choices=False)
+        rows[round(stamp / bench.config.step_ns) - 1 :, 4] = told["LatchRelease"]
+    angles = np.radians(np.concatenate([[0.0], columns["gate_angle_deg"][:-1]]))
+    arming, met = NOT_ARMED, NO_OBSTACLE
+    for tick, angle in enumerate(angles):
+        there = obstacle_at(bench.scenario.timeline, tick * bench.config.step)
+        arming, body = armed(arming, there, angle)
+        rows[tick, 5] = body.stiffness > 0.0
+        met = body if body.stiffness > 0.0 else met
+    replay = Replay(rows, met)
+    if replayed(bench, replay)[1] != end:
+        raise AssertionError("the replay of an episode ends elsewhere")
+    return replay
+
+
+def replayed(bench: Bench, replay: Replay) -> tuple[float, State]:
+    """The plant and its sensors alone: seconds, and where they ended."""
+    run = compiled(plant_steps)
+    state = session.start_of(bench.config)
+    seen = np.empty((2, len(Sensed._fields)))
+    start = time.thread_time()
+    end = run(bench.config, state.plant, state.sensors, replay, seen)
+    return time.thread_time() - start, end
+
+
+def built_library(folder: Path) -> Path:
+    """The C ECU of tools/ecu as a library, made by its own Makefile."""
+    command = ["make", "-C", str(ECU_SOURCES), f"OUT={folder}", f"PYTHON={sys.executable}"]
+    library = folder / "liftgate-ecu.so"
+    subprocess.run([*command, str(library)], check=True, capture_output=True, timeout=120)
+    return library
+
+
+def cases(library: Path) -> list[Case]:
+    """The ECUs."""
+    return [
+        Case("reference ECU", ReferenceEcu),
+        Case("reference ECU, frames kept for a recording", ReferenceEcu, True),
+        Case("C ECU of tools/ecu", lambda rig, drives: LibraryEcu(library, rig, drives)),
+        Case("Python ECU that does nothing", lambda rig, drives: PythonEcu(IdleEcu(), rig, drives)),
+        Case("no ECU", Adapter),
+    ]
+
+
+def measure_case(bench: Bench, case: Case, rounds: int) -> Figures:
+    """An episode and its plant, in turns."""
+    replay = replay_of(bench, case)
+    episodes, plants = [], []
+    for number in range(rounds):
+        for is_plant in (True, False) if number % 2 else (False, True):
+            seconds = replayed(bench, replay)[0] if is_plant else run_episode(bench, case)[0]
+            (plants if is_plant else episodes).append(seconds / bench.ticks)
+    return Figures(
+        statistics.median(episodes),
+        statistics.median(plants),
+        statistics.median(a / b for a, b in zip(episodes, plants, strict=True)),
+        min(episodes),
+        min(plants),
+    )
+
+
+def measure(rounds: int = ROUNDS) -> dict[str, Figures]:
+    """By ECU."""
+    bench = bench_of()
+    with tempfile.TemporaryDirectory() as folder:
+        library = built_library(Path(folder))
+        found = {each.name: measure_case(bench, each, rounds) for each in cases(library)}
+    bench.memory.close()
+    return found

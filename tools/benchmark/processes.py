@@ -1,0 +1,149 @@
+"""What whole commands cost: how fast a demo goes, how long a start takes, cold and warm.
+
+Wall time is what a user waits. CPU time, of the command and of what it starts, is told beside it: it holds where
+others use the machine, too.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import tomlkit
+
+from liftgate_hil.config.shipped import data_root
+
+ROUNDS = 7
+PACE_ROUNDS = 3
+LONGER = 11  # demos one after the other, against one, for the marginal cost
+_ROOT = Path(__file__).resolve().parents[2]
+
+# What the compiler's figures are of: commands that do next to nothing but start.
+ENTRIES = {
+    "emulator, real-time loop (serial port)": ("--serial", "{port}", "--duration", "0.001"),
+    "demo --clock free": ("demo", "--clock", "free", "--duration", "0.001", "--no-record"),
+    "simulate": ("simulate", "--voltage", "12", "--duration", "0.001", "--output", "{folder}/o.csv"),
+}  # fmt: skip
+
+
+class Times(NamedTuple):
+    """Seconds of a command: on the wall, and of CPUs."""
+
+    wall: float
+    cpu: float
+
+
+class Pace(NamedTuple):
+    """Model time over time, at the margin; of the least times of the rounds."""
+
+    wall: float
+    cpu: float
+
+
+class Compile(NamedTuple):
+    """A command from start to exit, without machine code in the cache and with it."""
+
+    cold: Times
+    warm: Times
+    entries: int  # functions that were compiled
+
+
+def times_of(*arguments: str, environment: Mapping[str, str] | None = None) -> Times:
+    """One run of a command that succeeds."""
+    command = [sys.executable, "-m", "liftgate_hil", *arguments]
+    with tempfile.TemporaryFile() as said:
+        start = perf_counter()
+        child = subprocess.Popen(
+            command, cwd=_ROOT, env={**os.environ, **(environment or {})}, stdout=said, stderr=said
+        )
+        _, status, used = os.wait4(child.pid, 0)
+        wall = perf_counter() - start
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode:
+            said.seek(0)
+            raise RuntimeError(f"{' '.join(command)}: {said.read().decode()}")
+    return Times(wall, used.ru_utime + used.ru_stime)
+
+
+def whole_process(*arguments: str, rounds: int = ROUNDS) -> Times:
+    """Medians of a command from start to exit; the cache is warm."""
+    times_of(*arguments)
+    runs = [times_of(*arguments) for _ in range(rounds)]
+    return Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
+
+
+def repeated_demo(path: Path, times: int) -> float:
+    """Write a scenario of so many demos one after the other; its duration [s]."""
+    demo = tomllib.loads((data_root() / "configs/scenarios/demo.toml").read_text(encoding="utf-8"))
+    length = float(demo["duration"])
+    tables: dict[str, list[dict[str, Any]]] = {"obstacle": [], "request": []}
+    for turn in range(times):
+        for each in demo["obstacle"]:
+            start, end = each.get("start", 0.0) + turn * length, each["end"] + turn * length
+            tables["obstacle"].append({**each, "start": start, "end": end})
+        for each in demo["request"]:
+            tables["request"].append({**each, "time": each["time"] + turn * length})
+    path.write_text(tomlkit.dumps({"duration": times * length, **tables}), encoding="utf-8")
+    return times * length
+
+
+def pace_of(*flags: str, rounds: int = PACE_ROUNDS) -> Pace:
+    """The marginal pace of `demo --clock free`: the difference of two lengths, in turns."""
+    with tempfile.TemporaryDirectory() as folder:
+        lengths = {n: repeated_demo(Path(folder) / f"{n}.toml", n) for n in (1, LONGER)}
+        runs: dict[int, list[Times]] = {n: [] for n in lengths}
+        for _ in range(rounds + 1):
+            for n in lengths:
+                scenario = str(Path(folder) / f"{n}.toml")
+                runs[n].append(
+                    times_of(
+                        "demo", "--clock", "free", "--quiet", "--scenario", scenario,
+                        "--output", folder, *flags,
+                    )
+                )  # fmt: skip
+    more = lengths[LONGER] - lengths[1]
+    least = {n: [min(each) for each in zip(*runs[n][1:], strict=True)] for n in runs}
+    return Pace(*(more / (b - a) for a, b in zip(least[1], least[LONGER], strict=True)))
+
+
+def paces() -> dict[str, Pace]:
+    """Of the demo's ways."""
+    idle = "tools.benchmark.episodes:IdleEcu"
+    return {
+        "without a recording": pace_of("--no-record"),
+        "with demo.log, demo.csv and demo.png": pace_of(),
+        "with a Python ECU that does nothing, without a recording": pace_of(
+            "--no-record", "--ecu", idle
+        ),
+    }
+
+
+def compile_times(arguments: Sequence[str]) -> Compile:
+    """A command with an empty cache, and then with what it has left there."""
+    ours, theirs = os.openpty()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            places = {"folder": folder, "port": os.ttyname(theirs)}
+            command = [each.format(**places) for each in arguments]
+            cache = {"XDG_CACHE_HOME": f"{folder}/cache"}
+            cold = times_of(*command, environment=cache)
+            runs = [times_of(*command, environment=cache) for _ in range(ROUNDS)]
+            entries = len(list(Path(folder).rglob("*.nbi")))
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    warm = Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
+    return Compile(cold, warm, entries)
+
+
+def compiles() -> dict[str, Compile]:
+    """Of the commands in ENTRIES."""
+    return {name: compile_times(arguments) for name, arguments in ENTRIES.items()}
