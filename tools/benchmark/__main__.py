@@ -88,8 +88,8 @@ def step_section() -> list[str]:
         "## The step against C",
         "",
         paragraph(
-            """The plant's step, translated to C and built in several ways, in turns with ours; the ratio is our time
-            to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds with it
+            """The plant's step, translated to C and built in several ways, in turns with ours; the ratio is our
+            time to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds with it
             show what it would bring."""
         ),
         "",
@@ -156,8 +156,8 @@ def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
         "",
         paragraph(
             f"""{rounds} rounds of {seconds:g} s each, in turns; medians of the rounds, stolen is a sum. Where two
-            figures stand, ours comes first. Loaded: two busy processes, and a busy pure-Python thread in the loop's
-            own process. Stolen: what the hypervisor took from all CPUs meanwhile; p99.9 and beyond, and the misses
+            figures stand, ours comes first. Loaded: two busy processes, and a busy pure-Python thread in the
+            loop's own process. Stolen: what the hypervisor took from all CPUs meanwhile; p99.9 and beyond, and the misses
             of FIFO, are mostly that. SCHED_OTHER's ratio is timer slack (50 µs by default): ours sets 1 ns,
             cyclictest does not, unless the condition says so."""
         ),
@@ -169,8 +169,8 @@ def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
         "## Command to feedback",
         "",
         paragraph(
-            """From a command on the wire to the first feedback frame with the motor current that shows it, at 1 kHz
-            and a feedback cycle of 5 ms; the command's phase is swept over the feedback's:"""
+            """From a command on the wire to the first feedback frame with the motor current that shows it, at
+            1 kHz and a feedback cycle of 5 ms; the command's phase is swept over the feedback's:"""
         ),
         "",
         *(f"- {condition}: {told(each)}" for condition, each in delays.items()),
