@@ -89,7 +89,8 @@ def step_section() -> list[str]:
         "",
         paragraph(
             """The plant's step, translated to C and built in several ways, in turns with ours; the ratio is our
-            time to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds with it
+            time to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds
+            with it
             show what it would bring."""
         ),
         "",
@@ -157,7 +158,8 @@ def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
         paragraph(
             f"""{rounds} rounds of {seconds:g} s each, in turns; medians of the rounds, stolen is a sum. Where two
             figures stand, ours comes first. Loaded: two busy processes, and a busy pure-Python thread in the
-            loop's own process. Stolen: what the hypervisor took from all CPUs meanwhile; p99.9 and beyond, and the misses
+            loop's own process. Stolen: what the hypervisor took from all CPUs meanwhile; p99.9 and beyond, and
+            the misses
             of FIFO, are mostly that. SCHED_OTHER's ratio is timer slack (50 µs by default): ours sets 1 ns,
             cyclictest does not, unless the condition says so."""
         ),
