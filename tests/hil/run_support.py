@@ -110,7 +110,7 @@ def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[l
     keeper = Keeper()
     options = session.RunOptions(clock="free", records=more.pop("records", ()))
     job = runs.Job(scenario=scenario, ecu=ecu, options=options, **more)
-    return runs.run_job(job, [keeper]), keeper
+    return runs.run_job(job, takers=[keeper]), keeper
 
 
 def episode_of(takers: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:

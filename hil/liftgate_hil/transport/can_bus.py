@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import socket
 import threading
 import time
 from collections import deque
@@ -24,6 +25,8 @@ _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 # Interfaces on which python-can gives a node its own frames back.
 _ECHOING = ("udp_multicast",)
 _ECHOES = 256
+# linux/in.h, linux/in6.h; Python has no names for them.
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
 _LOST = 10  # failures in a row
 _RETRY = 0.1  # s between two attempts to open a bus that was lost
 
@@ -115,12 +118,15 @@ class CanTransport:
 
     def _open(self) -> can.BusABC:
         try:
-            return self._can.Bus(**self._arguments)
+            bus = self._can.Bus(**self._arguments)
         except Exception as error:  # drivers raise what they like
             detail = " ".join(str(error).split()) or type(error).__name__
             raise TransportError(
                 f"{self._interface}:{self.name}: cannot be opened: {detail}"
             ) from error
+        if self._interface == "udp_multicast":
+            _hear_one_group(bus)
+        return bus
 
     def _reopen(self, timeout: float) -> None:
         """Try to open a lost bus again, now and then."""
@@ -208,6 +214,19 @@ class CanTransport:
         if self.is_up:
             with contextlib.suppress(Exception):  # the run is over, and all that counts is done
                 self._bus.shutdown()
+
+
+def _hear_one_group(bus: Any) -> None:
+    """Linux hands a socket what is sent to any group that anybody on this machine has joined: two benches on one
+    machine would hear each other.
+    """
+    wire = getattr(getattr(bus, "_multicast", None), "_socket", None)
+    if isinstance(wire, socket.socket):
+        with contextlib.suppress(OSError):  # another system, which has no such option
+            if wire.family == socket.AF_INET6:
+                wire.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
+            else:
+                wire.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
 
 
 def _pack(message: can.Message, frames: Frames, row: int) -> None:

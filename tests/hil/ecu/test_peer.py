@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -154,8 +155,9 @@ _groups = itertools.count(os.getpid() % 200)
 
 
 @pytest.fixture
-def bus() -> str:
-    """A multicast group of this test's own."""
+def bus(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A multicast group of this test's own, on a port of this process's own: the machine may be shared."""
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 44000 + os.getpid() % 4000}))
     return f"udp_multicast:239.75.{next(_groups) % 250}.{os.getpid() % 250 + 1}"
 
 

@@ -287,6 +287,28 @@ def test_on_multicast_nobody_hears_himself_and_junk_is_counted(monkeypatch: pyte
         second.close()
 
 
+@pytest.mark.parametrize("address", ["239.75.{}.{}", "ff15::{}:{}"])
+def test_benches_on_two_multicast_groups_do_not_hear_each_other(
+    monkeypatch: pytest.MonkeyPatch, address: str
+):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43212}))
+    here = os.getpid() % 250 + 1
+    groups = [f"udp_multicast:{address.format(here, number)}" for number in (3, 4, 3)]
+    try:
+        one, other, listener = (CanTransport(parse_bus(name, 500_000.0)) for name in groups)
+    except TransportError as error:
+        pytest.skip(str(error))  # a machine without IPv6
+    try:
+        other.send(frames_of([(0x210, b"other")]))
+        one.send(frames_of([(0x211, b"one")]))
+        assert rows_of(listener.receive(timeout=2.0)) == [(0x211, b"one")]
+        assert listener.receive(timeout=0.1).count == 0
+        assert one.receive(timeout=0.1).count == 0
+    finally:
+        for each in (one, other, listener):
+            each.close()
+
+
 def test_a_datagram_that_is_no_frame_is_counted_and_survived(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43211}))
     arguments = parse_bus(group(2), 500_000.0)
