@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 from liftgate_hil import session
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.arguments import number_of, seed_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.errors import ConfigError, EcuError, PlantDivergedError
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -36,7 +38,7 @@ from liftgate_hil.signals import (
     SENSED_PREFIX,
     columns_of,
 )
-from liftgate_hil.stimuli.mailbox import nothing_held, post
+from liftgate_hil.stimuli.mailbox import HELD, nothing_held
 from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import initial_state
@@ -74,18 +76,15 @@ class Gate:
         rate: float = 1000.0,
         settings: Sequence[str] = (),
     ) -> None:
-        if isinstance(vehicle, str | Path):
-            vehicle = session.vehicle_from(str(vehicle), settings)
-        if isinstance(rig, str | Path):
-            rig = session.rig_from(str(rig))
-        session.check_rate(rate)
-        session.check_seed(seed)
-        self.rig = rig
+        vehicle = session.vehicle_of(vehicle, settings)
+        self.rig = rig = session.rig_of(rig)
+        rate = number_of("rate", rate, *session.RATES, "Hz")
         self._drives = vehicle.drives
-        self._config = session.loop_config_of(vehicle, rig, rate, seed)
+        self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
         state = initial_state(self._config.plant, angle, latched=float(initial == "closed"))
         self._memory = Memory(_ROWS, _FRAMES)
+        self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
         self._script = Script(
             timeline=no_timeline(),
@@ -110,8 +109,10 @@ class Gate:
         self.close()
 
     def close(self) -> None:
-        """Give back what it holds."""
-        self._memory.close()
+        """Give back what it holds; once is enough."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._memory.close()
 
     @property
     def time(self) -> float:
@@ -158,6 +159,8 @@ class Gate:
 
         Raises ConfigError.
         """
+        if command is not None:
+            raise ConfigError(f"`command` {command!r}: allowed: None, or quantities by their names")
         if not quantities:
             self._values = None
             return
@@ -168,24 +171,31 @@ class Gate:
             if name not in known:
                 raise ConfigError(f"`command` {name}: allowed: {', '.join((*known, 'direction'))}")
         for side in ("left", "right"):
-            direction = quantities.get(f"{side}_direction", both if both is not None else "coast")
+            direction = quantities.get(f"{side}_direction", both)
             duty = _number(
                 f"command {side}_duty", quantities.get(f"{side}_duty", 0.0), -100.0, 100.0
             )
-            number = _direction(f"command {side}_direction", direction)
-            signed = self._config.signed_left if side == "left" else self._config.signed_right
-            if signed and DIRECTIONS[number] == "close":
-                duty = -abs(duty)
+            if self._config.signed_left if side == "left" else self._config.signed_right:
+                duty = _signed(duty, direction)
+            number = _direction(
+                f"command {side}_direction", "coast" if direction is None else direction
+            )
             values[getattr(IN, f"{side}_duty")] = duty
             values[getattr(IN, f"{side}_direction")] = number
-        values[IN.latch_release] = float(bool(quantities.get("latch_release", False)))
+        release = quantities.get("latch_release", False)
+        if release not in (0, 1) or isinstance(release, str):
+            raise ConfigError(f"command latch_release: {release!r}; allowed: True, False")
+        values[IN.latch_release] = float(release)
         self._values = values
 
     def send(self, message: can.Message) -> None:
-        """A frame that the gate reads in the next tick."""
+        """A frame that the gate reads in the next tick. Raises ConfigError."""
         from liftgate_hil.transport.messages import fields_of_message
 
-        identifier, length, flags, data = fields_of_message(message)
+        try:
+            identifier, length, flags, data = fields_of_message(message)
+        except EcuError as error:
+            raise ConfigError(f"`send` {error}") from error
         self._waiting.append((identifier | (FD if flags else 0), length, data))
 
     def set(self, **surroundings: float | None) -> None:
@@ -197,7 +207,7 @@ class Gate:
                 raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
             signal = PROFILES[name]
             given = math.nan if value is None else _number(name, value, signal.low, signal.high)
-            post(self._memory.shared.box[0], name, [given])
+            self._hold(name, [given])
 
     def obstacle(
         self,
@@ -240,7 +250,13 @@ class Gate:
         self._post_obstacle(Obstacle(*(math.nan for _ in Obstacle._fields)))
 
     def _post_obstacle(self, obstacle: Obstacle) -> None:
-        post(self._memory.shared.box[0], f"obstacle_{obstacle._fields[0]}", obstacle)
+        self._hold(f"obstacle_{obstacle._fields[0]}", obstacle)
+
+    def _hold(self, name: str, values: Sequence[float]) -> None:
+        """What acts from the next tick on: values that stand one after the other from `name` on."""
+        # Nobody else posts, so that they need no letter, of which a box holds 256.
+        place = getattr(HELD, name)
+        self._script.held[place : place + len(values)] = values
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.
@@ -250,7 +266,7 @@ class Gate:
         from liftgate_hil.python_can import can
         from liftgate_hil.transport.can_bus import message_of
 
-        if not 0.0 < seconds <= 1e6:
+        if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
             raise ConfigError(f"`step` {seconds}: allowed: above 0, up to 1e6 s")
         end = self._now.loop.tick + max(1, round(seconds / self._config.step))
         messages: list[can.Message] = []
@@ -281,6 +297,8 @@ class Gate:
     def _next_stop(self, end: int) -> int:
         """Where the next command is due, or the end."""
         tick = self._now.loop.tick
+        if len(self._waiting) > wire.CAPACITY:
+            return tick + 1
         if self._values is None:
             return min(end, tick + _ROWS)
         return min(end, (tick // self._cycle() + 1) * self._cycle(), tick + _ROWS)
@@ -315,9 +333,20 @@ class Gate:
 
 def _number(key: str, value: Any, low: float, high: float) -> float:
     """A number within [low, high]. Raises ConfigError."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:
         raise ConfigError(f"{key}: {value!r}; allowed: {low:g} to {high:g}")
     return float(value)
+
+
+def _signed(duty: float, direction: Any) -> float:
+    """A duty whose sign is the direction, where that is named. Raises ConfigError."""
+    if direction == "coast":
+        raise ConfigError(
+            "command direction: coast has no signal in this rig; allowed: open, close, brake, or silence"
+        )
+    turned = {"open": abs(duty), "close": -abs(duty), "brake": 0.0}
+    return turned.get(direction, duty) if isinstance(direction, str) else duty
 
 
 def _direction(key: str, value: Any) -> int:

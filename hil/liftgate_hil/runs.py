@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil import session
+from liftgate_hil.config.arguments import texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter
@@ -83,7 +84,7 @@ def run(
     seed: int | None = None,
     rate: float = 1000.0,
     duration: float | None = None,
-    record: Sequence[str | Path] = (),
+    record: str | Path | Sequence[str | Path] = (),
     bus: str | None = None,
     wall_timeout: float | None = None,
     trace: bool = False,
@@ -102,11 +103,14 @@ def run(
 
     if clock not in session.CLOCKS:
         raise ConfigError(f"`clock` {clock}: allowed: {', '.join(session.CLOCKS)}")
+    if bus is not None and clock == "free":
+        raise ConfigError(f"`bus` {bus}: allowed with clock lockstep or realtime")
+    paths = [record] if isinstance(record, str | Path) else record
     options = session.RunOptions(
         rate=rate,
         clock=clock,
         duration=duration,
-        records=tuple(check_record(str(name)) for name in record),
+        records=tuple(check_record(str(name)) for name in paths),
         wall_timeout=wall_timeout,
     )
     job = Job(
@@ -115,7 +119,7 @@ def run(
         parameters=dict(parameters or {}),
         vehicle=vehicle,
         rig=rig,
-        settings=tuple(settings),
+        settings=texts_of("settings", settings),
         initial=initial,
         seed=seed,
         bus=bus,
@@ -171,23 +175,20 @@ class Parts:
 
 def resolve(job: Job) -> Parts:
     """The objects that a job names; the scenario gives what the job leaves open. Raises ConfigError."""
-    scenario = job.scenario
-    if scenario is None or isinstance(scenario, str | Path):
-        name = None if scenario is None else str(scenario)
-        scenario = session.scenario_from(name, job.parameters)
-    vehicle = job.vehicle if job.vehicle is not None else scenario.vehicle or "suv"
-    if isinstance(vehicle, str | Path):
-        vehicle = session.vehicle_from(str(vehicle), [*scenario.settings, *job.settings])
-    rig = job.rig if job.rig is not None else scenario.rig or "liftgate"
-    if isinstance(rig, str | Path):
-        rig = session.rig_from(str(rig))
-    seed = job.seed if job.seed is not None else scenario.seed
+    scenario = session.scenario_of(job.scenario, job.parameters)
+    named = job.vehicle if job.vehicle is not None else scenario.vehicle or "suv"
+    # A vehicle that there is already is the caller's, as it is.
+    own = scenario.settings if isinstance(named, str | Path) else ()
+    vehicle = session.vehicle_of(named, [*own, *job.settings])
+    rig = session.rig_of(job.rig if job.rig is not None else scenario.rig or "liftgate")
     initial = job.initial if job.initial is not None else scenario.initial
+    options = replace(job.options, seed=job.seed if job.seed is not None else scenario.seed)
+    options.check()
     return Parts(
         scenario=scenario,
         vehicle=vehicle,
         rig=rig,
-        options=replace(job.options, seed=seed),
+        options=options,
         start_angle=session.angle_from(initial, vehicle.gate.open_angle),
     )
 
@@ -203,7 +204,6 @@ def run_job(
     Raises ConfigError.
     """
     parts = resolve(job)
-    parts.options.check()
     seen: list[Taker] = [Extremes(), *takers]
     if job.trace:
         seen.append(Trace(job.trace))
@@ -298,6 +298,10 @@ def _on_bus(
     from liftgate_hil.transport.find import WireChoice, find_way, open_transport
 
     reason, summary = "", Summary(clock=job.options.clock)
+    if job.ecu == ON_A_BUS and job.options.clock == "free":
+        raise ConfigError("`clock` free: allowed with the ECU in this process")
+    if job.ecu == ON_A_BUS and job.bus is None:
+        raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     name = job.bus or f"virtual:run-{id(parts):x}"
     way = find_way(WireChoice(bus=name), parts.rig)
     with contextlib.ExitStack() as stack:
@@ -306,8 +310,6 @@ def _on_bus(
             wire = open_transport(way)
             stack.callback(wire.close)
             peers = [Peer(adapter, wire, parts.scenario.requests)]
-        elif job.options.clock == "free":
-            raise ConfigError("`clock` free: allowed with the ECU in this process")
         emulator = session.Emulator(
             vehicle=parts.vehicle,
             rig=parts.rig,

@@ -14,9 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.config.arguments import number_of, seed_of, texts_of, time_of
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
+RATES = (200.0, 10_000.0)  # Hz
 
 
 def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
@@ -51,6 +54,46 @@ def scenario_from(
     return load_scenario(find_config("scenarios", str(name)), parameters or {})
 
 
+def vehicle_of(vehicle: str | Path | Vehicle, settings: Sequence[str] = ()) -> Vehicle:
+    """The vehicle of a name or a path, with settings put over it, or one that there is. Raises ConfigError."""
+    settings = texts_of("settings", settings)
+    if isinstance(vehicle, str | Path):
+        return vehicle_from(str(vehicle), settings)
+    if not isinstance(vehicle, Vehicle):
+        raise ConfigError(f"`vehicle` {show(vehicle)}: allowed: a shipped name, a file, a Vehicle")
+    if settings:
+        raise ConfigError(
+            f"`settings` {', '.join(settings)}: allowed with a vehicle by its name or file"
+        )
+    return vehicle
+
+
+def rig_of(rig: str | Path | Rig) -> Rig:
+    """The rig of a name or a path, or one that there is. Raises ConfigError."""
+    if isinstance(rig, str | Path):
+        return rig_from(str(rig))
+    if not isinstance(rig, Rig):
+        raise ConfigError(f"`rig` {show(rig)}: allowed: a shipped name, a file, a Rig")
+    return rig
+
+
+def scenario_of(
+    scenario: str | Path | Scenario | None, parameters: Mapping[str, float] | None = None
+) -> Scenario:
+    """The scenario of a name or a path, with its parameters replaced, or one that there is. Raises ConfigError."""
+    if isinstance(scenario, str | Path):
+        return scenario_from(str(scenario), parameters)
+    if scenario is not None and not isinstance(scenario, Scenario):
+        raise ConfigError(
+            f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None"
+        )
+    if parameters:
+        raise ConfigError(
+            f"`parameters` {', '.join(parameters)}: allowed with a scenario by its name or file"
+        )
+    return no_scenario() if scenario is None else scenario
+
+
 def angle_from(initial: float | str, open_angle: float, others: str = "") -> float:
     """The angle [rad] of "closed", "open" (`open_angle`, rad) or degrees; `others` are allowed besides.
 
@@ -60,7 +103,7 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
     if isinstance(initial, str) and initial in named:
         return named[initial]
     try:
-        degrees = float(initial)
+        degrees = math.nan if isinstance(initial, bool) else float(initial)
     except (TypeError, ValueError):
         degrees = math.nan
     top = math.degrees(open_angle)
@@ -96,18 +139,6 @@ def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
     return initial_loop(config, initial_state(config.plant, angle, latched=float(angle == 0.0)))
 
 
-def check_rate(rate: float) -> None:
-    """Raises ConfigError where there is no such rate [Hz]."""
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 200.0 <= rate <= 1e4:
-        raise ConfigError(f"`rate` {rate!r}: allowed: 200 to 10000 Hz")
-
-
-def check_seed(seed: int) -> None:
-    """Raises ConfigError where it is none."""
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**32:
-        raise ConfigError(f"`seed` {seed!r}: allowed: a whole number of 0 to {2**32 - 1}")
-
-
 def ticks_of(duration: float | None, rate: float) -> int | None:
     """How many ticks a duration [s] is, at least one; None: until stopped."""
     return None if duration is None else max(1, math.ceil(duration * rate - 1e-9))
@@ -128,11 +159,12 @@ class RunOptions:
     cpu: int | None = None  # which
 
     def check(self) -> None:
-        """Raises ConfigError where one cannot be had, or not together with another."""
-        check_rate(self.rate)
-        check_seed(self.seed)
-        if self.duration is not None and not 0.0 < self.duration <= 1e9:
-            raise ConfigError(f"`duration` {self.duration}: allowed: above 0, up to 1e+09 s")
+        """Raises ConfigError where one cannot be, or they cannot be had together."""
+        number_of("rate", self.rate, *RATES, "Hz")
+        seed_of(self.seed)
+        for name in ("duration", "wall_timeout", "overrun_limit"):
+            if (value := getattr(self, name)) is not None:
+                time_of(name, value)
         if len({path.resolve() for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
             raise ConfigError(f"`record` {names}: allowed: a file once")

@@ -100,6 +100,7 @@ def _as_machine_code(args: argparse.Namespace) -> Shown:
         vehicle=args.vehicle,
         rig=args.rig,
         settings=tuple(args.settings),
+        seed=args.seed,
         options=options.run_options(args),
         trace=_EVERY,
     )

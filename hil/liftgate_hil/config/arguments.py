@@ -1,0 +1,42 @@
+"""Arguments of the API: each is what it should be, or a ConfigError says what is allowed. For files see `toml`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Integral, Real
+
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError
+
+_SEEDS = 2**32
+
+
+def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
+    """A number within [low, high]. Raises ConfigError."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:  # type: ignore[operator]  # Real knows no floats
+        raise ConfigError(f"`{name}` {show(value)}: allowed: {low:g} to {high:g} {unit}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def time_of(name: str, value: object) -> float:
+    """A time [s] above 0. Raises ConfigError."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not 0.0 < value <= 1e9:  # type: ignore[operator]
+        raise ConfigError(f"`{name}` {show(value)}: allowed: above 0, up to 1e+09 s")
+    return float(value)  # type: ignore[arg-type]
+
+
+def seed_of(value: object) -> int:
+    """A seed. Raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < _SEEDS:
+        raise ConfigError(f"`seed` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
+    return int(value)
+
+
+def texts_of(name: str, values: object) -> tuple[str, ...]:
+    """A list of texts, not one text alone: that would be its letters. Raises ConfigError."""
+    is_list = isinstance(values, Sequence) and not isinstance(values, str)
+    if not is_list or not all(isinstance(each, str) for each in values):  # type: ignore[attr-defined]
+        raise ConfigError(f"`{name}` {show(values)}: allowed: a list of texts")
+    return tuple(values)  # type: ignore[arg-type]
