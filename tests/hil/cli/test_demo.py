@@ -1,0 +1,251 @@
+"""The demo judges itself, with any ECU, and writes no more than it is asked to."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import c_ecu
+import numpy as np
+import pytest
+from c_library import build, needs_compiler
+
+from liftgate_hil import session
+from liftgate_hil.cli.demo import Shown, failures
+from liftgate_hil.cli.main import main
+from liftgate_hil.loop.statistics import Summary
+
+TEXT = """
+class Silent:
+    def step(self, now_s, frames):
+        return []
+
+
+class Raises:
+    def step(self, now_s, frames):
+        raise ValueError("not today")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the demo runs, with a module of ECUs beside it."""
+    (tmp_path / "demo_ecus.py").write_text(TEXT)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    place = tmp_path / "here"
+    place.mkdir()
+    monkeypatch.chdir(place)
+    return place
+
+
+def demo(*arguments: str) -> int:
+    return main(["demo", "--clock", "free", *arguments])
+
+
+# What a demo must show.
+
+
+def shown(**changes: Any) -> Shown:
+    """A good one, but for some changes."""
+    times = np.arange(0.0, 42.0, 0.01)
+    angles = np.interp(times, [0, 10, 14, 19, 21, 26, 29, 41], [0, 80, 80, 34, 56, 80, 80, 0])
+    columns = {"time_s": times, "gate_angle_deg": angles, "latched": np.where(angles > 0, 0.0, 1.0)}
+    given: dict[str, Any] = {
+        "summary": Summary(ticks=42_001, model_time_s=42.001),
+        "events": [(0.5, "opening"), (18.8, "trapped while closing (…): reversing")],
+        "pinch_force": 141.7,
+        "pinch_time": 18.85,
+        "columns": columns,
+    }
+    return Shown(**{**given, **changes})
+
+
+def columns_with(**changed: Any) -> dict[str, Any]:
+    return {**shown().columns, **changed}
+
+
+def test_a_good_demo_has_no_failures() -> None:
+    assert failures(shown(), tells=True) == []
+    # An ECU that is not ours tells nothing.
+    assert failures(shown(events=[]), tells=False) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"pinch_force": 0.0}, "the gate never met the obstacle"),
+        ({"pinch_force": float("nan")}, "the gate never met the obstacle"),
+        ({"pinch_force": 512.34}, "pinch force 512.3 N; allowed: up to 400 N"),
+        ({"events": [(0.5, "opening")]}, "the ECU did not detect the obstacle"),
+        ({"columns": columns_with(gate_angle_deg=np.full(4200, 34.0))}, "the gate did not reverse"),
+        ({"pinch_time": 41.99}, "the gate did not reverse"),
+        (
+            {"columns": columns_with(latched=np.zeros(4200))},
+            "the gate did not close and latch at the end (it stands at 0.0 deg)",
+        ),
+        (
+            {"summary": Summary(ticks=42_001, command_timeouts=3)},
+            "3 command time-outs: the ECU was too late",
+        ),
+        (
+            {"summary": Summary(ticks=10_000, overruns=150)},
+            "1.5 % of the ticks missed; allowed: up to 1 % (liftgate-hil doctor says what to do)",
+        ),
+    ],
+)
+def test_each_thing_that_a_demo_does_not_show_is_told(
+    changes: dict[str, Any], expected: str
+) -> None:
+    assert failures(shown(**changes), tells=True) == [expected]
+
+
+def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
+    assert failures(shown(summary=Summary(ticks=10_000, overruns=100)), tells=True) == []
+
+
+def test_all_failures_are_told_at_once() -> None:
+    nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
+    found = failures(shown(pinch_force=0.0, events=[], columns=nothing), tells=True)
+    assert len(found) == 3
+
+
+# The whole of it.
+
+
+def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo() == 0
+    told = capsys.readouterr()
+    assert "reversing" in told.out
+    assert "closed and latched" in told.out
+    assert "failed" not in told.err
+    assert sorted(path.name for path in folder.iterdir()) == ["demo.csv", "demo.log", "demo.png"]
+    assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_recordings_it_writes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo("--no-record") == 0
+    assert list(folder.iterdir()) == []
+    assert "written" not in capsys.readouterr().out
+
+
+def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
+    assert demo("--no-record", "--duration", "0.1", "--record", "mine.csv") == 0
+    assert [path.name for path in folder.iterdir()] == ["mine.csv"]
+
+
+def test_an_ecu_that_never_opens_fails_with_the_reasons(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo("--ecu", "demo_ecus:Silent", "--no-record") == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert "liftgate-hil demo: failed: the gate never met the obstacle" in lines
+
+
+def test_an_obstacle_that_the_ecu_does_not_feel_fails(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # What the ECU sees of the current is nothing.
+    assert demo("--no-record", "--set", "sensors.current_gain=0") == 1
+    assert "liftgate-hil demo: failed: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--duration", "1"], ["--scenario", "other.toml"]])
+def test_a_part_of_it_and_another_scenario_are_not_judged(
+    folder: Path, arguments: list[str]
+) -> None:
+    (folder / "other.toml").write_text("duration = 1.0\n")
+    assert demo("--ecu", "demo_ecus:Silent", "--no-record", *arguments) == 0
+
+
+def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo("--ecu", "demo_ecus:Raises", "--no-record") == 1
+    (line,) = (each for each in capsys.readouterr().err.splitlines() if "ValueError" in each)
+    assert line.startswith("liftgate-hil: the ECU at 0.000 s: ValueError: not today (demo_ecus.py")
+
+
+@c_ecu.needs_compiler
+def test_a_c_library_passes_too(folder: Path, tmp_path: Path) -> None:
+    library = c_ecu.build_library(tmp_path)
+    assert demo("--ecu", str(library), "--no-record") == 0
+
+
+@needs_compiler
+def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = """
+    #include "liftgate_ecu.h"
+    #include <stdlib.h>
+    void *liftgate_ecu_create(void) { static int it; return &it; }
+    void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
+    int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
+                          struct liftgate_frame *out, int capacity)
+    {
+        (void)ecu, (void)in, (void)count, (void)out, (void)capacity;
+        if (now_ns > 100000000) abort();
+        return 0;
+    }
+    """
+    assert demo("--ecu", str(build(tmp_path, source)), "--no-record") == 1
+    assert "the ECU at 0.101 s: its process ended (SIGABRT)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--ecu", "nonsense"], "--ecu nonsense: allowed: reference, the path of a shared library"),
+        (["--ecu", "missing.so"], "--ecu missing.so: no such file"),
+        (["--ecu", "no_such_module:Class"], "no_such_module"),
+        (["--ecu", "demo_ecus:Nobody"], "Nobody"),
+        (["--ecu", "bus"], "--clock free: allowed with the ECU in this process"),
+        (["--vehicle", "nosuch"], "--vehicle nosuch"),
+        (["--output", "nosuch"], "--output nosuch: no such folder"),
+        (["--rate", "10"], "allowed: 200 to 10000 Hz"),
+        (["--record", "x.foo"], "--record x.foo: format"),
+    ],
+)
+def test_what_cannot_be_meant_is_usage_and_writes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
+) -> None:
+    try:
+        code = demo("--no-record", *arguments)
+    except SystemExit as ended:  # argparse
+        code = int(ended.code or 0)
+    assert code == 2
+    text = capsys.readouterr().err
+    assert told in text
+    assert "Traceback" not in text
+    assert list(folder.iterdir()) == []
+
+
+def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo("--json", "--no-record") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["received"]["accepted"] == 4200
+    assert summary["command_timeouts"] == 0
+
+
+def test_the_seed_is_the_one_that_was_asked_for(folder: Path) -> None:
+    texts = {}
+    for seed in ("1", "2", "1"):
+        noise = ["--set", "sensors.current_noise=0.1"]
+        demo("--no-record", "--duration", "0.2", "--seed", seed, *noise, "--record", "run.csv")
+        text = (folder / "run.csv").read_bytes()
+        assert texts.setdefault(seed, text) == text
+    assert texts["1"] != texts["2"]
+
+
+def test_on_the_lockstep_clock_it_shows_the_same(folder: Path) -> None:
+    for clock in ("free", "lockstep"):
+        arguments = ["--duration", "1", "--record", f"{clock}.csv", "--no-record", "--quiet"]
+        assert main(["demo", "--clock", clock, *arguments]) == 0
+    assert (folder / "free.csv").read_bytes() == (folder / "lockstep.csv").read_bytes()
+
+
+def test_the_demos_own_length_is_what_makes_it_whole() -> None:
+    assert session.scenario_from("demo").duration == 42.0
