@@ -14,7 +14,7 @@ from pathlib import Path
 from liftgate_hil.loop.statistics import told
 from tools.benchmark import costs, episodes, lateness, processes
 from tools.benchmark.lateness import Pairs
-from tools.benchmark.machine import machine_lines
+from tools.benchmark.machine import load_line, machine_lines
 from tools.c_translator.build import BUILDS, compare
 
 STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
@@ -58,7 +58,7 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
     import matplotlib.pyplot as plt
     import numpy as np
 
-    figure, panels = plt.subplots(2, 3, figsize=(13, 7), sharex=True, sharey=True)
+    figure, panels = plt.subplots(2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True)
     for panel, pair in zip(panels.T.flat, pairs, strict=True):
         for runs, label, colour in (
             (pair.ours, "liftgate-hil", "C0"),
@@ -70,8 +70,8 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
                     run.late_us, np.maximum(later, 1e-6), where="post", color=colour,
                     alpha=0.5, linewidth=1.0, label=label if number == 0 else None,
                 )  # fmt: skip
-        panel.set(title=str(pair.condition), xscale="log", yscale="log", xlim=(5, 2e4))
-        panel.set_ylim(1e-5, 1.0)
+        panel.set_title(str(pair.condition), fontsize="medium")
+        panel.set(xscale="log", yscale="log", xlim=(5, 2e4), ylim=(1e-5, 1.0))
         panel.grid(alpha=0.3)
     panels[0, 0].legend()
     figure.supxlabel("lateness of a wake-up [µs]")
@@ -188,7 +188,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), ""]
+    text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
     text += episode_section() + step_section()
     text += ["## Cost", "", "| | |", "|---|---|"]
     figures = costs.measure()

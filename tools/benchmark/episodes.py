@@ -6,6 +6,7 @@ recorded, so that both go through the same phases: moving, stalled, at rest.
 
 from __future__ import annotations
 
+import shutil
 import statistics
 import subprocess
 import sys
@@ -59,7 +60,7 @@ class Case(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """Seconds a tick: medians and minima of the rounds; the ratio's median is that of each round's own."""
+    """CPU seconds a tick: medians and minima of the rounds; the ratio's median is that of each round's own."""
 
     episode: float
     plant: float
@@ -192,23 +193,29 @@ def replayed(bench: Bench, replay: Replay) -> tuple[float, State]:
     return time.thread_time() - start, end
 
 
-def built_library(folder: Path) -> Path:
-    """The C ECU of tools/ecu as a library, made by its own Makefile."""
+def built_library(folder: Path) -> Path | None:
+    """The C ECU of tools/ecu as a library, made by its own Makefile; None without make or compiler."""
+    if shutil.which("make") is None or shutil.which("cc") is None:
+        return None
     command = ["make", "-C", str(ECU_SOURCES), f"OUT={folder}", f"PYTHON={sys.executable}"]
     library = folder / "liftgate-ecu.so"
     subprocess.run([*command, str(library)], check=True, capture_output=True, timeout=120)
     return library
 
 
-def cases(library: Path) -> list[Case]:
+def cases(library: Path | None) -> list[Case]:
     """The ECUs."""
-    return [
+    found = [
         Case("reference ECU", ReferenceEcu),
         Case("reference ECU, frames kept for a recording", ReferenceEcu, True),
-        Case("C ECU of tools/ecu", lambda rig, drives: LibraryEcu(library, rig, drives)),
         Case("Python ECU that does nothing", lambda rig, drives: PythonEcu(IdleEcu(), rig, drives)),
         Case("no ECU", Adapter),
     ]
+    if library is not None:
+        found.insert(
+            2, Case("C ECU of tools/ecu", lambda rig, drives: LibraryEcu(library, rig, drives))
+        )
+    return found
 
 
 def measure_case(bench: Bench, case: Case, rounds: int) -> Figures:

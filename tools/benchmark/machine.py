@@ -28,3 +28,9 @@ def machine() -> list[str]:
         f"{platform.system()} {platform.release()} {platform.version()}",
         f"Python {platform.python_version()}, numba {__import__('numba').__version__}",
     ]
+
+
+def load_line() -> str:
+    """How busy the machine was with other things when it began."""
+    minute, five, _ = os.getloadavg()
+    return f"- load average before: {minute:.1f} over a minute, {five:.1f} over five"
