@@ -25,6 +25,7 @@ from liftgate_hil.loop.realtime_loop import (
     Room,
     RunParams,
     clock_ns,
+    count_bits,
     make_room,
     note_frames,
     note_row,
@@ -93,8 +94,10 @@ def hot_ticks(
         state, replies, truth, sensed = tick(config, state, frames, outside)
         if replies.count > 0:
             send(shared, params, room, replies)
-        note_frames(shared, frames, room.stamps, 0, begin)
-        note_frames(shared, replies, room.stamps, 0, begin)
+        note_frames(shared, frames, room.stamps, 0, begin, 0)
+        note_frames(shared, replies, room.stamps, 0, begin, 1)
+        count_bits(shared, frames)
+        count_bits(shared, replies)
         note_row(shared, truth, sensed)
         total += clock_ns(1, room) - begin
         read_frames(peer.descriptor, peer.buffers, peer.room, peer.stamps)
