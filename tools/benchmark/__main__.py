@@ -89,9 +89,8 @@ def step_section() -> list[str]:
         "",
         paragraph(
             """The plant's step, translated to C and built in several ways, in turns with ours; the ratio is our
-            time to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds
-            with it
-            show what it would bring."""
+            time to that build's, so under 1 is faster than C. Without FMA the results are bit-equal; builds with
+            it show what it would bring. CPU time, medians."""
         ),
         "",
         "| | ours | " + " | ".join(each.name for each in BUILDS) + " |",
@@ -115,7 +114,8 @@ def episode_section() -> list[str]:
         "",
         paragraph(
             """An episode of the demo (gate, sensors, codec both ways, ECU, rows) against the plant's step with its
-            sensors under the very same inputs, in turns; times a tick. Python ECUs are called every 10 ms."""
+            sensors under the very same inputs, in turns; CPU time of a tick, medians. Python ECUs are called every
+            10 ms."""
         ),
         "",
         "| | ratio, median | ratio of the minima | episode | plant and sensors |",
@@ -159,9 +159,9 @@ def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
             f"""{rounds} rounds of {seconds:g} s each, in turns; medians of the rounds, stolen is a sum. Where two
             figures stand, ours comes first. Loaded: two busy processes, and a busy pure-Python thread in the
             loop's own process. Stolen: what the hypervisor took from all CPUs meanwhile; p99.9 and beyond, and
-            the misses
-            of FIFO, are mostly that. SCHED_OTHER's ratio is timer slack (50 µs by default): ours sets 1 ns,
-            cyclictest does not, unless the condition says so."""
+            the misses of FIFO, are mostly that. SCHED_OTHER lets a sleep end late by the timer slack, 50 µs by
+            default: ours sets 1 ns, cyclictest does not, unless the condition says so, and that alone makes p50's
+            ratio below 1. At the same slack ours has the longer tail."""
         ),
         "",
         *lateness_table(pairs),
