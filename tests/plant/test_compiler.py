@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import liftgate_hil
 import liftgate_plant
-from liftgate_plant.compiler import all_finite, borrowed, compilable, compiled, fill
+from liftgate_plant.compiler import all_finite, borrowed, compilable, compiled, enabled, fill
 
 
 class Inner(NamedTuple):
@@ -92,31 +92,201 @@ def test_a_tuple_goes_whole_into_a_row_and_one_bad_number_is_seen(numbers, finit
         np.testing.assert_array_equal(rows, [[0.0, each] for each in (0.0, *numbers, 0.0)])
 
 
-def cache_of(*folders: Path) -> str:
-    """The name of the cache of the loop's machine code where the packages are found in these folders."""
-    code = (
-        "import liftgate_hil.loop.tick; from liftgate_plant import compiler;"
-        "print(compiler.cache_folder().name)"
-    )
+def python(code: str, *folders: Path, cache: Path | None = None) -> str:
+    """What a fresh Python with these places for modules prints."""
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
+    if cache is not None:
+        env["XDG_CACHE_HOME"] = str(cache)
     done = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=False
     )
+    assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+SOURCES = [Path(package.__file__).parent for package in (liftgate_hil, liftgate_plant)]
+
+
+def cache_of(*folders: Path) -> str:
+    """The name of the cache of the tick's machine code where the packages are found in these folders."""
+    return python(
+        "from liftgate_hil.loop.tick import tick; from liftgate_plant import compiler;"
+        "print(compiler.cache_folder(tick).name)",
+        *folders,
+    )
 
 
 @pytest.mark.parametrize("edited", ["liftgate_plant/friction.py", "liftgate_hil/loop/tick.py"])
 def test_an_edit_of_either_package_asks_for_new_machine_code_wherever_they_are_installed(
     tmp_path: Path, edited: str
 ):
-    sources = [Path(package.__file__).parent for package in (liftgate_hil, liftgate_plant)]
-    for source in sources:  # beside each other, as a wheel puts them
+    for source in SOURCES:  # beside each other, as a wheel puts them
         shutil.copytree(source, tmp_path / source.name)
     before = cache_of(tmp_path)
-    assert before == cache_of(*(source.parent for source in sources))
+    assert before == cache_of(*(source.parent for source in SOURCES))
     with (tmp_path / edited).open("a") as stream:
         stream.write("# edited\n")
     assert cache_of(tmp_path) != before
+
+
+# A package with two entry points, of which only one uses all of it.
+PACKAGE = {
+    "__init__.py": "",
+    "constants.py": "GAIN = 2.0\nOTHER = 1.0\nTABLE = (1.0, 2.0)\n",
+    "kinds.py": """
+from typing import NamedTuple
+import numpy as np
+from gatelike.parts import Part
+ROW = np.dtype([("a", "f8"), ("b", "f8")])
+class Kind(NamedTuple):
+    part: Part
+    low: float
+    high: float
+""",
+    "parts.py": """
+from typing import NamedTuple
+class Part(NamedTuple):
+    first: float
+    second: float
+""",
+    "deep.py": """
+from liftgate_plant.compiler import compilable
+@compilable
+def half(x: float) -> float:
+    return 0.5 * x
+""",
+    "helpers.py": """
+from __future__ import annotations
+from gatelike import constants, deep
+from gatelike.constants import GAIN
+from gatelike.kinds import Kind
+from liftgate_plant.compiler import compilable
+@compilable
+def width(kind: Kind) -> float:
+    return GAIN * deep.half(kind.high - kind.low) * constants.TABLE[1] + kind.part.first
+""",
+    "entries.py": """
+from __future__ import annotations
+import numpy as np
+from gatelike import helpers
+from gatelike.kinds import Kind, ROW
+from gatelike.parts import Part
+from gatelike.deep import half
+from liftgate_plant.compiler import compilable
+KIND = Kind(Part(10.0, 20.0), 1.0, 4.0)
+@compilable
+def large(kind: Kind, rows: np.ndarray) -> float:
+    return helpers.width(kind) + rows[0].a
+@compilable
+def small(x: float) -> float:
+    return half(x)
+def rows():
+    made = np.zeros(1, ROW).view(np.recarray)
+    made.a, made.b = 100.0, 200.0
+    return made
+""",
+}
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The folder with the package `gatelike`."""
+    folder = tmp_path / "gatelike"
+    folder.mkdir()
+    for name, text in PACKAGE.items():
+        (folder / name).write_text(text)
+    return tmp_path
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def caches_of(package: Path) -> tuple[str, str]:
+    """The names of the caches of `large` and `small`."""
+    large, small = python(
+        "from gatelike import entries; from liftgate_plant.compiler import cache_folder;"
+        "print(cache_folder(entries.large).name, cache_folder(entries.small).name)",
+        package,
+        *(source.parent for source in SOURCES),
+    ).split()
+    return large, small
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "changes"),
+    [
+        ("helpers.py", "kind.high - kind.low", "kind.low - kind.high", (True, False)),
+        ("deep.py", "0.5", "0.25", (True, True)),
+        ("kinds.py", "low: float\n    high: float", "high: float\n    low: float", (True, False)),
+        ("parts.py", "first: float\n    second", "second: float\n    first", (True, False)),
+        ("kinds.py", '("a", "f8"), ("b", "f8")', '("b", "f8"), ("a", "f8")', (True, False)),
+        ("constants.py", "GAIN = 2.0", "GAIN = 3.0", (True, False)),
+        ("constants.py", "(1.0, 2.0)", "(1.0, 3.0)", (True, False)),
+        ("constants.py", "OTHER = 1.0", "OTHER = 3.0", (False, False)),
+    ],
+)
+def test_an_edit_asks_for_new_machine_code_of_what_uses_it_and_of_nothing_else(
+    package: Path, file: str, old: str, new: str, changes: tuple[bool, bool]
+):
+    before = caches_of(package)
+    assert caches_of(package) == before
+    replace(package / "gatelike" / file, old, new)
+    after = caches_of(package)
+    assert tuple(a != b for a, b in zip(after, before, strict=True)) == changes
+
+
+USE = """
+import sys
+{first}
+from gatelike.entries import KIND, large, rows
+from liftgate_plant.compiler import cache_folder, compiled, is_cached
+known = is_cached(large)
+answer = compiled(large)(KIND, rows())
+assert answer == large(KIND, rows())
+print(known, is_cached(large), answer, "scipy.linalg" in sys.modules)
+{last}
+"""
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+def test_machine_code_is_kept_until_what_it_is_made_of_changes(package: Path, tmp_path: Path):
+    places = (package, *(source.parent for source in SOURCES))
+    home = tmp_path / "cache"
+    first = USE.format(first="", last="")
+    assert python(first, *places, cache=home).split() == ["False", "True", "116.0", "False"]
+    # With numba there before, whose own folder stays what it was.
+    second = USE.format(
+        first="import numba; numba.config.CACHE_DIR = 'elsewhere'",
+        last="assert numba.config.CACHE_DIR == 'elsewhere'\n"
+        "assert list(compiled(large).stats.cache_hits.values()) == [1]",
+    )
+    assert python(second, *places, cache=home).split()[:3] == ["True", "True", "116.0"]
+    replace(
+        package / "gatelike" / "kinds.py",
+        "low: float\n    high: float",
+        "high: float\n    low: float",
+    )
+    replace(package / "gatelike" / "entries.py", "1.0, 4.0", "4.0, 1.0")
+    assert python(first, *places, cache=home).split() == ["False", "True", "116.0", "False"]
+    assert not Path("elsewhere").exists()
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+def test_others_may_still_multiply_matrices_with_numba(tmp_path: Path):
+    code = """
+from liftgate_plant.compiler import compiled
+def entry(x: float) -> float:
+    return x
+assert compiled(entry)(1.0) == 1.0
+import scipy.linalg.cython_blas
+from numba.np import arraymath, linalg
+linalg.ensure_blas()
+assert arraymath._HAVE_BLAS
+"""
+    python(code, *(source.parent for source in SOURCES), cache=tmp_path)
 
 
 _LONG = """

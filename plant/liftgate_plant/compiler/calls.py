@@ -1,0 +1,57 @@
+"""Functions of C that compilable code may call: those of the C library by name, others by their address."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable
+
+
+class System:
+    """A function of the C library for compilable code: numbers in, a number out.
+
+    `result` and `arguments` are "i" for int and "l" for long, size_t and addresses (`array.ctypes.data`).
+    """
+
+    def __init__(self, name: str, result: str, arguments: str) -> None:
+        self.name = name
+        self.result = result
+        self.arguments = arguments
+
+    @functools.cached_property
+    def _plain(self) -> Callable[..., int]:
+        kinds = {"i": ctypes.c_int, "l": ctypes.c_long}
+        function = getattr(ctypes.CDLL(None, use_errno=True), self.name)
+        function.restype = kinds[self.result]
+        function.argtypes = [kinds[kind] for kind in self.arguments]
+        return function  # type: ignore[no-any-return]
+
+    def __call__(self, *arguments: int) -> int:
+        """Call it from plain Python."""
+        return self._plain(*(int(argument) for argument in arguments))
+
+    def __repr__(self) -> str:
+        return f"System({self.name!r}, {self.result!r}, {self.arguments!r})"
+
+
+# C functions at addresses that are known only at run time; ctypes makes callbacks of the same kinds.
+INT_OF_LONG_INT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int64, ctypes.c_int)
+INT_OF_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int,
+    ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int, ctypes.c_int64, ctypes.c_int,
+)  # fmt: skip
+
+
+def call_long_int(address: int, a: int, b: int) -> int:
+    """Call `int f(int64_t or pointer, int)`."""
+    return int(INT_OF_LONG_INT(address)(a, b))
+
+
+def call_step(address: int, a: int, b: int, c: int, d: int, e: int, f: int) -> int:
+    """Call `int f(pointer, int64_t, pointer, int, pointer, int)`."""
+    return int(INT_OF_STEP(address)(a, b, c, d, e, f))
+
+
+def last_error() -> int:
+    """The error number (errno) of this thread's last System call that failed."""
+    return ctypes.get_errno()

@@ -1,0 +1,188 @@
+# mypy: allow-untyped-calls, allow-untyped-decorators
+"""What numba is told about this package's own functions and types; importing it tells it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.extending import box, intrinsic, lower_cast, overload, register_model, typeof_impl
+from numba.np.arrayobj import store_item
+
+from liftgate_plant.compiler import borrowed
+from liftgate_plant.compiler.calls import System, call_long_int, call_step, last_error
+from liftgate_plant.compiler.tuples import all_finite, fill
+
+types: Any = numba.types
+_carray: Any = numba.carray  # type: ignore[attr-defined]
+_KINDS = {"i": types.int32, "l": types.int64}
+_errno_address = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+
+
+@typeof_impl.register(System)
+def _type_of_system(value: System, context: Any) -> Any:
+    arguments = [_KINDS[kind] for kind in value.arguments]
+    return types.ExternalFunction(value.name, _KINDS[value.result](*arguments))
+
+
+@overload(last_error)
+def _last_error() -> Any:
+    return lambda: _carray(_errno_address(), 1)[0]
+
+
+def _call_address(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    kind = ir.FunctionType(ir.IntType(32), [each.type for each in values[1:]])
+    return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+
+
+# numba wants the very same signatures of an overload; the intrinsics get their context by themselves.
+@intrinsic
+def _long_int(typing_context: Any, address: Any, a: Any, b: Any) -> Any:
+    return types.int32(types.int64, types.int64, types.int32), _call_address
+
+
+@overload(call_long_int)
+def _call_long_int(address: Any, a: Any, b: Any) -> Any:
+    def implementation(address: Any, a: Any, b: Any) -> Any:
+        return _long_int(address, a, b)  # type: ignore[call-arg]
+
+    return implementation
+
+
+@intrinsic
+def _step(typing_context: Any, address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+    word, long = types.int32, types.int64
+    return word(long, long, long, long, word, long, word), _call_address
+
+
+@overload(call_step)
+def _call_step(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+    def implementation(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
+        return _step(address, a, b, c, d, e, f)  # type: ignore[call-arg]
+
+    return implementation
+
+
+class Borrowed(types.Array):  # type: ignore[misc]
+    """An array without an owner: the type says that nothing counts its references, so none of it is generated."""
+
+    def __init__(self, owned: Any) -> None:
+        super().__init__(
+            owned.dtype, owned.ndim, owned.layout, readonly=not owned.mutable, aligned=owned.aligned
+        )
+        self.name: str = f"borrowed {self.name}"
+
+
+@register_model(Borrowed)
+class _BorrowedModel(models.ArrayModel):
+    """Laid out as an array is; what would be its owner is a mere address."""
+
+    def __init__(self, manager: Any, kind: Any) -> None:
+        array = manager.lookup(types.Array(kind.dtype, kind.ndim, kind.layout))
+        members = [
+            (name, types.voidptr if name == "meminfo" else array.get_type(name))
+            for name in array._fields
+        ]
+        models.StructModel.__init__(self, manager, kind, members)
+
+
+@lower_cast(Borrowed, types.Array)
+def _as_array(context: Any, builder: Any, kind: Any, wanted: Any, value: Any) -> Any:
+    return value
+
+
+@box(Borrowed)
+def _never_to_python(kind: Any, value: Any, c: Any) -> Any:
+    raise numba.core.errors.TypingError(
+        "compiled code returns borrowed arrays; allowed: those of its arguments as they came"
+    )
+
+
+def _borrowed_type(kind: Any) -> Any:
+    if type(kind) is types.Array:
+        return Borrowed(kind)
+    if isinstance(kind, types.BaseTuple):
+        parts = [_borrowed_type(each) for each in kind]
+        return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
+    return kind
+
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if type(kind) is types.Array:
+        array = context.make_array(kind)(context, builder, value=value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for place, each in enumerate(kind):
+            part = _without_owner(context, builder, each, builder.extract_value(value, place))
+            value = builder.insert_value(value, part, place)
+    return value
+
+
+@intrinsic
+def _borrow(typing_context: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _without_owner(context, builder, signature.args[0], arguments[0])
+
+    return _borrowed_type(value)(value), generate
+
+
+@overload(borrowed)
+def _borrowed(value: Any) -> Any:
+    def implementation(value: Any) -> Any:
+        return _borrow(value)  # type: ignore[call-arg]
+
+    return implementation
+
+
+def _values_of(builder: Any, numbers: Any, value: Any) -> list[Any]:
+    return [builder.extract_value(value, place) for place in range(len(numbers))]
+
+
+def _store_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    kind, _, numbers = signature.args
+    array = context.make_array(kind)(context, builder, value=arguments[0])
+    for place, value in enumerate(_values_of(builder, numbers, arguments[2])):
+        index = builder.add(arguments[1], context.get_constant(types.intp, place))
+        pointer = cgutils.get_item_pointer(context, builder, kind, array, [index])
+        store_item(context, builder, kind, value, pointer)
+    return context.get_dummy_value()
+
+
+def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    # x − x is 0, or NaN; added up as a tree, as in a chain each sum would wait for the one before.
+    values = _values_of(builder, signature.args[0], arguments[0])
+    parts = [builder.fsub(value, value) for value in values]
+    while len(parts) > 1:
+        odd = parts[len(parts) // 2 * 2 :]
+        parts = [builder.fadd(a, b) for a, b in zip(parts[::2], parts[1::2], strict=False)] + odd
+    return builder.fcmp_ordered("==", parts[0], ir.Constant(parts[0].type, 0.0))
+
+
+@intrinsic
+def _store(typing_context: Any, target: Any, at: Any, numbers: Any) -> Any:
+    return types.void(target, types.intp, numbers), _store_all
+
+
+@intrinsic
+def _finite(typing_context: Any, numbers: Any) -> Any:
+    return types.boolean(numbers), _look_at_all
+
+
+@overload(fill)
+def _fill(target: Any, at: Any, numbers: Any) -> Any:
+    def implementation(target: Any, at: Any, numbers: Any) -> Any:
+        return _store(target, at, numbers)  # type: ignore[call-arg]
+
+    return implementation
+
+
+@overload(all_finite)
+def _all_finite(numbers: Any) -> Any:
+    def implementation(numbers: Any) -> Any:
+        return _finite(numbers)  # type: ignore[call-arg]
+
+    return implementation
