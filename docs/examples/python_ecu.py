@@ -1,9 +1,9 @@
 """An ECU in Python that knows nothing but the database: cantools packs its command and unpacks what it hears.
 
-It runs below, in the demo and on a bus; PYTHONPATH tells where the class is:
+It runs below, in the demo and on a bus; from docs/examples, where the class is:
 
-    PYTHONPATH=docs/examples liftgate-hil demo --clock free --no-record --ecu python_ecu:Ecu
-    PYTHONPATH=docs/examples liftgate-hil ecu --bus socketcan:vcan0 --ecu python_ecu:Ecu
+    liftgate-hil demo --clock free --no-record --ecu python_ecu:Ecu
+    liftgate-hil ecu --bus socketcan:vcan0 --ecu python_ecu:Ecu
 """
 
 from collections.abc import Sequence

@@ -11,7 +11,7 @@ import contextlib
 import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError
 from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Taker, Trace, watcher
 from liftgate_hil.loop.statistics import Summary
@@ -166,31 +167,23 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
 class Parts:
     """The objects of a job."""
 
-    scenario: Scenario
-    vehicle: Vehicle
+    setup: session.Setup
     rig: Rig
     options: session.RunOptions
-    start_angle: float  # rad
 
 
 def resolve(job: Job) -> Parts:
     """The objects that a job names; the scenario gives what the job leaves open. Raises ConfigError."""
-    scenario = session.scenario_of(job.scenario, job.parameters)
-    named = job.vehicle if job.vehicle is not None else scenario.vehicle or "suv"
-    # A vehicle that there is already is the caller's, as it is.
-    own = scenario.settings if isinstance(named, str | Path) else ()
-    vehicle = session.vehicle_of(named, [*own, *job.settings])
-    rig = session.rig_of(job.rig if job.rig is not None else scenario.rig or "liftgate")
-    initial = job.initial if job.initial is not None else scenario.initial
-    options = replace(job.options, seed=job.seed if job.seed is not None else scenario.seed)
-    options.check()
-    return Parts(
-        scenario=scenario,
-        vehicle=vehicle,
-        rig=rig,
-        options=options,
-        start_angle=session.angle_from(initial, vehicle.gate.open_angle),
+    setup = session.setup_of(
+        job.scenario,
+        parameters=job.parameters,
+        vehicle=job.vehicle,
+        settings=job.settings,
+        initial=job.initial,
+        seed=job.seed,
     )
+    job.options.check()
+    return Parts(setup, session.rig_of(job.rig, setup.scenario), job.options)
 
 
 def run_job(
@@ -208,10 +201,10 @@ def run_job(
     if job.trace:
         seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
-        return _on_bus(job, parts, Adapter(parts.rig, parts.vehicle.drives), seen, stopped)
+        return _on_bus(job, parts, Adapter(parts.rig, parts.setup.vehicle.drives), seen, stopped)
     with contextlib.ExitStack() as stack:
         with _foreign_code(memory):
-            adapter = adapter_for(job.ecu, parts.rig, parts.vehicle.drives)
+            adapter = adapter_for(job.ecu, parts.rig, parts.setup.vehicle.drives)
         stack.callback(_close, adapter, memory)
         if job.options.clock == "free":
             return _free(parts, adapter, seen, stopped, memory)
@@ -246,8 +239,9 @@ def _free(
     """In machine code, as fast as it goes."""
     from liftgate_hil.recording.open import open_recorder
 
-    options, scenario = parts.options, parts.scenario
-    config = session.loop_config_of(parts.vehicle, parts.rig, options.rate, options.seed)
+    options, setup = parts.options, parts.setup
+    scenario = setup.scenario
+    config = session.loop_config_of(setup.vehicle, parts.rig, options.rate, setup.seed)
     ticks = session.ticks_of(
         scenario.duration if options.duration is None else options.duration, options.rate
     )
@@ -257,14 +251,14 @@ def _free(
     recorders = []
     with contextlib.ExitStack() as stack:
         for path in options.records:
-            recorder = open_recorder(path, parts.vehicle.drives, "virtual", 0.0)
+            recorder = open_recorder(path, parts.setup.vehicle.drives, "virtual", 0.0)
             stack.callback(recorder.close)
             recorders.append(recorder)
         if recorders:
             takers = [*takers, RecordingTaker(recorders)]
         episode = Episode(
             config,
-            session.start_of(config, parts.start_angle),
+            session.start_of(config, setup.start_angle),
             scenario.timeline,
             adapter,
             scenario.requests,
@@ -309,14 +303,12 @@ def _on_bus(
         if job.ecu != ON_A_BUS:
             wire = open_transport(way)
             stack.callback(wire.close)
-            peers = [Peer(adapter, wire, parts.scenario.requests)]
-        emulator = session.Emulator(
-            vehicle=parts.vehicle,
+            peers = [Peer(adapter, wire, parts.setup.scenario.requests)]
+        emulator = Emulator(
+            setup=parts.setup,
             rig=parts.rig,
-            scenario=parts.scenario,
             way=way,
             options=parts.options,
-            start_angle=parts.start_angle,
             peers=peers,
             watch=watcher(takers),
             stopped=stopped,

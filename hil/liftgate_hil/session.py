@@ -1,18 +1,15 @@
-"""The composition root: objects from files and values, and a run of the emulator on a bus.
+"""The composition root: objects from files and values.
 
 No flags, no printing, no signal handlers: the command line, pytest and the rest of the API are users of this file.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.arguments import number_of, seed_of, texts_of, time_of
 from liftgate_hil.config.rig import Rig, load_rig
@@ -20,15 +17,10 @@ from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
 from liftgate_plant.dynamics import initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
-
-if TYPE_CHECKING:
-    from liftgate_hil.loop.python_loop import Peer, Watch
-    from liftgate_hil.loop.statistics import Summary
-    from liftgate_hil.transport.find import Way
 
 NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
@@ -68,8 +60,10 @@ def vehicle_of(vehicle: str | Path | Vehicle, settings: Sequence[str] = ()) -> V
     return vehicle
 
 
-def rig_of(rig: str | Path | Rig) -> Rig:
-    """The rig of a name or a path, or one that there is. Raises ConfigError."""
+def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
+    """The rig of a name or a path, or one that there is; None: the scenario's, else ours. Raises ConfigError."""
+    if rig is None:
+        rig = (scenario.rig if scenario is not None else None) or "liftgate"
     if isinstance(rig, str | Path):
         return rig_from(str(rig))
     if not isinstance(rig, Rig):
@@ -114,6 +108,48 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
     return math.radians(degrees)
 
 
+@dataclass(frozen=True)
+class Setup:
+    """Which gate, where it starts, and what happens to it."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    vehicle_name: str
+    seed: int
+    start_angle: float  # rad
+
+
+def setup_of(
+    scenario: str | Path | Scenario | None = None,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    vehicle: str | Path | Vehicle | None = None,
+    settings: Sequence[str] = (),
+    initial: float | str | None = None,
+    seed: int | None = None,
+) -> Setup:
+    """The setup of what a caller names; what is None the scenario says, else suv, closed, seed 0.
+
+    `settings` come after the scenario's. Raises ConfigError.
+    """
+    scenario = scenario_of(scenario, parameters)
+    vehicle = vehicle if vehicle is not None else scenario.vehicle or "suv"
+    is_named = isinstance(vehicle, str | Path)
+    if scenario.settings and not is_named:
+        raise ConfigError(
+            f"set {', '.join(scenario.settings)} of the scenario: allowed with a vehicle by its name or file"
+        )
+    built = vehicle_of(vehicle, [*scenario.settings, *texts_of("settings", settings)])
+    initial = initial if initial is not None else scenario.initial
+    return Setup(
+        scenario=scenario,
+        vehicle=built,
+        vehicle_name=str(vehicle) if is_named else "a vehicle",
+        seed=seed_of(seed if seed is not None else scenario.seed),
+        start_angle=angle_from(initial, built.gate.open_angle),
+    )
+
+
 def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
     """The loop's constants, at a rate [Hz]."""
     mapped = {mapping.quantity for mapping in rig.inputs}
@@ -151,7 +187,6 @@ class RunOptions:
     rate: float = 1000.0  # Hz
     clock: str = "realtime"  # of CLOCKS
     duration: float | None = None  # s of model time; None: the scenario's, else until stopped
-    seed: int = 0
     overrun_limit: float = 1.0  # s that the loop may fall behind
     wall_timeout: float | None = None  # s that lockstep waits for a command; None: for ever
     records: tuple[Path, ...] = ()
@@ -161,7 +196,6 @@ class RunOptions:
     def check(self) -> None:
         """Raises ConfigError where one cannot be, or they cannot be had together."""
         number_of("rate", self.rate, *RATES, "Hz")
-        seed_of(self.seed)
         for name in ("duration", "wall_timeout", "overrun_limit"):
             if (value := getattr(self, name)) is not None:
                 time_of(name, value)
@@ -176,153 +210,3 @@ class RunOptions:
             from liftgate_hil.loop.priority import allowed_cpus
 
             raise ConfigError(f"`cpu` {self.cpu}: allowed here: {allowed_cpus()}")
-
-
-def _never() -> bool:
-    return False
-
-
-def _nothing(text: str) -> None:
-    pass
-
-
-@dataclass
-class Emulator:
-    """The gate on a bus, about to run; `run` opens the wire, runs to the end and closes all that it opened.
-
-    `watch` gets each row (ROW_WIDTH,) of signals.COLUMNS, `say` what happens to the link, `stopped` is asked
-    whether to end.
-    """
-
-    vehicle: Vehicle
-    rig: Rig
-    scenario: Scenario
-    way: Way
-    options: RunOptions = field(default_factory=RunOptions)
-    start_angle: float = 0.0  # rad
-    peers: Sequence[Peer] = ()
-    watch: Watch | None = None
-    say: Callable[[str], None] = _nothing
-    stopped: Callable[[], bool] = _never
-    announce: Callable[[Callable[..., Any], str], None] | None = None  # entry point, wire's name
-
-    def run(self) -> Summary:
-        """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
-        from liftgate_hil.loop.datagrams import POSSIBLE
-
-        self.options.check()
-        options = self.options
-        self.config = loop_config_of(self.vehicle, self.rig, options.rate, options.seed)
-        self.state = start_of(self.config, self.start_angle)
-        duration = self.scenario.duration if options.duration is None else options.duration
-        self.ticks = ticks_of(duration, options.rate)
-        if options.clock == "realtime" and POSSIBLE:
-            return self._in_real_time()
-        return self._in_python()
-
-    def _announce(self, entry: Callable[..., Any], name: str) -> None:
-        if self.announce is not None:
-            self.announce(entry, name)
-
-    def _in_real_time(self) -> Summary:
-        """Without the interpreter lock."""
-        from liftgate_hil.loop.priority import Realtime
-        from liftgate_hil.loop.realtime_loop import run_realtime
-        from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
-        from liftgate_hil.recording.process import RecorderProcess
-        from liftgate_hil.transport.find import open_line
-
-        options = self.options
-        with contextlib.ExitStack() as stack:
-            line = open_line(self.way)
-            stack.callback(line.close)
-            memory = memory_for(options.rate)
-            stack.callback(memory.close)
-            recorder = None
-            if options.records:
-                recorder = RecorderProcess(options.records, memory, self.vehicle.drives, line.name)
-                stack.callback(recorder.close)
-            loop = RealtimeRun(
-                config=self.config,
-                state=self.state,
-                timeline=self.scenario.timeline,
-                line=line,
-                memory=memory,
-                rig=self.rig,
-                bitrate=self.way.bitrate(self.rig),
-                limit_ns=round(options.overrun_limit * NS),
-                say=self.say,
-                peers=self.peers,
-                watch=self.watch,
-                realtime=Realtime(options.cpu) if options.realtime else None,
-            )
-            self._announce(run_realtime, line.name)
-            loop.begin()
-            if recorder is not None:
-                recorder.wait_until_ready()
-            loop.run(self.ticks, self.stopped)
-            # The counts of the line and the recorder are whole only when they are closed.
-            stack.close()
-            return loop.summary(recorder.lost_rows if recorder is not None else 0)
-
-    def _in_python(self) -> Summary:
-        """On a clock that waits for nobody, or where the real-time loop cannot be."""
-        from liftgate_hil.loop.python_loop import Loop, scheduled_tick
-        from liftgate_hil.recording.open import open_recorder
-        from liftgate_hil.transport.find import open_transport
-
-        options, rig = self.options, self.rig
-        with contextlib.ExitStack() as stack:
-            transport = open_transport(self.way)
-            stack.callback(transport.close)
-            # Only wall time has an epoch; the other clocks' recordings are the same every time.
-            epoch = time.time() if options.clock == "realtime" else 0.0
-            recorders = []
-            for path in options.records:
-                recorder = open_recorder(path, self.vehicle.drives, transport.name, epoch)
-                stack.callback(recorder.close)
-                recorders.append(recorder)
-            loop = Loop(
-                config=self.config,
-                state=self.state,
-                timeline=self.scenario.timeline,
-                transport=transport,
-                recorders=recorders,
-                peers=self.peers,
-                watch=self.watch,
-                bitrate=self.way.bitrate(rig),
-            )
-            self._announce(scheduled_tick, transport.name)
-            loop.begin()
-            try:
-                timing = self._clocked(loop)
-            finally:
-                loop.finish()
-        failures = [recorder.failure for recorder in recorders if recorder.failure]
-        if failures:
-            raise RecordingError("; ".join(failures))
-        return loop.summary(options.clock, timing)
-
-    def _clocked(self, loop: Any) -> Any:
-        """Run the Python loop on the clock that was asked for; its timing."""
-        from liftgate_hil.loop.clock import RealtimeClock
-        from liftgate_hil.loop.histogram import distribution
-        from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
-        from liftgate_hil.loop.statistics import Timing
-
-        options, rig = self.options, self.rig
-        if options.clock == "realtime":
-            clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
-            run_clocked(loop, clock, self.ticks, self.stopped)
-            return Timing(distribution(clock.lateness))
-        if options.clock == "free":
-            run_free(loop, self.ticks, self.stopped)
-        else:
-            lockstep = Lockstep(
-                command=rig.command_identifier(),
-                ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate)),
-                wall_timeout=options.wall_timeout,
-                say=self.say if not self.peers else _nothing,
-            )
-            run_lockstep(loop, lockstep, self.ticks, self.stopped)
-        return Timing()

@@ -66,6 +66,11 @@ def test_arguments_win_over_the_file(scenario: Path) -> None:
     assert result.minima["latched"] == 1.0
 
 
+def test_a_scenario_that_sets_keys_wants_a_vehicle_whose_keys_it_can_set(scenario: Path) -> None:
+    with pytest.raises(ConfigError, match=r"supply\.voltage=13 of the scenario: allowed with"):
+        lh.run(scenario, vehicle=lh.load_vehicle("suv"))
+
+
 def test_a_trace_keeps_every_row(scenario: Path) -> None:
     result = lh.run(scenario, trace=True)
     assert set(result.trace) == set(COLUMNS)
@@ -105,6 +110,9 @@ def test_what_cannot_be_meant_is_told(
 
 
 def test_shipped_names_and_paths_are_loaded(scenario: Path) -> None:
+    scenario.write_text(
+        TEXT.partition("[set]")[0] + "[[obstacle]]" + TEXT.partition("[[obstacle]]")[2]
+    )
     loaded = lh.load_scenario(scenario, {"rod": 20_000})
     assert loaded.parameters["rod"] == 20_000
     result = lh.run(

@@ -34,7 +34,7 @@ _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
     options.add_bus(parser)
-    options.add_vehicle(parser)
+    options.add_setup(parser)
     options.add_loop(parser)
     options.add_output(parser)
     options.add_ecu(parser, "reference")
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 class Shown(NamedTuple):
     """What a demo showed."""
 
+    vehicle: str
     summary: Summary
     events: Events
     pinch_force: float  # N, the largest
@@ -96,20 +97,22 @@ def _as_machine_code(args: argparse.Namespace) -> Shown:
 
     job = runs.Job(
         scenario=args.scenario,
-        ecu=args.ecu,
+        ecu=options.ecu_of(args),
         vehicle=args.vehicle,
         rig=args.rig,
         settings=tuple(args.settings),
+        initial=args.initial,
         seed=args.seed,
         options=options.run_options(args),
         trace=_EVERY,
     )
-    runs.resolve(job)
-    announcer(args)(run_stretch, "no bus")
+    name = runs.resolve(job).setup.vehicle_name
+    announcer(args)(run_stretch, f"{name} on no bus")
     result = runs.execute(job, options.StopSignals())
     if result.verdict == "error":
         raise LiftgateError(result.reason)
     return Shown(
+        name,
         result.summary,
         [(event.time, event.text) for event in result.events],
         result.maxima["pinch_force_n"],
@@ -120,17 +123,18 @@ def _as_machine_code(args: argparse.Namespace) -> Shown:
 
 def _on_a_bus(args: argparse.Namespace) -> Shown:
     """On a bus, virtual or real."""
-    from liftgate_hil import session
     from liftgate_hil.cli.run import announcer, speaker
+    from liftgate_hil.emulator import Emulator
     from liftgate_hil.loop.closed_loop import Extremes, Trace, watcher
+    from liftgate_hil.session import rig_of
     from liftgate_hil.transport.find import find_way
 
-    rig = session.rig_from(args.rig)
+    setup = options.setup_of(args)
+    rig = rig_of(args.rig, setup.scenario)
     extremes, trace = Extremes(), Trace(_EVERY)
-    emulator = session.Emulator(
-        vehicle=session.vehicle_from(args.vehicle, args.settings),
+    emulator = Emulator(
+        setup=setup,
         rig=rig,
-        scenario=session.scenario_from(args.scenario),
         way=find_way(options.wire_choice(args), rig),
         options=options.run_options(args),
         watch=watcher([extremes, trace]),
@@ -140,7 +144,7 @@ def _on_a_bus(args: argparse.Namespace) -> Shown:
     )
     summary, events = on_a_bus(args, emulator)
     force = extremes.maximum("pinch_force_n")
-    return Shown(summary, events, force, extremes.pinch_time, trace.columns())
+    return Shown(setup.vehicle_name, summary, events, force, extremes.pinch_time, trace.columns())
 
 
 def _tell(args: argparse.Namespace, shown: Shown, folder: Path) -> None:
@@ -154,7 +158,7 @@ def _tell(args: argparse.Namespace, shown: Shown, folder: Path) -> None:
         return  # stopped before it began
     if not args.no_record:
         reversals = [(time, "reversal") for time, text in events if "reversing" in text]
-        plot_run(folder / "demo.png", columns, reversals, f"liftgate-hil demo: {args.vehicle}")
+        plot_run(folder / "demo.png", columns, reversals, f"liftgate-hil demo: {shown.vehicle}")
     if args.quiet or args.json:
         return
     for time, text in events:

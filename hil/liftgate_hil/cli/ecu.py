@@ -48,12 +48,12 @@ def run(args: argparse.Namespace) -> int:
 
     if args.ecu == "bus":
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
-    rig = session.rig_from(args.rig)
     scenario = session.scenario_from(args.scenario)
+    rig = session.rig_of(args.rig, scenario)
     duration = args.duration if args.duration is not None else scenario.duration
     requests = _requests(args.request) if args.request else list(scenario.requests)
     stop = options.StopSignals()
-    with adapter_for(args.ecu, rig, args.drives, shares_clock=False) as adapter:
+    with adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter:
         transport = open_transport(find_way(options.wire_choice(args), rig))
         if args.realtime:
             _ask_for_priority(args)

@@ -34,7 +34,7 @@ KINDS = {
 
 def add_model(parser: argparse.ArgumentParser) -> None:
     """Flags that both commands have."""
-    options.add_vehicle_file(parser)
+    options.add_vehicle(parser)
     parser.add_argument(
         "--model",
         choices=MODEL_NAMES,

@@ -6,12 +6,14 @@ import argparse
 import math
 import re
 import signal
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from liftgate_hil.session import RunOptions
+    from liftgate_hil.session import RunOptions, Setup
     from liftgate_hil.transport.find import WireChoice
 
 MAX_RATE = 10_000.0
@@ -67,7 +69,9 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
         "-b", "--bitrate", type=whole(1, 100_000_000), help="bit/s; default: the rig's"
     )
     parser.add_argument("--fd", action="store_true", help="open the bus for CAN FD")
-    parser.add_argument("--rig", default="liftgate", metavar="NAME|FILE", help="how it is wired")
+    parser.add_argument(
+        "--rig", metavar="NAME|FILE", help="how it is wired; default: the scenario's, else liftgate"
+    )
 
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
@@ -93,7 +97,6 @@ def run_options(args: argparse.Namespace) -> RunOptions:
         rate=args.rate,
         clock=args.clock,
         duration=args.duration,
-        seed=args.seed,
         overrun_limit=args.overrun_limit,
         wall_timeout=args.wall_timeout,
         records=tuple(check_record(name) for name in args.record),
@@ -102,15 +105,40 @@ def run_options(args: argparse.Namespace) -> RunOptions:
     )
 
 
-def add_vehicle(parser: argparse.ArgumentParser) -> None:
+def add_setup(parser: argparse.ArgumentParser) -> None:
     """Which vehicle, and what happens to it."""
-    add_vehicle_file(parser)
+    add_vehicle(parser, None, "default: the scenario's, else suv")
     parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
+    parser.add_argument(
+        "--initial",
+        metavar="closed|open|ANGLE_deg",
+        help="where the gate starts; default: the scenario's, else closed",
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole(0, 2**32 - 1),
+        help="of the sensors' noise; default: the scenario's, else 0",
+    )
 
 
-def add_vehicle_file(parser: argparse.ArgumentParser) -> None:
+def setup_of(args: argparse.Namespace) -> Setup:
+    """What the flags of `add_setup` say. Raises ConfigError."""
+    from liftgate_hil import session
+
+    return session.setup_of(
+        args.scenario,
+        vehicle=args.vehicle,
+        settings=args.settings,
+        initial=args.initial,
+        seed=args.seed,
+    )
+
+
+def add_vehicle(
+    parser: argparse.ArgumentParser, default: str | None = "suv", told: str = "default: suv"
+) -> None:
     """Which vehicle."""
-    parser.add_argument("--vehicle", default="suv", metavar="NAME|FILE", help="default: suv")
+    parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=told)
     parser.add_argument(
         "--set",
         dest="settings",
@@ -150,14 +178,6 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
         help="end with an error when lockstep has waited this long for a command; default: for ever",
     )
     add_realtime(parser)
-    add_seed(parser)
-
-
-def add_seed(parser: argparse.ArgumentParser) -> None:
-    """What all that is random comes from."""
-    parser.add_argument(
-        "--seed", type=whole(0, 2**32 - 1), default=0, help="of the sensors' noise; default: 0"
-    )
 
 
 def add_rate(parser: argparse.ArgumentParser) -> None:
@@ -194,6 +214,14 @@ def add_ecu(parser: argparse.ArgumentParser, default: str) -> None:
         metavar="reference|LIBRARY|MODULE:CLASS|bus",
         help=f"what closes the loop: ours, a C library, a Python class, one on the bus; default: {default}",
     )
+
+
+def ecu_of(args: argparse.Namespace) -> str:
+    """What `--ecu` says; a module of that name may lie in the working directory, too."""
+    if ":" in args.ecu:
+        # Last, so that nothing there comes before what is installed.
+        sys.path.append(str(Path.cwd()))
+    return str(args.ecu)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
     options.add_bus(parser)
-    options.add_vehicle(parser)
+    options.add_setup(parser)
     options.add_loop(parser)
     options.add_output(parser)
     options.add_ecu(parser, ON_A_BUS)
@@ -28,15 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil import session
+    from liftgate_hil.emulator import Emulator
+    from liftgate_hil.session import rig_of
     from liftgate_hil.transport.find import find_way
 
-    vehicle = session.vehicle_from(args.vehicle, args.settings)
-    rig = session.rig_from(args.rig)
-    emulator = session.Emulator(
-        vehicle=vehicle,
+    setup = options.setup_of(args)
+    rig = rig_of(args.rig, setup.scenario)
+    emulator = Emulator(
+        setup=setup,
         rig=rig,
-        scenario=session.scenario_from(args.scenario),
         way=find_way(options.wire_choice(args), rig),
         options=options.run_options(args),
         say=speaker(args),
@@ -70,13 +70,13 @@ def announcer(args: argparse.Namespace) -> Callable[[Callable[..., Any], str], N
     """Tells what is about to run on which wire, and that it is compiled first."""
     say = speaker(args)
 
-    def announce(entry: Callable[..., Any], name: str) -> None:
+    def announce(entry: Callable[..., Any], what: str) -> None:
         from liftgate_plant import compiler
 
         if args.json:  # only what goes wrong is told beside it
             return
         if not compiler.is_cached(entry):
             say("compiling the model (once for this version and machine) …")
-        say(f"{args.vehicle} on {name}, {args.rate:g} Hz, clock {args.clock}")
+        say(f"{what}, {args.rate:g} Hz, clock {args.clock}")
 
     return announce

@@ -15,7 +15,7 @@ from liftgate_hil.errors import ConfigError
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
-    options.add_vehicle(parser)
+    options.add_setup(parser)
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "--voltage",
@@ -38,16 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="1e-5 to 5e-3; default: 0.001",
     )
     parser.add_argument(
-        "--initial", default="closed", metavar="closed|open|ANGLE_deg", help="default: closed"
-    )
-    parser.add_argument(
         "--every",
         type=options.whole(1, 10**9),
         default=1,
         metavar="N",
         help="write every N-th step; default: 1",
     )
-    options.add_seed(parser)
     parser.add_argument(
         "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
     )
@@ -58,14 +54,13 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.recording.rows import check_output, write_rows
-    from liftgate_hil.session import angle_from, scenario_from, vehicle_from
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 
-    vehicle = vehicle_from(args.vehicle, args.settings)
-    scenario = scenario_from(args.scenario)
+    setup = options.setup_of(args)
+    vehicle, scenario = setup.vehicle, setup.scenario
     check_output(args.output)
     samples = (
         read_samples(Path(args.input)) if args.input else constant_voltage(args.voltage or 0.0)
@@ -84,9 +79,9 @@ def run(args: argparse.Namespace) -> int:
         base=load_of(vehicle)._replace(latch_released=1.0),
         step=args.step,
         every=args.every,
-        seed=args.seed,
+        seed=setup.seed,
     )
-    state = initial_state(plant, angle_from(args.initial, vehicle.gate.open_angle))
+    state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
     write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))

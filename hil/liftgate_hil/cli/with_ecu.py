@@ -10,11 +10,12 @@ import sys
 from collections.abc import Iterator
 from typing import IO, TYPE_CHECKING
 
+from liftgate_hil.cli import options
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
+    from liftgate_hil.emulator import Emulator
     from liftgate_hil.loop.statistics import Summary
-    from liftgate_hil.session import Emulator
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
@@ -30,13 +31,14 @@ def on_a_bus(args: argparse.Namespace, emulator: Emulator) -> tuple[Summary, Eve
     from liftgate_hil.ecu.peer import Peer
     from liftgate_hil.transport.find import open_transport
 
-    drives = emulator.vehicle.drives
+    setup = emulator.setup
+    drives = setup.vehicle.drives
     if emulator.way.is_interface("virtual"):
         with contextlib.ExitStack() as stack:
             wire = open_transport(emulator.way)
             stack.callback(wire.close)
-            adapter = stack.enter_context(adapter_for(args.ecu, emulator.rig, drives))
-            emulator.peers = [Peer(adapter, wire, emulator.scenario.requests)]
+            adapter = stack.enter_context(adapter_for(options.ecu_of(args), emulator.rig, drives))
+            emulator.peers = [Peer(adapter, wire, setup.scenario.requests)]
             summary = emulator.run()
             return summary, [(event.time, event.text) for event in adapter.events()]
     if args.clock == "free":
@@ -50,9 +52,9 @@ def on_a_bus(args: argparse.Namespace, emulator: Emulator) -> tuple[Summary, Eve
 @contextlib.contextmanager
 def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.Popen[str]]:
     """`liftgate-hil ecu` on the same bus; ended with this process."""
-    command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu", "--rig", args.rig]
-    command += ["--scenario", args.scenario or "demo", "--drives", str(drives), "--ecu", args.ecu]
-    for flag in ("bus", "interface", "channel", "bitrate"):
+    command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
+    command += ["--drives", str(drives), "--ecu", args.ecu]
+    for flag in ("scenario", "rig", "bus", "interface", "channel", "bitrate"):
         value = getattr(args, flag)
         if value is not None:
             command += [f"--{flag}", str(value)]

@@ -52,6 +52,7 @@ def shown(**changes: Any) -> Shown:
     angles = np.interp(times, [0, 10, 14, 19, 21, 26, 29, 41], [0, 80, 80, 34, 56, 80, 80, 0])
     columns = {"time_s": times, "gate_angle_deg": angles, "latched": np.where(angles > 0, 0.0, 1.0)}
     given: dict[str, Any] = {
+        "vehicle": "suv",
         "summary": Summary(ticks=42_001, model_time_s=42.001),
         "events": [(0.5, "opening"), (18.8, "trapped while closing (…): reversing")],
         "pinch_force": 141.7,
