@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import RecordingError
+from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 
 if TYPE_CHECKING:
-    from liftgate_hil.loop.python_loop import Peer, Watch
-    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.loop.clock import RealtimeClock
+    from liftgate_hil.loop.python_loop import Loop, Peer
+    from liftgate_hil.loop.recorder import Taker
     from liftgate_hil.transport.find import Way
 
 
@@ -22,16 +24,21 @@ def _never() -> bool:
     return False
 
 
-def _nothing(text: str) -> None:
-    pass
+class Listener:
+    """Is told how a run goes; this one keeps it to itself. It is pickled where a worker process runs."""
+
+    def say(self, text: str) -> None:
+        """What happens to the link, and what the machine does not give."""
+
+    def starts(self, entry: Callable[..., Any], what: str) -> None:
+        """What is about to run, and its entry point, which may have to be compiled first."""
 
 
 @dataclass
 class Emulator:
     """The gate on a bus, about to run; `run` opens the wire, runs to the end and closes all that it opened.
 
-    `watch` gets each row (ROW_WIDTH,) of signals.COLUMNS, `say` what happens to the link, `stopped` is asked
-    whether to end.
+    `stopped` is asked whether to end; `summary` is that of the last run, also of one that failed.
     """
 
     setup: Setup
@@ -39,14 +46,11 @@ class Emulator:
     way: Way
     options: RunOptions = field(default_factory=RunOptions)
     peers: Sequence[Peer] = ()
-    watch: Watch | None = None
-    say: Callable[[str], None] = _nothing
+    takers: Sequence[Taker] = ()
+    listener: Listener = field(default_factory=Listener)
     stopped: Callable[[], bool] = _never
-    announce: Callable[[Callable[..., Any], str], None] | None = (
-        None  # entry point, what runs where
-    )
 
-    def run(self) -> Summary:
+    def run(self) -> None:
         """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
         from liftgate_hil.loop.datagrams import POSSIBLE
 
@@ -56,15 +60,13 @@ class Emulator:
         self.state = start_of(self.config, setup.start_angle)
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
+        self.summary = Summary(clock=options.clock)
         if options.clock == "realtime" and POSSIBLE:
-            return self._in_real_time()
-        return self._in_python()
+            self._in_real_time()
+        else:
+            self._in_python()
 
-    def _announce(self, entry: Callable[..., Any], name: str) -> None:
-        if self.announce is not None:
-            self.announce(entry, f"{self.setup.vehicle_name} on {name}")
-
-    def _in_real_time(self) -> Summary:
+    def _in_real_time(self) -> None:
         """Without the interpreter lock."""
         from liftgate_hil.loop.priority import Realtime
         from liftgate_hil.loop.realtime_loop import run_realtime
@@ -72,43 +74,45 @@ class Emulator:
         from liftgate_hil.recording.process import RecorderProcess
         from liftgate_hil.transport.find import open_line
 
-        options = self.options
-        with contextlib.ExitStack() as stack:
-            line = open_line(self.way)
-            stack.callback(line.close)
-            memory = memory_for(options.rate)
-            stack.callback(memory.close)
-            recorder = None
-            if options.records:
-                recorder = RecorderProcess(
-                    options.records, memory, self.setup.vehicle.drives, line.name
+        options, drives = self.options, self.setup.vehicle.drives
+        loop = recorder = None
+        try:
+            with contextlib.ExitStack() as stack:
+                line = open_line(self.way)
+                stack.callback(line.close)
+                memory = memory_for(options.rate)
+                stack.callback(memory.close)
+                if options.records:
+                    recorder = RecorderProcess(options.records, memory, drives, line.name)
+                    stack.callback(recorder.close)
+                loop = RealtimeRun(
+                    config=self.config,
+                    state=self.state,
+                    timeline=self.setup.scenario.timeline,
+                    line=line,
+                    memory=memory,
+                    rig=self.rig,
+                    bitrate=self.way.bitrate(self.rig),
+                    limit_ns=round(options.overrun_limit * NS),
+                    say=self.listener.say,
+                    peers=self.peers,
+                    takers=self.takers,
+                    realtime=Realtime(options.cpu) if options.realtime else None,
                 )
-                stack.callback(recorder.close)
-            loop = RealtimeRun(
-                config=self.config,
-                state=self.state,
-                timeline=self.setup.scenario.timeline,
-                line=line,
-                memory=memory,
-                rig=self.rig,
-                bitrate=self.way.bitrate(self.rig),
-                limit_ns=round(options.overrun_limit * NS),
-                say=self.say,
-                peers=self.peers,
-                watch=self.watch,
-                realtime=Realtime(options.cpu) if options.realtime else None,
-            )
-            self._announce(run_realtime, line.name)
-            loop.begin()
-            if recorder is not None:
-                recorder.wait_until_ready()
-            loop.run(self.ticks, self.stopped)
+                self.listener.starts(run_realtime, f"{self.setup.vehicle_name} on {line.name}")
+                loop.begin()
+                if recorder is not None:
+                    recorder.wait_until_ready()
+                loop.run(self.ticks, self.stopped)
+        finally:
             # The counts of the line and the recorder are whole only when they are closed.
-            stack.close()
-            return loop.summary(recorder.lost_rows if recorder is not None else 0)
+            if loop is not None:
+                self.summary = loop.summary(recorder.lost_rows if recorder is not None else 0)
 
-    def _in_python(self) -> Summary:
+    def _in_python(self) -> None:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
+        from liftgate_hil.loop.clock import RealtimeClock
+        from liftgate_hil.loop.histogram import distribution
         from liftgate_hil.loop.python_loop import Loop, scheduled_tick
         from liftgate_hil.recording.open import open_recorder
         from liftgate_hil.transport.find import open_transport
@@ -131,40 +135,36 @@ class Emulator:
                 transport=transport,
                 recorders=recorders,
                 peers=self.peers,
-                watch=self.watch,
+                takers=self.takers,
                 bitrate=self.way.bitrate(rig),
             )
-            self._announce(scheduled_tick, transport.name)
+            self.listener.starts(scheduled_tick, f"{self.setup.vehicle_name} on {transport.name}")
             loop.begin()
+            clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             try:
-                timing = self._clocked(loop)
+                self._clocked(loop, clock)
             finally:
                 loop.finish()
+                self.summary = loop.summary(options.clock, Timing(distribution(clock.lateness)))
         failures = [recorder.failure for recorder in recorders if recorder.failure]
         if failures:
             raise RecordingError("; ".join(failures))
-        return loop.summary(options.clock, timing)
 
-    def _clocked(self, loop: Any) -> Any:
-        """Run the Python loop on the clock that was asked for; its timing."""
-        from liftgate_hil.loop.clock import RealtimeClock
-        from liftgate_hil.loop.histogram import distribution
+    def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
+        """Run the Python loop on the clock that was asked for."""
         from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
-        from liftgate_hil.loop.statistics import Timing
 
         options, rig = self.options, self.rig
         if options.clock == "realtime":
-            clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             run_clocked(loop, clock, self.ticks, self.stopped)
-            return Timing(distribution(clock.lateness))
-        if options.clock == "free":
+        elif options.clock == "free" or self.peers:
+            # Peers in this process are in step by themselves, those that are silent, too.
             run_free(loop, self.ticks, self.stopped)
         else:
             lockstep = Lockstep(
                 command=rig.command_identifier(),
                 ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate)),
                 wall_timeout=options.wall_timeout,
-                say=self.say if not self.peers else _nothing,
+                say=self.listener.say,
             )
             run_lockstep(loop, lockstep, self.ticks, self.stopped)
-        return Timing()

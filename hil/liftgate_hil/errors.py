@@ -21,6 +21,14 @@ class LiftgateError(Exception):
     """Anything this program raises on purpose."""
 
 
+def causes(error: LiftgateError) -> list[str]:
+    """What it says, after what the one said that was on its way when it came."""
+    earlier = error.__context__
+    if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
+        return list(dict.fromkeys([*causes(earlier), str(error)]))
+    return [str(error)]
+
+
 class ConfigError(LiftgateError):
     """Faults in what the user gave; `issues` has one line for each."""
 

@@ -81,10 +81,10 @@ def _answer(
                 break
             parts.append(part)
             continue
-        now, progress = time.monotonic(), (int(control.tick), int(control.is_foreign))
+        now, progress = time.monotonic(), (int(control.tick), int(control.foreign))
         if progress != seen:
             seen, since = progress, now
-        elif control.is_foreign and now - since > hang_s:
+        elif progress[1] % 2 and now - since > hang_s:
             raise EcuError(f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s")
     status = child.wait()
     if not parts:

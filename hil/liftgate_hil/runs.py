@@ -8,6 +8,7 @@ result.maxima["pinch_force_n"]
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,11 +27,14 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.emulator import Emulator
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError
-from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Taker, Trace, watcher
+from liftgate_hil.emulator import Emulator, Listener
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError, causes
+from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Trace
+from liftgate_hil.loop.episode import run_stretch
+from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.signals import COLUMNS
+from liftgate_hil.transport.find import WireChoice, find_way, open_transport
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -67,9 +71,10 @@ class Job:
     settings: tuple[str, ...] = ()
     initial: float | str | None = None
     seed: int | None = None
-    bus: str | None = None
+    wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
     options: session.RunOptions = field(default_factory=session.RunOptions)
     trace: int = 0  # keep every so many rows; 0: none
+    listener: Listener = field(default_factory=Listener)
 
 
 def run(
@@ -106,6 +111,8 @@ def run(
         raise ConfigError(f"`clock` {clock}: allowed: {', '.join(session.CLOCKS)}")
     if bus is not None and clock == "free":
         raise ConfigError(f"`bus` {bus}: allowed with clock lockstep or realtime")
+    if ecu == ON_A_BUS and clock == "free":
+        raise ConfigError("`clock` free: allowed with the ECU in this process")
     paths = [record] if isinstance(record, str | Path) else record
     options = session.RunOptions(
         rate=rate,
@@ -123,7 +130,7 @@ def run(
         settings=texts_of("settings", settings),
         initial=initial,
         seed=seed,
-        bus=bus,
+        wire=None if bus is None else WireChoice(bus=bus),
         options=options,
         trace=int(trace),
     )
@@ -201,14 +208,15 @@ def run_job(
     if job.trace:
         seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
-        return _on_bus(job, parts, Adapter(parts.rig, parts.setup.vehicle.drives), seen, stopped)
+        nobody = Adapter(parts.rig, parts.setup.vehicle.drives)
+        return _on_bus(job, parts, nobody, seen, stopped, memory)
     with contextlib.ExitStack() as stack:
         with _foreign_code(memory):
             adapter = adapter_for(job.ecu, parts.rig, parts.setup.vehicle.drives)
         stack.callback(_close, adapter, memory)
         if job.options.clock == "free":
-            return _free(parts, adapter, seen, stopped, memory)
-        return _on_bus(job, parts, adapter, seen, stopped)
+            return _free(job, parts, adapter, seen, stopped, memory)
+        return _on_bus(job, parts, adapter, seen, stopped, memory)
 
 
 @contextlib.contextmanager
@@ -217,11 +225,11 @@ def _foreign_code(memory: Memory | None) -> Iterator[None]:
     if memory is None:
         yield
         return
-    memory.shared.control.is_foreign = 1
+    memory.shared.control.foreign += 1
     try:
         yield
     finally:
-        memory.shared.control.is_foreign = 0
+        memory.shared.control.foreign += 1
 
 
 def _close(adapter: Adapter, memory: Memory | None) -> None:
@@ -229,7 +237,19 @@ def _close(adapter: Adapter, memory: Memory | None) -> None:
         adapter.close()
 
 
+class _Progress:
+    """Says in the memory how far a loop has come that has a memory of its own."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._control = memory.shared.control[0]
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        self._control.tick += len(rows)
+
+
 def _free(
+    job: Job,
     parts: Parts,
     adapter: Adapter,
     takers: Sequence[Taker],
@@ -268,12 +288,13 @@ def _free(
         )
         stack.callback(episode.close)
         try:
+            job.listener.starts(run_stretch, f"{setup.vehicle_name} on no bus")
             episode.begin()
             with _foreign_code(memory):
                 episode.run(ticks, stopped)
                 episode.finish()
         except LiftgateError as error:
-            reason = str(error)
+            reason = "; ".join(causes(error))
         summary = episode.summary(parts.rig.bitrate)
     failures = [recorder.failure for recorder in recorders if recorder.failure]
     if failures:
@@ -287,39 +308,37 @@ def _on_bus(
     adapter: Adapter,
     takers: Sequence[Taker],
     stopped: Callable[[], bool],
+    memory: Memory | None,
 ) -> Result:
-    """On a bus: in lockstep with an ECU, or in real time."""
-    from liftgate_hil.transport.find import WireChoice, find_way, open_transport
-
-    reason, summary = "", Summary(clock=job.options.clock)
-    if job.ecu == ON_A_BUS and job.options.clock == "free":
-        raise ConfigError("`clock` free: allowed with the ECU in this process")
-    if job.ecu == ON_A_BUS and job.bus is None:
+    """On a bus: in lockstep with an ECU, in real time, or without waiting for anybody."""
+    reason = ""
+    if job.ecu == ON_A_BUS and job.wire is None:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
-    name = job.bus or f"virtual:run-{id(parts):x}"
-    way = find_way(WireChoice(bus=name), parts.rig)
+    way = find_way(job.wire or WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
     with contextlib.ExitStack() as stack:
         peers = []
         if job.ecu != ON_A_BUS:
             wire = open_transport(way)
             stack.callback(wire.close)
-            peers = [Peer(adapter, wire, parts.setup.scenario.requests)]
+            guard = functools.partial(_foreign_code, memory)
+            peers = [Peer(adapter, wire, parts.setup.scenario.requests, guard)]
         emulator = Emulator(
             setup=parts.setup,
             rig=parts.rig,
             way=way,
             options=parts.options,
             peers=peers,
-            watch=watcher(takers),
+            takers=takers if memory is None else [*takers, _Progress(memory)],
+            listener=job.listener,
             stopped=stopped,
         )
         try:
-            summary = emulator.run()
+            emulator.run()
         except ConfigError:
             raise
         except LiftgateError as error:
-            reason = str(error)
-    return result_of(takers, adapter, summary, reason, parts.options.records)
+            reason = "; ".join(causes(error))
+    return result_of(takers, adapter, emulator.summary, reason, parts.options.records)
 
 
 def result_of(

@@ -141,3 +141,18 @@ def test_all_issues_of_a_scenario_come_at_once(tmp_path: Path) -> None:
     told = "\n".join(caught.value.issues)
     for key in ("seed", "initial", "nix", "obstacle[0].angle_deg", "request[0].time"):
         assert f"{path}: {key}: " in told
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_a_run_that_fails_tells_how_far_it_came(scenario: Path, clock: str) -> None:
+    class Raises:
+        def step(self, now_s: float, frames: object) -> list[object]:
+            if now_s > 0.0495:
+                raise ValueError("not today")
+            return []
+
+    result = lh.run(scenario, ecu=Raises(), clock=clock)
+    assert result.verdict == "error"
+    assert result.reason.startswith("the ECU at 0.05")
+    assert 50 <= result.summary.ticks <= 61
+    assert result.maxima["gate_angle_deg"] > 44.0

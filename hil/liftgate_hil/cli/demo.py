@@ -9,19 +9,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.with_ecu import Events, on_a_bus
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.cli.with_ecu import run_loop
+from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.runs import Result
 
 _EVERY = 10  # rows of the picture
 # The reference ECU presses 142 N on the demo's rod, a drive that stalls over 500 N; EN 12453 (doors of buildings)
@@ -49,32 +45,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-class Shown(NamedTuple):
-    """What a demo showed."""
-
-    vehicle: str
-    summary: Summary
-    events: Events
-    pinch_force: float  # N, the largest
-    pinch_time: float  # s
-    columns: Mapping[str, NDArray[np.float64]]  # of every tenth row
-
-
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from liftgate_hil.cli.run import report
 
     folder = _folder(args)
-    has_bus = args.bus is not None or args.interface is not None or args.serial is not None
+    has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
     args.scenario = args.scenario or "demo"
-    if not has_bus and args.clock == "free":
-        shown = _as_machine_code(args)
-    else:
-        args.bus = args.bus if has_bus else "virtual:demo"
-        shown = _on_a_bus(args)
+    stopped = options.StopSignals()
+    shown = run_loop(args, stopped, has_wire, trace=_EVERY)
     _tell(args, shown, folder)
     report(args, shown.summary)
-    return _judge(args, shown)
+    return _judge(args, shown, stopped)
 
 
 def _folder(args: argparse.Namespace) -> Path:
@@ -89,97 +71,43 @@ def _folder(args: argparse.Namespace) -> Path:
     return folder
 
 
-def _as_machine_code(args: argparse.Namespace) -> Shown:
-    """Gate and ECU in one process, as fast as it goes."""
-    from liftgate_hil import runs
-    from liftgate_hil.cli.run import announcer
-    from liftgate_hil.loop.episode import run_stretch
-
-    job = runs.Job(
-        scenario=args.scenario,
-        ecu=options.ecu_of(args),
-        vehicle=args.vehicle,
-        rig=args.rig,
-        settings=tuple(args.settings),
-        initial=args.initial,
-        seed=args.seed,
-        options=options.run_options(args),
-        trace=_EVERY,
-    )
-    name = runs.resolve(job).setup.vehicle_name
-    announcer(args)(run_stretch, f"{name} on no bus")
-    result = runs.execute(job, options.StopSignals())
-    if result.verdict == "error":
-        raise LiftgateError(result.reason)
-    return Shown(
-        name,
-        result.summary,
-        [(event.time, event.text) for event in result.events],
-        result.maxima["pinch_force_n"],
-        result.pinch_time_s,
-        result.trace,
-    )
-
-
-def _on_a_bus(args: argparse.Namespace) -> Shown:
-    """On a bus, virtual or real."""
-    from liftgate_hil.cli.run import announcer, speaker
-    from liftgate_hil.emulator import Emulator
-    from liftgate_hil.loop.closed_loop import Extremes, Trace, watcher
-    from liftgate_hil.session import rig_of
-    from liftgate_hil.transport.find import find_way
-
-    setup = options.setup_of(args)
-    rig = rig_of(args.rig, setup.scenario)
-    extremes, trace = Extremes(), Trace(_EVERY)
-    emulator = Emulator(
-        setup=setup,
-        rig=rig,
-        way=find_way(options.wire_choice(args), rig),
-        options=options.run_options(args),
-        watch=watcher([extremes, trace]),
-        say=speaker(args),
-        stopped=options.StopSignals(),
-        announce=announcer(args),
-    )
-    summary, events = on_a_bus(args, emulator)
-    force = extremes.maximum("pinch_force_n")
-    return Shown(setup.vehicle_name, summary, events, force, extremes.pinch_time, trace.columns())
-
-
-def _tell(args: argparse.Namespace, shown: Shown, folder: Path) -> None:
+def _tell(args: argparse.Namespace, shown: Result, folder: Path) -> None:
     """Print what happened, and draw it."""
     import numpy as np
 
     from liftgate_hil.report.run_plot import plot_run
 
-    columns, events = shown.columns, shown.events
+    columns, events = shown.trace, shown.events
     if len(columns["time_s"]) < 2:
         return  # stopped before it began
     if not args.no_record:
-        reversals = [(time, "reversal") for time, text in events if "reversing" in text]
-        plot_run(folder / "demo.png", columns, reversals, f"liftgate-hil demo: {shown.vehicle}")
+        reversals = [(event.time, "reversal") for event in events if "reversing" in event.text]
+        title = " ".join(each for each in ("liftgate-hil demo", args.vehicle) if each)
+        plot_run(folder / "demo.png", columns, reversals, title)
     if args.quiet or args.json:
         return
-    for time, text in events:
-        angle = float(np.interp(time, columns["time_s"], columns["gate_angle_deg"]))
-        print(f"{time:7.3f} s  {angle:6.2f} deg  {text}")
-    if shown.pinch_force > 0.0:
-        print(f"pinch force at most {shown.pinch_force:.1f} N, at {shown.pinch_time:.3f} s")
+    for event in events:
+        angle = float(np.interp(event.time, columns["time_s"], columns["gate_angle_deg"]))
+        print(f"{event.time:7.3f} s  {angle:6.2f} deg  {event.text}")
+    if (force := shown.maxima["pinch_force_n"]) > 0.0:
+        print(f"pinch force at most {force:.1f} N, at {shown.pinch_time_s:.3f} s")
     if not args.no_record:
         names = ", ".join(str(folder / f"demo.{kind}") for kind in ("log", "csv", "png"))
         print(f"written: {names}")
 
 
-def _judge(args: argparse.Namespace, shown: Shown) -> int:
-    """The exit code: 1 where the whole demo did not show what it is there to show. One that was stopped, or with
-    another scenario, is not judged.
+def _judge(args: argparse.Namespace, shown: Result, stopped: options.StopSignals) -> int:
+    """The exit code: 1 where the whole demo did not show what it is there to show; the signal's where it did not
+    come to its end. A part of it, or another scenario, is not judged.
     """
     from liftgate_hil.session import scenario_from
 
+    whole = scenario_from(args.scenario).duration if args.duration is None else args.duration
+    time = shown.summary.model_time_s
+    if whole is not None and time < whole and stopped():
+        print(f"liftgate-hil demo: stopped at {time:.3f} s of {whole:g} s", file=sys.stderr)
+        return stopped.exit_code
     if args.scenario != "demo" or args.duration is not None:
-        return 0
-    if shown.summary.model_time_s < (scenario_from("demo").duration or 0.0):
         return 0
     reasons = failures(shown, tells=args.ecu == "reference")
     for reason in reasons:
@@ -187,17 +115,17 @@ def _judge(args: argparse.Namespace, shown: Shown) -> int:
     return 1 if reasons else 0
 
 
-def failures(shown: Shown, tells: bool) -> list[str]:
+def failures(shown: Result, tells: bool) -> list[str]:
     """What a whole demo did not do as it should; an ECU of ours `tells` that it reverses."""
     found = []
-    force, columns, summary = shown.pinch_force, shown.columns, shown.summary
+    force, columns, summary = shown.maxima["pinch_force_n"], shown.trace, shown.summary
     if not force > 0.0:
         found.append("the gate never met the obstacle")
     elif not _is_freed(shown):
         found.append("the gate did not reverse")
     if force > _MOST_FORCE:
         found.append(f"pinch force {force:.1f} N; allowed: up to {_MOST_FORCE:.0f} N")
-    if tells and not any("reversing" in text for _, text in shown.events):
+    if tells and not any("reversing" in event.text for event in shown.events):
         found.append("the ECU did not detect the obstacle")
     if columns["latched"][-1] < 0.5:
         angle = columns["gate_angle_deg"][-1]
@@ -213,10 +141,10 @@ def failures(shown: Shown, tells: bool) -> list[str]:
     return found
 
 
-def _is_freed(shown: Shown) -> bool:
+def _is_freed(shown: Result) -> bool:
     """Whether the gate opened again after it had pressed hardest."""
     import numpy as np
 
-    times, angles = shown.columns["time_s"], shown.columns["gate_angle_deg"]
-    pressed = np.interp(shown.pinch_time, times, angles)
-    return bool(angles[times > shown.pinch_time].max(initial=-np.inf) > pressed + _FREE_DEG)
+    times, angles = shown.trace["time_s"], shown.trace["gate_angle_deg"]
+    pressed = np.interp(shown.pinch_time_s, times, angles)
+    return bool(angles[times > shown.pinch_time_s].max(initial=-np.inf) > pressed + _FREE_DEG)

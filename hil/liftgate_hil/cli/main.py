@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import ConfigError, LiftgateError, causes
 
 COMMANDS = {
     "run": "the real-time emulator on a bus (what happens without a subcommand)",
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"liftgate-hil: {as_flags(fault)}", file=sys.stderr)
         return 2
     except LiftgateError as error:
-        for text in dict.fromkeys(_chain(error)):
+        for text in causes(error):
             print(f"liftgate-hil: {as_flags(text)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:  # before there was anything to end in order
@@ -75,14 +75,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever read our output has gone; Python would complain again while it flushes.
         sys.stdout = None
         return 1
-
-
-def _chain(error: LiftgateError) -> list[str]:
-    """An error, after the one that was on its way when it came."""
-    earlier = error.__context__
-    if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
-        return [*_chain(earlier), str(error)]
-    return [str(error)]
 
 
 def _overview() -> str:

@@ -242,16 +242,21 @@ class StopSignals:
     """Ctrl-C and SIGTERM set a flag; a second one ends the program as usual."""
 
     def __init__(self) -> None:
-        self.received = False
+        self.received = 0  # the signal's number
         self._previous = {
             number: signal.signal(number, self._set) for number in (signal.SIGINT, signal.SIGTERM)
         }
 
     def __call__(self) -> bool:
         """Whether to stop."""
-        return self.received
+        return self.received != 0
+
+    @property
+    def exit_code(self) -> int:
+        """For what was to come to an end, and was stopped before."""
+        return 128 + self.received
 
     def _set(self, number: int, frame: FrameType | None) -> None:
-        self.received = True
+        self.received = number
         for each, handler in self._previous.items():
             signal.signal(each, handler)

@@ -6,12 +6,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.with_ecu import ON_A_BUS, on_a_bus
+from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.statistics import Summary
@@ -28,23 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil.emulator import Emulator
-    from liftgate_hil.session import rig_of
-    from liftgate_hil.transport.find import find_way
-
-    setup = options.setup_of(args)
-    rig = rig_of(args.rig, setup.scenario)
-    emulator = Emulator(
-        setup=setup,
-        rig=rig,
-        way=find_way(options.wire_choice(args), rig),
-        options=options.run_options(args),
-        say=speaker(args),
-        stopped=options.StopSignals(),
-        announce=announcer(args),
-    )
-    summary, _ = on_a_bus(args, emulator)
-    report(args, summary)
+    report(args, run_loop(args, options.StopSignals()).summary)
     return 0
 
 
@@ -54,29 +36,3 @@ def report(args: argparse.Namespace, summary: Summary) -> None:
         print(json.dumps(summary.as_dict()))
     elif not args.quiet:
         print("\n".join(summary.lines()))
-
-
-def speaker(args: argparse.Namespace) -> Callable[[str], None]:
-    """Where progress, and what happens to the link, is told: stderr, unless silenced."""
-
-    def say(text: str) -> None:
-        if not args.quiet:
-            print(text, file=sys.stderr, flush=True)
-
-    return say
-
-
-def announcer(args: argparse.Namespace) -> Callable[[Callable[..., Any], str], None]:
-    """Tells what is about to run on which wire, and that it is compiled first."""
-    say = speaker(args)
-
-    def announce(entry: Callable[..., Any], what: str) -> None:
-        from liftgate_plant import compiler
-
-        if args.json:  # only what goes wrong is told beside it
-            return
-        if not compiler.is_cached(entry):
-            say("compiling the model (once for this version and machine) …")
-        say(f"{what}, {args.rate:g} Hz, clock {args.clock}")
-
-    return announce

@@ -85,4 +85,4 @@ def run(args: argparse.Namespace) -> int:
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
     write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
-    return 130 if stopped() else 0
+    return stopped.exit_code if stopped() else 0

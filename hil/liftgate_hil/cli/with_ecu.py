@@ -1,4 +1,4 @@
-"""The emulator on a bus together with the ECU that `--ecu` names."""
+"""The gate in a closed loop with the ECU that `--ecu` names."""
 
 from __future__ import annotations
 
@@ -7,46 +7,65 @@ import contextlib
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
-    from liftgate_hil.emulator import Emulator
-    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.ecu.events import Event
+    from liftgate_hil.runs import Job, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
 
-Events = list[tuple[float, str]]
 
+def run_loop(
+    args: argparse.Namespace, stopped: Callable[[], bool], has_wire: bool = True, trace: int = 0
+) -> Result:
+    """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
+    it is a second process there. Raises LiftgateError, also for what went wrong in the run.
+    """
+    from liftgate_hil import runs
+    from liftgate_hil.transport.find import find_way
 
-def on_a_bus(args: argparse.Namespace, emulator: Emulator) -> tuple[Summary, Events]:
-    """On a virtual bus with the ECU in this process, on any other one with the ECU as a second process."""
-    if args.ecu == ON_A_BUS:
-        return emulator.run(), []
-    from liftgate_hil.ecu.find import adapter_for
-    from liftgate_hil.ecu.peer import Peer
-    from liftgate_hil.transport.find import open_transport
-
-    setup = emulator.setup
-    drives = setup.vehicle.drives
-    if emulator.way.is_interface("virtual"):
-        with contextlib.ExitStack() as stack:
-            wire = open_transport(emulator.way)
-            stack.callback(wire.close)
-            adapter = stack.enter_context(adapter_for(options.ecu_of(args), emulator.rig, drives))
-            emulator.peers = [Peer(adapter, wire, setup.scenario.requests)]
-            summary = emulator.run()
-            return summary, [(event.time, event.text) for event in adapter.events()]
-    if args.clock == "free":
+    job = _job_of(args, has_wire, trace)
+    parts = runs.resolve(job)
+    is_here = job.wire is None or find_way(job.wire, parts.rig).is_interface("virtual")
+    if args.ecu == ON_A_BUS or is_here:
+        result = runs.execute(job, stopped)
+    elif args.clock == "free":
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
-    with _ecu_process(args, drives) as child:
-        summary = emulator.run()
-        child.terminate()
-        return summary, _events_of(child, args.ecu)
+    else:
+        with _ecu_process(args, parts.setup.vehicle.drives) as child:
+            result = runs.execute(replace(job, ecu=ON_A_BUS), stopped)
+            child.terminate()
+            if not result.reason:
+                result = replace(result, events=_events_of(child, args.ecu))
+    if result.reason:
+        raise LiftgateError(result.reason)
+    return result
+
+
+def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
+    from liftgate_hil.runs import Job
+
+    return Job(
+        scenario=args.scenario,
+        ecu=options.ecu_of(args),
+        vehicle=args.vehicle,
+        rig=args.rig,
+        settings=tuple(args.settings),
+        initial=args.initial,
+        seed=args.seed,
+        wire=options.wire_choice(args) if has_wire else None,
+        options=options.run_options(args),
+        trace=trace,
+        listener=Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}"),
+    )
 
 
 @contextlib.contextmanager
@@ -69,7 +88,9 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.P
         child.wait()
 
 
-def _events_of(child: subprocess.Popen[str], ecu: str) -> Events:
+def _events_of(child: subprocess.Popen[str], ecu: str) -> list[Event]:
+    from liftgate_hil.ecu.events import IN_WORDS, Event
+
     stream: IO[str] | None = child.stderr
     assert stream is not None
     lines = stream.read().splitlines()
@@ -77,4 +98,4 @@ def _events_of(child: subprocess.Popen[str], ecu: str) -> Events:
     if not matches and ecu == "reference":
         detail = " ".join(lines)[:300] or "it said nothing"
         raise LiftgateError(f"the ECU's process did not take part: {detail}")
-    return [(float(match[1]), match[2]) for match in matches]
+    return [Event(float(match[1]), IN_WORDS, match[2]) for match in matches]

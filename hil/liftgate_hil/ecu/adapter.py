@@ -23,8 +23,6 @@ class Adapter:
     """An ECU in this process; this one is no ECU at all, a silent bus. Use it as a context, or `close` it."""
 
     kind = NO_ECU
-    # Calls into code that may crash or hang, so that it runs in a process of its own.
-    is_foreign = False
 
     def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         config = ecu_config(rig, drives)

@@ -22,6 +22,7 @@ from liftgate_plant.compiler import compilable
     TRAPPED_CLOSING,
     TRAPPED_OPENING,
 ) = range(11)
+IN_WORDS = -1  # told by an ECU in another process
 _WHY = "({current:.2f} A against {reference:.2f} A, speed {percent:.0f} % down)"
 TEXTS = (
     "stopped by the driver",

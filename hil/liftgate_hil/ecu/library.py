@@ -19,7 +19,6 @@ class LibraryEcu(Adapter):
     """A shared library with the functions of `liftgate_ecu.h`; called once a tick. Raises ConfigError."""
 
     kind = PORT
-    is_foreign = True
 
     def __init__(self, path: Path, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         super().__init__(rig, drives, shares_clock)

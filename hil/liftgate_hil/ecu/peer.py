@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.frames import FD, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.node import REFERENCE, ask, request_table, turn
+from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, request_table, turn
 from liftgate_hil.errors import EcuError
 from liftgate_plant.compiler import compiled
 
@@ -20,17 +21,28 @@ if TYPE_CHECKING:
 
 
 class Peer:
-    """An adapter's ECU at the other end of a bus, for the loops in Python and in real time."""
+    """An adapter's ECU at the other end of a bus, for the loops in Python and in real time.
+
+    Its own code runs within a `guard`.
+    """
 
     def __init__(
-        self, adapter: Adapter, transport: Transport, requests: Sequence[Request] = ()
+        self,
+        adapter: Adapter,
+        transport: Transport,
+        requests: Sequence[Request] = (),
+        guard: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._adapter = adapter
         self._transport = transport
         self._requests = request_table(requests)
         self._asked = 0
         self._heard_ns = 0 if adapter.shares_clock else -1
+        self._guard = guard
         self._turn = compiled(turn)
+        # Compiled before it counts how long the ECU's own code takes.
+        nobody = adapter.node._replace(kind=NO_ECU)
+        self._turn(nobody, adapter.state, empty_frames(0), 0)
 
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at a time [ns]. Raises EcuError."""
@@ -39,10 +51,11 @@ class Peer:
         if self._heard_ns < 0 and self._is_gates(frames):
             self._heard_ns = now_ns
         began = self._began_ns()
-        if began >= 0:
-            since = now_ns - began
-            self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
-        adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
+        with self._guard():
+            if began >= 0:
+                since = now_ns - began
+                self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
+            adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
         if not is_fine:
             raise EcuError(f"the ECU at {now_ns * 1e-9:.3f} s: {adapter.failure()}")
         if sent.count:

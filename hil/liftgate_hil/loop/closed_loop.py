@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from liftgate_hil.loop.episode import (
     most_frames,
     run_stretch,
 )
-from liftgate_hil.loop.recorder import Recorder
+from liftgate_hil.loop.recorder import Recorder, Taker
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState
@@ -32,13 +32,6 @@ from liftgate_plant.compiler import compiled
 
 ROWS = 4096  # of a stretch: what is written stays in the processor's cache
 FRAMES = 16384
-
-
-class Taker(Protocol):
-    """Gets what happened, a block at a time."""
-
-    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED; good until it returns."""
 
 
 class RecordingTaker:
@@ -186,20 +179,6 @@ class Extremes:
             self.pinch_time = float(rows[peak, COLUMN_PLACE["time_s"]])
         self.high = high if self.high is None else np.maximum(self.high, high)
         self.low = low if self.low is None else np.minimum(self.low, low)
-
-    def maximum(self, column: str) -> float:
-        """Of a column; 0 where nothing was seen."""
-        return float(self.high[COLUMN_PLACE[column]]) if self.high is not None else 0.0
-
-
-def watcher(takers: Sequence[Taker]) -> Callable[[NDArray[np.float64]], None]:
-    """The takers, for loops that tell each row (ROW_WIDTH,) as it comes."""
-
-    def watch(row: NDArray[np.float64]) -> None:
-        for taker in takers:
-            taker.take(row[np.newaxis], ())
-
-    return watch
 
 
 class Trace:

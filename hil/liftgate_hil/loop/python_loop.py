@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
-from liftgate_hil.loop.recorder import Recorder
+from liftgate_hil.loop.recorder import Recorder, Taker
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
 from liftgate_hil.stimuli.mailbox import nothing_held
@@ -50,7 +50,6 @@ def scheduled_tick(
 
 
 _PATIENCE = 2.0  # s of silence after which lockstep says that it waits
-Watch = Callable[[NDArray[np.float64]], None]  # gets a row (ROW_WIDTH,)
 
 
 @dataclass
@@ -63,7 +62,7 @@ class Loop:
     transport: Transport
     recorders: Sequence[Recorder] = ()
     peers: Sequence[Peer] = ()
-    watch: Watch | None = None
+    takers: Sequence[Taker] = ()
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
     held: NDArray[np.float64] = field(default_factory=nothing_held)  # what was posted, see mailbox
@@ -98,13 +97,13 @@ class Loop:
         self.frames_sent += replies.count
         self.load.add(frames)
         self.load.add(replies)
-        row = np.array([*truth, *sensed])
+        rows = np.array([[*truth, *sensed]])
         for recorder in self.recorders:
             recorder.write_frames(frames, [truth.time_s] * frames.count)
             recorder.write_frames(replies, [truth.time_s] * replies.count)
-            recorder.write_rows(row[np.newaxis])
-        if self.watch is not None:
-            self.watch(row)
+            recorder.write_rows(rows)
+        for taker in self.takers:
+            taker.take(rows, ())
         if not math.isfinite(sum(truth)):
             raise PlantDivergedError(
                 f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "

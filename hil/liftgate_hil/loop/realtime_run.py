@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.rig import Rig
@@ -22,6 +21,7 @@ from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.priority import Realtime, sharp_timers
 from liftgate_hil.loop.python_loop import Peer
+from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
@@ -65,7 +65,7 @@ class RealtimeRun:
     limit_ns: int
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
-    watch: Callable[[NDArray[np.float64]], None] | None = None
+    takers: Sequence[Taker] = ()
     realtime: Realtime | None = None
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
@@ -195,12 +195,14 @@ class RealtimeRun:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
                 post(shared.box[0], timing._fields[0], timing)
-            if self.watch is not None:
-                for row in reader.take():
-                    self.watch(row)
+            self._hand_on(reader)
             for peer in self.peers:
                 peer.poll(int(control.tick) * self.config.step_ns)
             thread.join(pause)
-        if self.watch is not None:
-            for row in reader.take():
-                self.watch(row)
+        self._hand_on(reader)
+
+    def _hand_on(self, reader: RingReader) -> None:
+        if self.takers:
+            rows = reader.take()
+            for taker in self.takers:
+                taker.take(rows, ())

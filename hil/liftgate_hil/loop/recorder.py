@@ -1,9 +1,9 @@
-"""What the loop hands to a recorder."""
+"""What the loop hands to a recorder, and to others who look on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,3 +25,12 @@ class Recorder(Protocol):
 
     def close(self) -> None:
         """Complete the file."""
+
+
+class Taker(Protocol):
+    """Gets what happened, a block at a time."""
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED, but none from the loops on a bus; good until
+        it returns.
+        """

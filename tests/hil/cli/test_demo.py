@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +14,25 @@ import pytest
 from c_library import build, needs_compiler
 
 from liftgate_hil import session
-from liftgate_hil.cli.demo import Shown, failures
+from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
+from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.runs import Result
 
 TEXT = """
+import os
+
+
 class Silent:
     def step(self, now_s, frames):
+        return []
+
+
+class Stops(Silent):
+    def step(self, now_s, frames):
+        if now_s > 1.0:
+            os.kill(os.getpid(), int(os.environ.pop("SIGNAL", "0")))
         return []
 
 
@@ -46,24 +60,29 @@ def demo(*arguments: str) -> int:
 # What a demo must show.
 
 
-def shown(**changes: Any) -> Shown:
+def shown(force: float = 141.7, **changes: Any) -> Result:
     """A good one, but for some changes."""
     times = np.arange(0.0, 42.0, 0.01)
     angles = np.interp(times, [0, 10, 14, 19, 21, 26, 29, 41], [0, 80, 80, 34, 56, 80, 80, 0])
     columns = {"time_s": times, "gate_angle_deg": angles, "latched": np.where(angles > 0, 0.0, 1.0)}
     given: dict[str, Any] = {
-        "vehicle": "suv",
+        "verdict": "pass",
+        "reason": "",
+        "maxima": {"pinch_force_n": force},
+        "minima": {},
         "summary": Summary(ticks=42_001, model_time_s=42.001),
-        "events": [(0.5, "opening"), (18.8, "trapped while closing (…): reversing")],
-        "pinch_force": 141.7,
-        "pinch_time": 18.85,
-        "columns": columns,
+        "events": [
+            Event(0.5, STARTS_OPENING, "opening"),
+            Event(18.8, TRAPPED_CLOSING, "trapped while closing (…): reversing"),
+        ],
+        "pinch_time_s": 18.85,
+        "trace": columns,
     }
-    return Shown(**{**given, **changes})
+    return Result(**{**given, **changes})
 
 
 def columns_with(**changed: Any) -> dict[str, Any]:
-    return {**shown().columns, **changed}
+    return {**shown().trace, **changed}
 
 
 def test_a_good_demo_has_no_failures() -> None:
@@ -75,14 +94,17 @@ def test_a_good_demo_has_no_failures() -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"pinch_force": 0.0}, "the gate never met the obstacle"),
-        ({"pinch_force": float("nan")}, "the gate never met the obstacle"),
-        ({"pinch_force": 512.34}, "pinch force 512.3 N; allowed: up to 400 N"),
-        ({"events": [(0.5, "opening")]}, "the ECU did not detect the obstacle"),
-        ({"columns": columns_with(gate_angle_deg=np.full(4200, 34.0))}, "the gate did not reverse"),
-        ({"pinch_time": 41.99}, "the gate did not reverse"),
+        ({"force": 0.0}, "the gate never met the obstacle"),
+        ({"force": float("nan")}, "the gate never met the obstacle"),
+        ({"force": 512.34}, "pinch force 512.3 N; allowed: up to 400 N"),
         (
-            {"columns": columns_with(latched=np.zeros(4200))},
+            {"events": [Event(0.5, STARTS_OPENING, "opening")]},
+            "the ECU did not detect the obstacle",
+        ),
+        ({"trace": columns_with(gate_angle_deg=np.full(4200, 34.0))}, "the gate did not reverse"),
+        ({"pinch_time_s": 41.99}, "the gate did not reverse"),
+        (
+            {"trace": columns_with(latched=np.zeros(4200))},
             "the gate did not close and latch at the end (it stands at 0.0 deg)",
         ),
         (
@@ -107,7 +129,7 @@ def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
 
 def test_all_failures_are_told_at_once() -> None:
     nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
-    found = failures(shown(pinch_force=0.0, events=[], columns=nothing), tells=True)
+    found = failures(shown(force=0.0, events=[], trace=nothing), tells=True)
     assert len(found) == 3
 
 
@@ -176,8 +198,9 @@ def test_a_c_library_passes_too(folder: Path, tmp_path: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
 def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], clock: str
 ) -> None:
     source = """
     #include "liftgate_ecu.h"
@@ -192,8 +215,26 @@ def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
         return 0;
     }
     """
-    assert demo("--ecu", str(build(tmp_path, source)), "--no-record") == 1
-    assert "the ECU at 0.101 s: its process ended (SIGABRT)" in capsys.readouterr().err
+    library = str(build(tmp_path, source))
+    assert demo("--ecu", library, "--no-record", "--clock", clock) == 1
+    time = r"\d\.\d{3}" if clock == "realtime" else r"0\.101"
+    told = capsys.readouterr().err
+    assert re.search(rf"liftgate-hil: the ECU at {time} s: its process ended \(SIGABRT\)", told)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
+    folder: Path, capsys: pytest.CaptureFixture[str], number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SIGNAL", str(number))
+    assert demo("--ecu", "demo_ecus:Stops") == 128 + number
+    told = capsys.readouterr()
+    (time,) = re.findall(r"liftgate-hil demo: stopped at ([\d.]+) s of 42 s", told.err)
+    assert 1.0 < float(time) < 41.0
+    assert "failed" not in told.err
+    last = (folder / "demo.csv").read_text().splitlines()[-1]
+    assert float(last.split(",")[0]) == pytest.approx(float(time), abs=0.002)
+    assert (folder / "demo.png").is_file()
 
 
 @pytest.mark.parametrize(
@@ -203,7 +244,7 @@ def test_a_c_library_that_crashes_ends_the_demo_and_not_its_caller(
         (["--ecu", "missing.so"], "--ecu missing.so: no such file"),
         (["--ecu", "no_such_module:Class"], "no_such_module"),
         (["--ecu", "demo_ecus:Nobody"], "Nobody"),
-        (["--ecu", "bus"], "--clock free: allowed with the ECU in this process"),
+        (["--ecu", "bus"], "--bus: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         (["--vehicle", "nosuch"], "--vehicle nosuch"),
         (["--output", "nosuch"], "--output nosuch: no such folder"),
         (["--rate", "10"], "allowed: 200 to 10000 Hz"),

@@ -148,6 +148,18 @@ def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.Monke
     )
 
 
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+def test_a_hang_on_a_bus_is_one_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
+) -> None:
+    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
+    path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
+    result = lh.run(SCENARIO, path, clock=clock)
+    time = r"\d\.\d{3}" if clock == "realtime" else r"0\.050"
+    assert result.verdict == "error"
+    assert re.fullmatch(rf"the ECU at {time} s: no answer for 0\.5 s", result.reason)
+
+
 def test_the_time_of_a_crash_is_in_the_ticks_that_were_asked_for(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"if ({AT}) abort();")
     result = lh.run(SCENARIO, path, rate=500.0)

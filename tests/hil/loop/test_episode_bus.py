@@ -263,14 +263,13 @@ def test_extremes_and_trace_agree_however_the_rows_come() -> None:
         assert extremes.low is not None
         assert extremes.high.tolist() == rows.max(axis=0).tolist()
         assert extremes.low.tolist() == rows.min(axis=0).tolist()
-        assert extremes.maximum("pinch_force_n") == force.max()
         assert extremes.pinch_time == 0.001 * (1.0 + force.argmax())
         assert trace.rows().tolist() == rows[::10].tolist()
         assert trace.columns()["time_s"].tolist() == rows[::10, COLUMN_PLACE["time_s"]].tolist()
 
 
 def test_nothing_seen_is_no_extreme() -> None:
-    assert Extremes().maximum("pinch_force_n") == 0.0
+    assert Extremes().high is None
     assert Trace().rows().shape == (0, ROW_WIDTH)
     assert len(Trace().columns()["time_s"]) == 0
 

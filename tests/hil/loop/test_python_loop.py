@@ -46,6 +46,7 @@ from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import RealtimeClock
+from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import (
     Lockstep,
     Loop,
@@ -174,17 +175,18 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
         def poll(self, now_ns: int) -> None:
             now[0] += 3_300_000
 
-    shown: list[float] = []
+    shown = Trace()
     loop = loop_of(
         transport,
         loop_config(rig=rig),
         peers=[Slow()],
-        watch=lambda row: shown.append(row[COLUMN_PLACE["time_s"]]),
+        takers=[shown],
     )
     run_clocked(loop, clock, 100, never)
     assert loop.state.tick == 100
     # Each skipped tick is shown.
-    assert shown == pytest.approx([0.001 * (1 + number) for number in range(100)])
+    times = shown.columns()["time_s"]
+    assert times == pytest.approx([0.001 * (1 + number) for number in range(100)])
     assert loop.state.counts.accepted == 1
     assert loop.ticks_missed > 50
     assert sum(row[0] == LEFT_DRIVE for row in transport.sent) <= 20
@@ -198,9 +200,12 @@ def test_an_overrun_past_the_limit_ends_the_run(rig: Rig):
         now[0] += round(seconds * 1e9)
 
     clock = RealtimeClock(1_000_000, 5_000_000, lambda: now[0], sleep)
-    loop = loop_of(
-        Memory(), loop_config(rig=rig), watch=lambda row: now.__setitem__(0, now[0] + 7_000_000)
-    )
+
+    class Slow:
+        def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+            now[0] += 7_000_000
+
+    loop = loop_of(Memory(), loop_config(rig=rig), takers=[Slow()])
     with pytest.raises(OverrunError):
         run_clocked(loop, clock, 100, never)
 

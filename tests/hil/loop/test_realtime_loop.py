@@ -28,12 +28,12 @@ from hil_support import (
     rows_of,
     start_of,
 )
-from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
+from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.datagrams import Reading, Writing, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
 from liftgate_hil.loop.python_loop import Loop
@@ -254,8 +254,8 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     state, outcome = play.run(40 * every)
     assert outcome == ENDED
 
-    transport, shown = Given(), []
-    loop = Loop(play.config, start_of(play.config), NO_TIMELINE, transport, watch=shown.append)
+    transport, shown = Given(), Trace()
+    loop = Loop(play.config, start_of(play.config), NO_TIMELINE, transport, takers=[shown])
     assert play.steps[:-1].count(1) == len(play.steps) - 3
     assert sorted(play.steps)[-2:] == [2, 4]
     sent: list[Rows] = []
@@ -264,8 +264,8 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
         sent.append(transport.taken())
     loop.finish()
     assert [*sent, transport.taken()] == play.sent
-    assert [list(row) for row in shown] == play.rows()
-    assert len(shown) == 40 * every + 1
+    assert shown.rows().tolist() == play.rows()
+    assert len(shown.rows()) == 40 * every + 1
     assert flat(loop.state) == flat(state)
     assert state.tick == 40 * every + 1
     assert loop.ticks_missed == play.shared.control[0].overruns == 3 + 1
@@ -736,8 +736,8 @@ def ends_stopped(run: RealtimeRun) -> bool:
 def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     ready: Callable[..., RealtimeRun], rig: Rig
 ):
-    shown: list[NDArray[np.float64]] = []
-    run = ready(watch=shown.append)
+    shown = Trace()
+    run = ready(takers=[shown])
     run.begin()
     control = run.memory.shared.control[0]
     assert all(int(control[name]) == 0 for name in control.dtype.names)
@@ -760,9 +760,9 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     assert (summary.received.accepted, summary.received.foreign) == (1, 1)
     assert summary.recording_lost_rows == 5
     assert summary.link == LinkCounts(send_failures=1000, dropped=7, losses=3)
-    assert all(row.shape == (ROW_WIDTH,) for row in shown)
+    assert shown.rows().shape == (201, ROW_WIDTH)
     # Each tick once, the missed ones too.
-    assert [row[0] for row in shown] == pytest.approx([0.001 * (1 + n) for n in range(201)])
+    assert shown.rows()[:, 0] == pytest.approx([0.001 * (1 + n) for n in range(201)])
     assert control.rows == 201
     assert control.frames == summary.frames_sent + 2
     rows = run.line.received()  # type: ignore[attr-defined]

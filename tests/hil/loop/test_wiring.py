@@ -19,6 +19,7 @@ from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.loop import tick as tick_module
+from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.loop.rings import Memory, RingReader, note_row
 from liftgate_hil.loop.tick import STOPPED, line_up, tick
@@ -307,15 +308,15 @@ class Notes:
 
 
 def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(rig: Rig) -> None:
-    rows, watched, notes = distinct(Rows), [], Notes()
+    rows, watched, notes = distinct(Rows), Trace(), Notes()
     config = loop_config(rig=rig)
     loop = Loop(
-        config, start_of(config), NO_TIMELINE, Silence(), recorders=[notes], watch=watched.append
+        config, start_of(config), NO_TIMELINE, Silence(), recorders=[notes], takers=[watched]
     )
     loop._tick = lambda config, state, frames, *_: (state, frames, rows.truth, rows.sensed)
     loop.advance(empty_frames(0), 1)
-    assert len(watched) == len(notes.rows) == 1
-    for row in (*watched, *notes.rows):
+    assert len(watched.rows()) == len(notes.rows) == 1
+    for row in (*watched.rows(), *notes.rows):
         check_row(row, rows.truth, rows.sensed)
 
 
