@@ -81,9 +81,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _ask_for_priority(args: argparse.Namespace) -> None:
-    from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, sharp_timers
+    from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, wake_sharply
 
-    sharp_timers()
+    wake_sharply()
     refused = ask_for_fifo(PRIORITY - 1)  # below the gate's loop
     if refused and not args.quiet:
         print(f"not given: {refused}", file=sys.stderr, flush=True)

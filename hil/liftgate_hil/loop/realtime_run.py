@@ -19,7 +19,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.histogram import distribution
-from liftgate_hil.loop.priority import Realtime, sharp_timers
+from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
@@ -162,7 +162,7 @@ class RealtimeRun:
 
     def _in_thread(self, ticks: int) -> None:
         try:
-            sharp_timers()
+            wake_sharply()
             if self.realtime is not None:
                 self.realtime.enter()
             self._entered.set()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.loop.histogram import BINS, Distribution, distribution, note
-from liftgate_hil.loop.priority import Realtime, sharp_timers
+from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.realtime_loop import Room, clock_ns, make_room, wait_until
 from liftgate_plant.compiler import compilable, compiled
 
@@ -68,7 +68,7 @@ def in_own_thread(
 
     def run() -> None:
         try:
-            sharp_timers()
+            wake_sharply()
             if realtime is not None:
                 realtime.enter()
             results.append(action())

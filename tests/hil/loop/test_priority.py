@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -172,3 +173,40 @@ def test_the_best_cpu_is_an_isolated_one_that_is_allowed(
     monkeypatch.setattr(priority, "Path", lambda name: file)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: allowed)
     assert best_cpu() == best
+
+
+@pytest.mark.skipif(os.uname().machine not in ("x86_64", "aarch64"), reason="other system calls")
+def test_a_thread_that_wakes_sharply_has_the_least_slack_and_slice_and_all_else_as_before():
+    done = child("""
+        import ctypes, struct
+        library = ctypes.CDLL(None)
+
+        def scheduling():
+            got = ctypes.create_string_buffer(48)
+            assert library.syscall({"x86_64": 315, "aarch64": 275}[os.uname().machine], 0, got, 48, 0) == 0
+            return struct.unpack("IIQiIQQQ", got.raw)
+
+        def slack():
+            return library.prctl(30, 0, 0, 0, 0)  # PR_GET_TIMERSLACK
+
+        def look():
+            before = scheduling()
+            os.nice(3)
+            priority.wake_sharply()
+            told.update(before=before, after=scheduling(), slack=slack())
+
+        told = {}
+        thread = threading.Thread(target=look)
+        thread.start()
+        thread.join()
+        print(json.dumps([told, scheduling(), slack()]))
+    """)
+    assert done.stderr == ""
+    told, others, slack = json.loads(done.stdout)
+    _, policy, flags, nice, _, runtime, *_ = told["after"]
+    assert (policy, flags, nice) == (os.SCHED_OTHER, 0, told["before"][3] + 3)
+    assert told["slack"] == 1
+    if tuple(map(int, os.uname().release.split(".")[:2])) >= (6, 12):
+        assert runtime == 100_000
+    assert others == told["before"]
+    assert slack > 1
