@@ -6,10 +6,11 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import RecordingError
+from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 
@@ -22,16 +23,6 @@ if TYPE_CHECKING:
 
 def _never() -> bool:
     return False
-
-
-class Listener:
-    """Is told how a run goes; this one keeps it to itself. It is pickled where a worker process runs."""
-
-    def say(self, text: str) -> None:
-        """What happens to the link, and what the machine does not give."""
-
-    def starts(self, entry: Callable[..., Any], what: str) -> None:
-        """What is about to run, and its entry point, which may have to be compiled first."""
 
 
 @dataclass

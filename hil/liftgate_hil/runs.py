@@ -27,8 +27,9 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
-from liftgate_hil.emulator import Emulator, Listener
+from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError, causes
+from liftgate_hil.listener import Listener
 from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Trace
 from liftgate_hil.loop.episode import run_stretch
 from liftgate_hil.loop.recorder import Taker

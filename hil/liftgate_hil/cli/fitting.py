@@ -11,8 +11,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from liftgate_hil.cli import options
 from liftgate_hil.errors import ConfigError
 
@@ -216,6 +214,8 @@ def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
     """Measured columns that change, and those that never do: they say nothing of their noise, so weigh nothing
     beside others (the Hall counts of a locked rotor).
     """
+    import numpy as np
+
     measured: set[str] = set()
     moving: set[str] = set()
     for each in data:

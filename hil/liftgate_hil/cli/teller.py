@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from liftgate_hil.emulator import Listener
+from liftgate_hil.listener import Listener
 
 
 @dataclass(frozen=True)

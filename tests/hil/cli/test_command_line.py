@@ -299,7 +299,7 @@ def test_an_unreadable_database_ends_the_process_with_2_and_no_traceback(tmp_pat
     assert "their.dbc" in done.stderr
 
 
-HEAVY = {"numba", "can", "cantools", "matplotlib", "scipy", "asammdf", "pandas"}
+HEAVY = {"numpy", "numba", "can", "cantools", "matplotlib", "scipy", "asammdf", "pandas"}
 
 
 @pytest.mark.parametrize("name", ["run", *COMMANDS])
