@@ -207,7 +207,7 @@ class Gate:
                 raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
             signal = PROFILES[name]
             given = math.nan if value is None else _number(name, value, signal.low, signal.high)
-            self._hold(name, [given])
+            self._hold({name: given})
 
     def obstacle(
         self,
@@ -250,13 +250,13 @@ class Gate:
         self._post_obstacle(Obstacle(*(math.nan for _ in Obstacle._fields)))
 
     def _post_obstacle(self, obstacle: Obstacle) -> None:
-        self._hold(f"obstacle_{obstacle._fields[0]}", obstacle)
+        self._hold({f"obstacle_{name}": value for name, value in obstacle._asdict().items()})
 
-    def _hold(self, name: str, values: Sequence[float]) -> None:
-        """What acts from the next tick on: values that stand one after the other from `name` on."""
+    def _hold(self, values: Mapping[str, float]) -> None:
+        """What acts from the next tick on."""
         # Nobody else posts, so that they need no letter, of which a box holds 256.
-        place = getattr(HELD, name)
-        self._script.held[place : place + len(values)] = values
+        for name, value in values.items():
+            self._script.held[getattr(HELD, name)] = value
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.

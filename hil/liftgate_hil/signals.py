@@ -72,8 +72,6 @@ class Timing(NamedTuple):
     command_delay_force: Annotated[float, Signal("N", 0.0, 1e9, "what that is on the 10 N/mm rod")]
 
 
-NO_TIMING = Timing(*(float("nan") for _ in Timing._fields))
-
 # Scenarios' profiles, and what a panel or a program may set: column of Surroundings.
 PROFILES: dict[str, Signal] = signals_of(Surroundings)
 
@@ -96,31 +94,53 @@ def _true_name(column: str, signal: Signal) -> str:
     return f"true_{name}" if name in _GIVEN else name
 
 
-# What a rig can wire to be sent, in the order in which `tick.bus_values` lines the rows up.
-BUS_OUTPUTS: dict[str, Signal] = {
-    **{bus_name(name, signal): signal for name, signal in _SENSED.items()},
-    **{_true_name(name, signal): signal for name, signal in _TRUTH.items()},
-    **signals_of(Status),
-    **signals_of(Timing),
-}
-INPUT_COUNT = len(BUS_INPUTS)
-OUTPUT_COUNT = len(Sensed._fields) + len(Truth._fields) + len(Status._fields) + len(Timing._fields)
+_Parts = dict[str, dict[str, Signal]]  # what a table is made of: parts with their signals
+
+
+def _whole(parts: _Parts) -> dict[str, Signal]:
+    return {name: signal for part in parts.values() for name, signal in part.items()}
+
+
+def _starts(name: str, parts: _Parts) -> Any:
+    """Where each part begins."""
+    starts, length = [], 0
+    for part in parts.values():
+        starts.append(length)
+        length += len(part)
+    return namedtuple(name, parts)(**dict(zip(parts, starts, strict=True)))
 
 
 def _places(name: str, signals: dict[str, Signal]) -> Any:
     return namedtuple(name, signals)(*range(len(signals)))
 
 
-# Where each stands, for compiled code: `values[IN.left_duty]`.
+# What a rig can wire to be sent.
+_OUTPUTS: _Parts = {
+    "sensed": {bus_name(name, signal): signal for name, signal in _SENSED.items()},
+    "truth": {_true_name(name, signal): signal for name, signal in _TRUTH.items()},
+    "status": signals_of(Status),
+    "timing": signals_of(Timing),
+}
+BUS_OUTPUTS: dict[str, Signal] = _whole(_OUTPUTS)
+INPUT_COUNT = len(BUS_INPUTS)
+OUTPUT_COUNT = len(BUS_OUTPUTS)
+
+# Where each stands, for compiled code: `values[IN.left_duty]`; of outputs also where each row begins.
 IN: Any = _places("InputPlaces", BUS_INPUTS)
+IN_SURROUNDINGS = Surroundings(
+    **{name: getattr(IN, bus_name(name, signal)) for name, signal in PROFILES.items()}
+)
 OUT: Any = _places("OutputPlaces", BUS_OUTPUTS)
+OUT_ROWS: Any = _starts("OutputRows", _OUTPUTS)
 
 # Columns of recordings and of `simulate`.
 SENSED_PREFIX = "sensed_"
-COLUMNS: dict[str, Signal] = {
-    **_TRUTH,
-    **{SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
+_RECORDED: _Parts = {
+    "truth": _TRUTH,
+    "sensed": {SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
 }
+COLUMNS: dict[str, Signal] = _whole(_RECORDED)
+COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
 ROW_WIDTH = len(COLUMNS)
 COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}
 

@@ -108,38 +108,6 @@ class Load(NamedTuple):
     obstacle: Obstacle
 
 
-@compilable
-def with_obstacle(load: Load, obstacle: Obstacle) -> Load:
-    """The same surroundings with another obstacle."""
-    return Load(
-        supply_voltage=load.supply_voltage,
-        road_slope=load.road_slope,
-        ambient_temperature=load.ambient_temperature,
-        wind_pressure=load.wind_pressure,
-        snow_mass=load.snow_mass,
-        hand_force=load.hand_force,
-        external_torque=load.external_torque,
-        latch_released=load.latch_released,
-        obstacle=obstacle,
-    )
-
-
-@compilable
-def with_latch(load: Load, released: float) -> Load:
-    """The same surroundings with the latch driven open (1.0), or not."""
-    return Load(
-        supply_voltage=load.supply_voltage,
-        road_slope=load.road_slope,
-        ambient_temperature=load.ambient_temperature,
-        wind_pressure=load.wind_pressure,
-        snow_mass=load.snow_mass,
-        hand_force=load.hand_force,
-        external_torque=load.external_torque,
-        latch_released=released,
-        obstacle=load.obstacle,
-    )
-
-
 class Inputs(NamedTuple):
     """All that acts on the plant during a step."""
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant import dynamics, sensors
+from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State
+from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.signals import Drives, Surroundings, Truth
 
@@ -25,72 +27,45 @@ def value_or(value: float, default: float) -> float:
 
 
 @compilable
-def overlaid(load: Load, said: Surroundings) -> Load:
-    """The load where `said` is silent (NaN), and what it says elsewhere."""
+def overlaid(base: Load, said: Surroundings, latch_released: float, obstacle: Obstacle) -> Load:
+    """What acts on the gate: `base` where `said` is silent (NaN), and what it says elsewhere."""
     return Load(
-        supply_voltage=value_or(said.supply_voltage_v, load.supply_voltage),
-        road_slope=value_or(math.radians(said.road_slope_deg), load.road_slope),
-        ambient_temperature=value_or(said.ambient_temperature_degc, load.ambient_temperature),
-        wind_pressure=value_or(said.wind_pressure_pa, load.wind_pressure),
-        snow_mass=value_or(said.snow_mass_kg, load.snow_mass),
-        hand_force=value_or(said.hand_force_n, load.hand_force),
-        external_torque=value_or(said.external_torque_nm, load.external_torque),
-        latch_released=load.latch_released,
-        obstacle=load.obstacle,
+        supply_voltage=value_or(said.supply_voltage_v, base.supply_voltage),
+        road_slope=value_or(math.radians(said.road_slope_deg), base.road_slope),
+        ambient_temperature=value_or(said.ambient_temperature_degc, base.ambient_temperature),
+        wind_pressure=value_or(said.wind_pressure_pa, base.wind_pressure),
+        snow_mass=value_or(said.snow_mass_kg, base.snow_mass),
+        hand_force=value_or(said.hand_force_n, base.hand_force),
+        external_torque=value_or(said.external_torque_nm, base.external_torque),
+        latch_released=latch_released,
+        obstacle=obstacle,
     )
 
 
-class InputRow(NamedTuple):
-    """The columns of offline inputs: those of Drives and of Surroundings, and the latch."""
-
-    left_voltage_v: int
-    right_voltage_v: int
-    left_duty: int
-    right_duty: int
-    left_coast: int
-    right_coast: int
-    supply_voltage_v: int
-    road_slope_deg: int
-    ambient_temperature_degc: int
-    wind_pressure_pa: int
-    snow_mass_kg: int
-    hand_force_n: int
-    external_torque_nm: int
-    latch_released: int
-
-
+# The columns of offline inputs, and where each stands in a row.
 INPUT_COLUMNS: tuple[str, ...] = (*Drives._fields, *Surroundings._fields, "latch_released")
-# Where each stands in a row.
-AT = InputRow(**{name: place for place, name in enumerate(INPUT_COLUMNS)})
+AT: Any = namedtuple("InputRow", INPUT_COLUMNS)(*range(len(INPUT_COLUMNS)))
+_DRIVES = Drives(**{name: getattr(AT, name) for name in Drives._fields})
+_SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings._fields})
 
 
 @compilable
 def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
-    """What a row (14,) of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
-    load = overlaid(
-        base,
-        Surroundings(
-            supply_voltage_v=row[AT.supply_voltage_v],
-            road_slope_deg=row[AT.road_slope_deg],
-            ambient_temperature_degc=row[AT.ambient_temperature_degc],
-            wind_pressure_pa=row[AT.wind_pressure_pa],
-            snow_mass_kg=row[AT.snow_mass_kg],
-            hand_force_n=row[AT.hand_force_n],
-            external_torque_nm=row[AT.external_torque_nm],
-        ),
-    )
+    """What a row of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
+    drives = picked(row, _DRIVES)
+    released = value_or(row[AT.latch_released], base.latch_released)
     return Inputs(
         DriveInput(
-            duty=value_or(row[AT.left_duty], 0.0),
-            voltage=value_or(row[AT.left_voltage_v], 0.0),
-            coast=value_or(row[AT.left_coast], 0.0),
+            duty=value_or(drives.left_duty, 0.0),
+            voltage=value_or(drives.left_voltage_v, 0.0),
+            coast=value_or(drives.left_coast, 0.0),
         ),
         DriveInput(
-            duty=value_or(row[AT.right_duty], 0.0),
-            voltage=value_or(row[AT.right_voltage_v], 0.0),
-            coast=value_or(row[AT.right_coast], 0.0),
+            duty=value_or(drives.right_duty, 0.0),
+            voltage=value_or(drives.right_voltage_v, 0.0),
+            coast=value_or(drives.right_coast, 0.0),
         ),
-        dynamics.with_latch(load, value_or(row[AT.latch_released], base.latch_released)),
+        overlaid(base, picked(row, _SURROUNDINGS), released, base.obstacle),
     )
 
 

@@ -9,6 +9,7 @@ Positive opens: voltage, current, speed, position, force and torque alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -108,6 +109,9 @@ class Surroundings(NamedTuple):
     snow_mass_kg: Annotated[float, SNOW_MASS]
     hand_force_n: Annotated[float, HAND_FORCE]
     external_torque_nm: Annotated[float, EXTERNAL_TORQUE]
+
+
+NOTHING_SAID = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan))
 
 
 class Truth(NamedTuple):

@@ -11,10 +11,12 @@ from liftgate_hil.signals import (
     BUS_INPUTS,
     BUS_OUTPUTS,
     COLUMN_PLACE,
+    COLUMN_ROWS,
     COLUMNS,
     IN,
     INPUT_SIGNALS,
     OUT,
+    OUT_ROWS,
     OUTPUT_COUNT,
     PANEL,
     PROFILES,
@@ -65,6 +67,18 @@ def test_no_name_stands_twice() -> None:
     assert list(HELD._fields) == held
     for row in (*ROWS, Command, Rod, Status, Timing):
         assert max(Counter(row._fields).values()) == 1
+
+
+def test_a_row_begins_where_its_first_name_stands() -> None:
+    starts = {"sensed": Sensed, "truth": Truth, "status": Status, "timing": Timing}
+    assert OUT_ROWS._fields == tuple(starts)
+    first = {name: row._fields[0] for name, row in starts.items()}
+    assert (first["sensed"], first["truth"]) == ("left_current_a", "time_s")
+    first |= {"sensed": "left_current", "truth": "time"}  # what a rig calls them
+    for name in starts:
+        assert getattr(OUT_ROWS, name) == getattr(OUT, first[name])
+    assert COLUMN_ROWS.truth == COLUMN_PLACE[Truth._fields[0]]
+    assert COLUMN_ROWS.sensed == COLUMN_PLACE[SENSED_PREFIX + Sensed._fields[0]]
 
 
 @pytest.mark.parametrize(

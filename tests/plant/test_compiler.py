@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 import liftgate_hil
 import liftgate_plant
-from liftgate_plant.compiler import all_finite, borrowed, compilable, compiled, enabled, fill
+from liftgate_plant.compiler import (
+    all_finite,
+    borrowed,
+    compilable,
+    compiled,
+    enabled,
+    fill,
+    overlay,
+    picked,
+    with_item,
+)
 
 
 class Inner(NamedTuple):
@@ -90,6 +100,52 @@ def test_a_tuple_goes_whole_into_a_row_and_one_bad_number_is_seen(numbers, finit
         rows = np.zeros((5, 2))
         assert run(rows[:, 1], numbers) == finite
         np.testing.assert_array_equal(rows, [[0.0, each] for each in (0.0, *numbers, 0.0)])
+
+
+PLACES = Numbers(a=4, b=0, c=2)
+
+
+@compilable
+def read(source: NDArray[np.float64]) -> Numbers:
+    return picked(source, PLACES)
+
+
+@pytest.mark.parametrize("step", [1, 2, -1])
+def test_a_tuple_is_read_from_where_its_places_say(step: int):
+    source = np.arange(10.0, 20.0)[::step][:5]
+    expected = Numbers(source[4], source[0], source[2])
+    for run in (read, compiled(read)):
+        found = run(source)
+        assert isinstance(found, Numbers)
+        assert found == expected
+
+
+@compilable
+def replaced(numbers: Numbers, places: NDArray[np.int64]) -> Numbers:
+    for place in places:
+        numbers = with_item(numbers, place, 10.0 * place)
+    return numbers
+
+
+@compilable
+def laid_over(upper: Numbers, lower: Numbers) -> Numbers:
+    return overlay(upper, lower)
+
+
+def test_an_item_is_replaced_where_it_stands():
+    numbers = Numbers(1.0, 2.0, 3.0)
+    for run in (replaced, compiled(replaced)):
+        assert run(numbers, np.array([1])) == Numbers(1.0, 10.0, 3.0)
+        assert run(numbers, np.array([2, 0])) == Numbers(0.0, 2.0, 20.0)
+        assert run(numbers, np.zeros(0, dtype=np.int64)) == numbers
+
+
+def test_what_is_not_there_is_taken_from_below():
+    nan = np.nan
+    for run in (laid_over, compiled(laid_over)):
+        assert run(Numbers(nan, 2.0, nan), Numbers(4.0, 5.0, 6.0)) == Numbers(4.0, 2.0, 6.0)
+        assert run(Numbers(-np.inf, nan, 0.0), Numbers(1.0, np.inf, 1.0)) == (-np.inf, np.inf, 0.0)
+        assert np.isnan(run(Numbers(nan, nan, nan), Numbers(nan, 1.0, 2.0)).a)
 
 
 def python(code: str, *folders: Path, cache: Path | None = None) -> str:

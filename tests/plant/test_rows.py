@@ -14,6 +14,7 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State
 from liftgate_plant.gate import GRAVITY
+from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import HallState, Sensors, SensorState, initial_sensors, sense
 from liftgate_plant.signals import Sensed, Surroundings, Truth
@@ -197,13 +198,17 @@ def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
     numbers = count(1.5)
     base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
     call = called(overlaid, which)
-    load = call(base, said)
+    load = call(base, said, base.latch_released, base.obstacle)
     assert load_by_name(load) == pytest.approx(said._asdict())
     assert (load.latch_released, load.obstacle) == (base.latch_released, base.obstacle)
+    latch, obstacle = next(numbers), distinct(Obstacle, numbers)
+    load = call(base, said, latch, obstacle)
+    assert (load.latch_released, load.obstacle) == (latch, obstacle)
     silent = Surroundings(*([math.nan] * len(Surroundings._fields)))
-    assert call(base, silent) == base
+    assert call(base, silent, base.latch_released, base.obstacle) == base
     for name in Surroundings._fields:
-        alone = call(base, silent._replace(**{name: getattr(said, name)}))
+        one = silent._replace(**{name: getattr(said, name)})
+        alone = call(base, one, base.latch_released, base.obstacle)
         assert load_by_name(alone) == pytest.approx(
             {**load_by_name(base), name: getattr(said, name)}
         )

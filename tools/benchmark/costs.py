@@ -80,7 +80,7 @@ def hot_ticks(
     not what the other end does; their time [ns].
     """
     config, params, shared, room = borrowed((config, params, shared, room))
-    state = start
+    state = borrowed(start)
     total = 0
     for number in range(count):
         if number % every == 0:

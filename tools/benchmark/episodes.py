@@ -35,8 +35,9 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import borrowed, compilable, compiled, fill
 from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.rows import overlaid
 from liftgate_plant.sensors import SensorState
-from liftgate_plant.signals import Sensed
+from liftgate_plant.signals import NOTHING_SAID, Sensed
 
 ROUNDS = 15
 RATE = 1000.0
@@ -107,7 +108,7 @@ def plant_steps(
     rows, seen = borrowed((replay.rows, seen))
     for k in range(len(rows)):
         body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
-        load = dynamics.with_latch(dynamics.with_obstacle(config.load, body), rows[k, 4])
+        load = overlaid(config.load, NOTHING_SAID, rows[k, 4], body)
         inputs = Inputs(
             DriveInput(rows[k, 0], 0.0, rows[k, 2]), DriveInput(rows[k, 1], 0.0, rows[k, 3]), load
         )

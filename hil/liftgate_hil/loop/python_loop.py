@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,8 +14,10 @@ from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.recorder import Recorder, Taker
+from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
+from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
@@ -97,14 +98,15 @@ class Loop:
         self.frames_sent += replies.count
         self.load.add(frames)
         self.load.add(replies)
-        rows = np.array([[*truth, *sensed]])
+        rows = np.empty((1, ROW_WIDTH))
+        write_row(rows[0], truth, sensed)
         for recorder in self.recorders:
             recorder.write_frames(frames, [truth.time_s] * frames.count)
             recorder.write_frames(replies, [truth.time_s] * replies.count)
             recorder.write_rows(rows)
         for taker in self.takers:
             taker.take(rows, ())
-        if not math.isfinite(sum(truth)):
+        if not is_sound(truth):
             raise PlantDivergedError(
                 f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "
                 f"current {truth.left_current_a}); allowed: a higher `rate`, a saner vehicle"

@@ -194,7 +194,7 @@ class RealtimeRun:
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
-                post(shared.box[0], timing._fields[0], timing)
+                post(shared.box[0], timing._asdict())
             self._hand_on(reader)
             for peer in self.peers:
                 peer.poll(int(control.tick) * self.config.step_ns)

@@ -51,16 +51,17 @@ def inputs_at(
     offline: Offline, row: Floats, time: float, arming: ObstacleArming, angle: float
 ) -> tuple[ObstacleArming, Inputs]:
     """The inputs from a time [s] on: the file's, and what it leaves out (NaN) from scenario and vehicle."""
-    base = overlaid(offline.base, profiles_at(offline.timeline, time))
     arming, obstacle = armed(arming, obstacle_at(offline.timeline, time), angle)
-    return arming, inputs_of(row, dynamics.with_obstacle(base, obstacle))
+    said = profiles_at(offline.timeline, time)
+    base = overlaid(offline.base, said, offline.base.latch_released, obstacle)
+    return arming, inputs_of(row, base)
 
 
 @compilable
 def block(
     offline: Offline, start: OfflineState, rows: Floats, out: Floats
 ) -> tuple[OfflineState, int]:
-    """Step through input rows (n, 14), writing states before their step to `out`; how many were written."""
+    """Step through input rows (n, inputs), writing states before their step to `out`; how many were written."""
     written = 0
     state, memory, arming, done = start.plant, start.sensors, start.arming, start.done
     for k in range(rows.shape[0]):

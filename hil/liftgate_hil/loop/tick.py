@@ -29,17 +29,17 @@ from liftgate_hil.codec.receive import (
 )
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
-from liftgate_hil.signals import IN, INPUT_COUNT, OUTPUT_COUNT, Status
+from liftgate_hil.signals import IN, IN_SURROUNDINGS, INPUT_COUNT, OUT_ROWS, OUTPUT_COUNT, Status
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
-from liftgate_plant.compiler import compilable, fill
+from liftgate_plant.compiler import compilable, fill, overlay, picked
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import overlaid, truth_of, value_or
 from liftgate_plant.sensors import Sensors, SensorState
-from liftgate_plant.signals import Sensed, Surroundings, Truth
+from liftgate_plant.signals import Sensed, Truth
 
 WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
@@ -161,16 +161,8 @@ def surroundings(
     angle: float,
 ) -> tuple[ObstacleArming, Load]:
     """The vehicle's surroundings, and over them the scenario's, the panel's, and what was posted."""
-    panel = Surroundings(
-        supply_voltage_v=values[IN.supply_voltage],
-        road_slope_deg=values[IN.road_slope],
-        ambient_temperature_degc=values[IN.ambient_temperature],
-        wind_pressure_pa=values[IN.wind_pressure],
-        snow_mass_kg=values[IN.snow_mass],
-        hand_force_n=values[IN.hand_force],
-        external_torque_nm=values[IN.external_torque],
-    )
-    load = overlaid(overlaid(overlaid(config.load, outside.profiles), panel), outside.posted)
+    panel = picked(values, IN_SURROUNDINGS)
+    said = overlay(outside.posted, overlay(panel, outside.profiles))
     obstacle = panel_obstacle(config, values, outside.obstacle)
     if not np.isnan(outside.posted_obstacle.stiffness):
         obstacle = outside.posted_obstacle
@@ -178,7 +170,7 @@ def surroundings(
     if config.latch_mapped == 0:
         released = 1.0 if opening else 0.0
     arming, obstacle = armed(arming, obstacle, angle)
-    return arming, dynamics.with_latch(dynamics.with_obstacle(load, obstacle), released)
+    return arming, overlaid(config.load, said, released, obstacle)
 
 
 @compilable
@@ -208,15 +200,11 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 def line_up(
     values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside
 ) -> None:
-    """Fill the values of all outputs (OUTPUT_COUNT,): the rows of the catalogue, one after the other."""
-    at = 0
-    fill(values, at, sensed)
-    at += len(sensed)
-    fill(values, at, truth)
-    at += len(truth)
-    fill(values, at, status)
-    at += len(status)
-    fill(values, at, outside.timing)
+    """Fill the values of all outputs (OUTPUT_COUNT,)."""
+    fill(values, OUT_ROWS.sensed, sensed)
+    fill(values, OUT_ROWS.truth, truth)
+    fill(values, OUT_ROWS.status, status)
+    fill(values, OUT_ROWS.timing, outside.timing)
 
 
 @compilable

@@ -6,7 +6,7 @@ One side posts, the loop takes; neither waits. A letter says which of the held v
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,9 @@ _NAMES = (
     *Timing._fields,
 )
 HELD: Any = namedtuple("Held", _NAMES)(*range(len(_NAMES)))
+HELD_SURROUNDINGS = Surroundings(**{name: getattr(HELD, name) for name in Surroundings._fields})
+HELD_OBSTACLE = Obstacle(**{name: getattr(HELD, f"obstacle_{name}") for name in Obstacle._fields})
+HELD_TIMING = Timing(**{name: getattr(HELD, name) for name in Timing._fields})
 
 LETTER = np.dtype(
     [
@@ -42,13 +45,19 @@ def nothing_held() -> NDArray[np.float64]:
     return np.full(len(_NAMES), np.nan)
 
 
-def post(box: Any, name: str, values: Sequence[float]) -> bool:
-    """Post values that stand one after the other from `name` on; False where the box (a row of BOX) is full."""
+def post(box: Any, values: Mapping[str, float]) -> bool:
+    """Post held values by their names, those of one letter together; False where the box (a row of BOX) is full.
+
+    Raises ValueError for values that do not stand one after the other.
+    """
     if box["posted"] - box["taken"] >= LETTERS:
         return False
+    places = [_NAMES.index(name) for name in values]
+    if places != list(range(places[0], places[0] + len(places))):
+        raise ValueError(f"{', '.join(values)}: allowed: values that are held one after the other")
     letter = box["letters"][box["posted"] % LETTERS]
-    letter["place"], letter["count"] = _NAMES.index(name), len(values)
-    letter["values"][: len(values)] = values
+    letter["place"], letter["count"] = places[0], len(places)
+    letter["values"][: len(places)] = list(values.values())
     box["posted"] += 1
     return True
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.signals import Timing
-from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.mailbox import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
 from liftgate_hil.stimuli.timeline import Timeline, obstacle_at, profiles_at
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
 
@@ -45,34 +45,9 @@ def outside_at(
     return Outside(
         profiles=profiles_at(timeline, time),
         obstacle=obstacle_at(timeline, time),
-        posted=Surroundings(
-            supply_voltage_v=held[HELD.supply_voltage_v],
-            road_slope_deg=held[HELD.road_slope_deg],
-            ambient_temperature_degc=held[HELD.ambient_temperature_degc],
-            wind_pressure_pa=held[HELD.wind_pressure_pa],
-            snow_mass_kg=held[HELD.snow_mass_kg],
-            hand_force_n=held[HELD.hand_force_n],
-            external_torque_nm=held[HELD.external_torque_nm],
-        ),
-        posted_obstacle=Obstacle(
-            angle=held[HELD.obstacle_angle],
-            distance=held[HELD.obstacle_distance],
-            stiffness=held[HELD.obstacle_stiffness],
-            damping=held[HELD.obstacle_damping],
-            gap=held[HELD.obstacle_gap],
-            direction=held[HELD.obstacle_direction],
-        ),
-        timing=Timing(
-            lateness_p50=held[HELD.lateness_p50],
-            lateness_p99=held[HELD.lateness_p99],
-            lateness_p999=held[HELD.lateness_p999],
-            lateness_max=held[HELD.lateness_max],
-            execution_p50=held[HELD.execution_p50],
-            execution_max=held[HELD.execution_max],
-            command_delay_p50=held[HELD.command_delay_p50],
-            command_delay_max=held[HELD.command_delay_max],
-            command_delay_force=held[HELD.command_delay_force],
-        ),
+        posted=picked(held, HELD_SURROUNDINGS),
+        posted_obstacle=picked(held, HELD_OBSTACLE),
+        timing=picked(held, HELD_TIMING),
         ticks_missed=ticks_missed,
         is_silent=is_silent,
         is_stop=is_stop,

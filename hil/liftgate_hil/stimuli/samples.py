@@ -21,7 +21,7 @@ class Samples:
     columns: Mapping[str, Floats]
 
     def rows_at(self, times: Floats) -> Floats:
-        """Rows (m, 14) of INPUT_COLUMNS at these times; NaN before the first sample and where there is none."""
+        """Rows (m, inputs) of INPUT_COLUMNS at these times; NaN before the first sample, and where none is."""
         index = np.searchsorted(self.times, times, side="right") - 1
         rows = np.full((len(times), len(INPUT_COLUMNS)), np.nan)
         for place, name in enumerate(INPUT_COLUMNS):

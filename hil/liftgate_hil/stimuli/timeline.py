@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, with_item
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.signals import Surroundings
+from liftgate_plant.signals import NOTHING_SAID, Surroundings
 
 CHANNEL = np.dtype(
     [
@@ -22,9 +21,6 @@ CHANNEL = np.dtype(
     ]
 )
 OBSTACLE = np.dtype([("start", "f8"), ("end", "f8"), *((name, "f8") for name in Obstacle._fields)])
-
-# Where each quantity's profile stands in `Timeline.channels`.
-_PLACES: Any = namedtuple("Channels", Surroundings._fields)(*range(len(Surroundings._fields)))
 
 
 class Timeline(NamedTuple):
@@ -105,15 +101,12 @@ def value_at(timeline: Timeline, place: int, time: float) -> float:
 @compilable
 def profiles_at(timeline: Timeline, time: float) -> Surroundings:
     """What the profiles say at a time [s]; NaN where there is none."""
-    return Surroundings(
-        supply_voltage_v=value_at(timeline, _PLACES.supply_voltage_v, time),
-        road_slope_deg=value_at(timeline, _PLACES.road_slope_deg, time),
-        ambient_temperature_degc=value_at(timeline, _PLACES.ambient_temperature_degc, time),
-        wind_pressure_pa=value_at(timeline, _PLACES.wind_pressure_pa, time),
-        snow_mass_kg=value_at(timeline, _PLACES.snow_mass_kg, time),
-        hand_force_n=value_at(timeline, _PLACES.hand_force_n, time),
-        external_torque_nm=value_at(timeline, _PLACES.external_torque_nm, time),
-    )
+    said = NOTHING_SAID
+    if len(timeline.knots) == 0:
+        return said
+    for place in range(len(said)):
+        said = with_item(said, place, value_at(timeline, place, time))
+    return said
 
 
 @compilable

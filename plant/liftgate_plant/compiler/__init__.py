@@ -30,11 +30,12 @@ from liftgate_plant.compiler.calls import (
     last_error,
 )
 from liftgate_plant.compiler.sources import Sources
-from liftgate_plant.compiler.tuples import all_finite, fill
+from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "System", "all_finite", "borrowed", "cache_folder", "call_long_int",
-    "call_step", "compilable", "compiled", "enabled", "fill", "is_cached", "last_error",
+    "call_step", "compilable", "compiled", "enabled", "fill", "is_cached", "last_error", "overlay", "picked",
+    "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])

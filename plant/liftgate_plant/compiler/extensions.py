@@ -10,11 +10,11 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
 from numba.core.datamodel import models
 from numba.extending import box, intrinsic, lower_cast, overload, register_model, typeof_impl
-from numba.np.arrayobj import store_item
+from numba.np.arrayobj import load_item, store_item
 
 from liftgate_plant.compiler import borrowed
 from liftgate_plant.compiler.calls import System, call_long_int, call_step, last_error
-from liftgate_plant.compiler.tuples import all_finite, fill
+from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
 
 types: Any = numba.types
 _carray: Any = numba.carray  # type: ignore[attr-defined]
@@ -152,6 +152,35 @@ def _store_all(context: Any, builder: Any, signature: Any, arguments: Any) -> An
     return context.get_dummy_value()
 
 
+def _load_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    kind, places = signature.args
+    array = context.make_array(kind)(context, builder, value=arguments[0])
+    values = []
+    for place in _values_of(builder, places, arguments[1]):
+        pointer = cgutils.get_item_pointer(context, builder, kind, array, [place])
+        values.append(load_item(context, builder, kind, pointer))
+    return context.make_tuple(builder, signature.return_type, values)
+
+
+def _replace_one(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    numbers, place, value = arguments
+    memory = cgutils.alloca_once_value(builder, numbers)
+    builder.store(value, cgutils.gep_inbounds(builder, memory, 0, place))
+    return builder.load(memory)
+
+
+def _choose_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    upper, lower = (
+        _values_of(builder, kind, value)
+        for kind, value in zip(signature.args, arguments, strict=True)
+    )
+    chosen = [
+        builder.select(builder.fcmp_unordered("uno", above, above), below, above)
+        for above, below in zip(upper, lower, strict=True)
+    ]
+    return context.make_tuple(builder, signature.return_type, chosen)
+
+
 def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     # x − x is 0, or NaN; added up as a tree, as in a chain each sum would wait for the one before.
     values = _values_of(builder, signature.args[0], arguments[0])
@@ -168,6 +197,23 @@ def _store(typing_context: Any, target: Any, at: Any, numbers: Any) -> Any:
 
 
 @intrinsic
+def _pick(typing_context: Any, source: Any, places: Any) -> Any:
+    parts = [source.dtype] * len(places)
+    kind = types.BaseTuple.from_types(parts, places.instance_class)
+    return kind(source, places), _load_all
+
+
+@intrinsic
+def _with_item(typing_context: Any, numbers: Any, place: Any, value: Any) -> Any:
+    return numbers(numbers, types.intp, types.float64), _replace_one
+
+
+@intrinsic
+def _overlay(typing_context: Any, upper: Any, lower: Any) -> Any:
+    return lower(upper, lower), _choose_all
+
+
+@intrinsic
 def _finite(typing_context: Any, numbers: Any) -> Any:
     return types.boolean(numbers), _look_at_all
 
@@ -176,6 +222,30 @@ def _finite(typing_context: Any, numbers: Any) -> Any:
 def _fill(target: Any, at: Any, numbers: Any) -> Any:
     def implementation(target: Any, at: Any, numbers: Any) -> Any:
         return _store(target, at, numbers)  # type: ignore[call-arg]
+
+    return implementation
+
+
+@overload(picked)
+def _picked(source: Any, places: Any) -> Any:
+    def implementation(source: Any, places: Any) -> Any:
+        return _pick(source, places)  # type: ignore[call-arg]
+
+    return implementation
+
+
+@overload(with_item)
+def _with_another(numbers: Any, place: Any, value: Any) -> Any:
+    def implementation(numbers: Any, place: Any, value: Any) -> Any:
+        return _with_item(numbers, place, value)  # type: ignore[call-arg]
+
+    return implementation
+
+
+@overload(overlay)
+def _overlaid(upper: Any, lower: Any) -> Any:
+    def implementation(upper: Any, lower: Any) -> Any:
+        return _overlay(upper, lower)  # type: ignore[call-arg]
 
     return implementation
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T", bound=tuple[Any, ...])
 
 
 def fill(target: Any, at: int, numbers: tuple[float, ...]) -> None:
@@ -12,6 +14,28 @@ def fill(target: Any, at: int, numbers: tuple[float, ...]) -> None:
     In machine code one store after the other; a loop over a tuple looks each value up in a jump table.
     """
     target[at : at + len(numbers)] = numbers
+
+
+def picked(source: Any, places: T) -> T:
+    """The reverse: what stands in an array (n,) at `places`, as a NamedTuple of their kind."""
+    kind: Any = type(places)
+    return kind(*(source[place] for place in places))  # type: ignore[no-any-return]
+
+
+def with_item(numbers: T, place: int, value: float) -> T:
+    """The same NamedTuple of floats with another value at a place."""
+    kind: Any = type(numbers)
+    return kind(  # type: ignore[no-any-return]
+        *(value if at == place else each for at, each in enumerate(numbers))
+    )
+
+
+def overlay(upper: T, lower: T) -> T:
+    """A NamedTuple of floats: the upper one's, and where that is NaN the lower one's."""
+    kind: Any = type(lower)
+    return kind(  # type: ignore[no-any-return]
+        *(below if math.isnan(above) else above for above, below in zip(upper, lower, strict=True))
+    )
 
 
 def all_finite(numbers: tuple[float, ...]) -> bool:

@@ -448,11 +448,11 @@ def test_what_is_posted_holds_from_the_next_tick_on_until_it_is_posted_anew(
 ):
     play = rehearse()
     said = {
-        20: ("hand_force_n", [25.0]),
-        50: ("hand_force_n", [math.nan]),
-        30: ("snow_mass_kg", [7.0]),
+        20: {"hand_force_n": 25.0},
+        50: {"hand_force_n": math.nan},
+        30: {"snow_mass_kg": 7.0},
     }
-    play.at = lambda waking: post(play.shared.box[0], *said[waking]) if waking in said else None
+    play.at = lambda waking: post(play.shared.box[0], said[waking]) if waking in said else None
     play.late = {30: 4 * MS}
     play.run(100)
     assert play.column("hand_force_n") == [0.0] * 20 + [25.0] * 34 + [0.0] * 47
@@ -464,7 +464,7 @@ def test_what_is_posted_holds_from_the_next_tick_on_until_it_is_posted_anew(
 def test_figures_that_are_posted_are_told_on_the_bus(rehearse: Callable[..., Rehearsal], rig: Rig):
     play = rehearse()
     told = Timing(*(20.0 * (10 + place) for place in range(len(Timing._fields))))
-    play.at = lambda waking: post(play.shared.box[0], "lateness_p50", told) if waking == 5 else None
+    play.at = lambda waking: post(play.shared.box[0], told._asdict()) if waking == 5 else None
     play.run(300)
     sent = frames_of([row for rows in play.sent for row in rows])
     wires = [wire for wire in rig.outputs if wire.quantity in Timing._fields]

@@ -149,7 +149,7 @@ def test_another_process_sees_the_same_and_is_seen():
     shared.frames[1].payload[63] = 255
     shared.control[0].frames = 2
     shared.histograms[2, -1] = 41
-    assert post(shared.box[0], "lateness_p50", [0.5, 7.0])
+    assert post(shared.box[0], {"lateness_p50": 0.5, "lateness_p99": 7.0})
     done = subprocess.run(
         [sys.executable, "-c", CHILD, "5", "7", str(memory.descriptor)],
         pass_fds=[memory.descriptor], capture_output=True, text=True, check=False,

@@ -89,18 +89,21 @@ def test_every_letter_is_held_under_the_name_it_was_posted_to(which: str) -> Non
     expected = dict.fromkeys(HELD._fields, math.nan)
     for name in reversed(HELD._fields):
         expected[name] = next(numbers)
-        assert post(box[0], name, [expected[name]])
+        assert post(box[0], {name: expected[name]})
         called(take_letters, which)(box, held)
         around = called(outside_at, which)(NO_TIMELINE, held, 0.0, 0, False, False)
         assert same(by_name(around), expected), name
     assert box[0].posted == box[0].taken == len(HELD._fields)
 
 
-def test_a_letter_of_several_values_fills_the_names_that_follow() -> None:
+def test_a_letter_of_several_values_fills_them_all() -> None:
     box, held = new_box(), nothing_held()
     obstacle, timing = distinct(Obstacle), distinct(Timing)
-    assert post(box[0], "obstacle_angle", obstacle)
-    assert post(box[0], "lateness_p50", timing)
+    body = {f"obstacle_{name}": value for name, value in obstacle._asdict().items()}
+    assert post(box[0], body)
+    assert post(box[0], timing._asdict())
+    with pytest.raises(ValueError, match=r"obstacle_angle, hand_force_n: allowed"):
+        post(box[0], {"obstacle_angle": 1.0, "hand_force_n": 2.0})
     take_letters(box, held)
     around = outside_at(NO_TIMELINE, held, 0.0, 0, False, False)
     assert around.posted_obstacle == obstacle
@@ -121,8 +124,8 @@ def test_letters_are_taken_in_their_order_and_a_full_box_says_so(which: str) -> 
     take = called(take_letters, which)
     for turn in range(3):
         for number in range(LETTERS):
-            assert post(box[0], "hand_force_n", [1000.0 * turn + number])
-        assert not post(box[0], "hand_force_n", [-1.0])
+            assert post(box[0], {"hand_force_n": 1000.0 * turn + number})
+        assert not post(box[0], {"hand_force_n": -1.0})
         take(box, held)
         assert held[HELD.hand_force_n] == 1000.0 * turn + LETTERS - 1
         assert np.isnan(np.delete(held, HELD.hand_force_n)).all()
