@@ -2,7 +2,6 @@
 
     LiftgateError
     ├── ConfigError          a file, a flag or a value: all faults of one source at once, exit code 2
-    ├── CodecError           a database or a mapping that cannot be encoded
     ├── TransportError       a bus that cannot be opened or is lost for good
     ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
@@ -37,10 +36,6 @@ class ConfigError(LiftgateError):
         super().__init__("\n".join(self.issues))
 
 
-class CodecError(LiftgateError):
-    """A message or signal that cannot be laid out."""
-
-
 class TransportError(LiftgateError):
     """A bus that cannot be opened, or is lost."""
 
@@ -54,7 +49,11 @@ class OverrunError(LiftgateError):
 
 
 class EcuError(LiftgateError):
-    """The ECU under test did what none may, raised, crashed or hung."""
+    """The ECU under test did what none may, raised, crashed or hung; after `ticks`, where that is known."""
+
+    def __init__(self, text: str, ticks: int = 0) -> None:
+        self.ticks = ticks
+        super().__init__(text)
 
 
 class PlantDivergedError(LiftgateError):

@@ -22,6 +22,7 @@ from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.arguments import number_of, seed_of
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import ConfigError, EcuError, PlantDivergedError
@@ -34,6 +35,7 @@ from liftgate_hil.signals import (
     DIRECTIONS,
     IN,
     INPUT_COUNT,
+    OBSTACLE,
     PROFILES,
     SENSED_PREFIX,
     columns_of,
@@ -43,20 +45,12 @@ from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import initial_state
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.signals import Signal
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
     import can
 
 _ROWS, _FRAMES = 1024, 8192
-_OBSTACLE: Mapping[str, Signal] = {
-    "angle_deg": Signal("deg", -10.0, 180.0, ""),
-    "stiffness": Signal("", 1.0, 1e7, ""),
-    "distance": Signal("", 0.01, 10.0, ""),
-    "damping": Signal("", 0.0, 1e6, ""),
-    "gap": Signal("", -1.0, 1.0, ""),
-}
 
 
 class Gate:
@@ -172,13 +166,12 @@ class Gate:
                 raise ConfigError(f"`command` {name}: allowed: {', '.join((*known, 'direction'))}")
         for side in ("left", "right"):
             direction = quantities.get(f"{side}_direction", both)
-            duty = _number(
-                f"command {side}_duty", quantities.get(f"{side}_duty", 0.0), -100.0, 100.0
-            )
+            said = quantities.get(f"{side}_duty", 0.0)
+            duty = number_of(f"{side}_duty", said, -100.0, 100.0, "%")
             if self._config.signed_left if side == "left" else self._config.signed_right:
                 duty = _signed(duty, direction)
             number = _direction(
-                f"command {side}_direction", "coast" if direction is None else direction
+                f"{side}_direction", "coast" if direction is None else direction
             )
             values[getattr(IN, f"{side}_duty")] = duty
             values[getattr(IN, f"{side}_direction")] = number
@@ -202,12 +195,18 @@ class Gate:
         """Surroundings from the next tick on: `road_slope_deg=8`, `supply_voltage_v`, `hand_force_n` and so on;
         None clears. Raises ConfigError.
         """
+        held = {}
         for name, value in surroundings.items():
             if name not in PROFILES:
                 raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
             signal = PROFILES[name]
-            given = math.nan if value is None else _number(name, value, signal.low, signal.high)
-            self._hold({name: given})
+            given = (
+                math.nan
+                if value is None
+                else number_of(name, value, signal.low, signal.high, signal.unit)
+            )
+            held[name] = given
+        self._hold(held)
 
     def obstacle(
         self,
@@ -229,11 +228,11 @@ class Gate:
             "gap": gap,
         }
         known = {
-            name: _number(f"obstacle {name}", value, _OBSTACLE[name].low, _OBSTACLE[name].high)
-            for name, value in given.items()
+            name: number_of(name, given[name], signal.low, signal.high, signal.unit)
+            for name, signal in OBSTACLE.items()
         }
         if meets not in ("closing", "opening"):
-            raise ConfigError(f"obstacle meets {meets!r}; allowed: closing, opening")
+            raise ConfigError(f"`meets` {show(meets)}: allowed: closing, opening")
         self._post_obstacle(
             Obstacle(
                 angle=math.radians(known["angle_deg"]),
@@ -331,19 +330,11 @@ class Gate:
         return found
 
 
-def _number(key: str, value: Any, low: float, high: float) -> float:
-    """A number within [low, high]. Raises ConfigError."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:
-        raise ConfigError(f"{key}: {value!r}; allowed: {low:g} to {high:g}")
-    return float(value)
-
-
 def _signed(duty: float, direction: Any) -> float:
     """A duty whose sign is the direction, where that is named. Raises ConfigError."""
     if direction == "coast":
         raise ConfigError(
-            "command direction: coast has no signal in this rig; allowed: open, close, brake, or silence"
+            "`direction` coast: it has no signal in this rig; allowed: open, close, brake, or silence"
         )
     turned = {"open": abs(duty), "close": -abs(duty), "brake": 0.0}
     return turned.get(direction, duty) if isinstance(direction, str) else duty
@@ -353,4 +344,4 @@ def _direction(key: str, value: Any) -> int:
     """The number of a direction. Raises ConfigError."""
     if value in DIRECTIONS:
         return DIRECTIONS.index(value)
-    raise ConfigError(f"{key}: {value!r}; allowed: {', '.join(DIRECTIONS)}")
+    raise ConfigError(f"`{key}` {show(value)}: allowed: {', '.join(DIRECTIONS)}")

@@ -1,6 +1,6 @@
 """Code that may crash, hang or keep statics runs in a process of its own; here is the caller's side of it.
 
-The worker (`liftgate_hil.worker`) gets a pickled job on stdin and answers through a pipe. Its loop's memory is
+The worker gets a pickled job on stdin and answers through a pipe. Its loop's memory is
 seen from here, so that it is known how far it has come.
 """
 
@@ -21,23 +21,23 @@ from liftgate_hil.loop.rings import Memory
 
 HANG_S = 10.0  # that the ECU may take for a tick, to be made, or to end
 _LOOK_S = 0.05
-_WORKER = "liftgate_hil.worker"
 
 
 def run_isolated(
+    worker: str,
     job: bytes,
     step: float,
     stopped: Callable[[], bool] = lambda: False,
     hang_s: float | None = None,
 ) -> bytes:
-    """The worker's answer to a job whose ticks are `step` [s] apart, early if it is `stopped`.
+    """The answer of a module, the worker, to a job whose ticks are `step` [s] apart, early if it is `stopped`.
 
     Raises EcuError where it crashed or hung.
     """
     memory = Memory(ROWS, FRAMES)
     answer, given = os.pipe()
     command = [
-        sys.executable, "-P", "-m", _WORKER,
+        sys.executable, "-P", "-m", worker,
         str(ROWS), str(FRAMES), str(memory.descriptor), str(given),
     ]  # fmt: skip
     try:
@@ -85,11 +85,14 @@ def _answer(
         if progress != seen:
             seen, since = progress, now
         elif progress[1] % 2 and now - since > hang_s:
-            raise EcuError(f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s")
+            raise EcuError(
+                f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s", progress[0]
+            )
     status = child.wait()
     if not parts:
         why = f"exit code {status}" if status >= 0 else _signal_name(-status)
-        raise EcuError(f"the ECU at {int(control.tick) * step:.3f} s: its process ended ({why})")
+        ticks = int(control.tick)
+        raise EcuError(f"the ECU at {ticks * step:.3f} s: its process ended ({why})", ticks)
     return b"".join(parts)
 
 

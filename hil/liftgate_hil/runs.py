@@ -12,7 +12,7 @@ import functools
 import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil import session
-from liftgate_hil.config.arguments import texts_of
+from liftgate_hil.config.arguments import numbers_of, paths_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter
@@ -35,11 +35,14 @@ from liftgate_hil.loop.episode import run_stretch
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.transport.find import WireChoice, find_way, open_transport
+from liftgate_hil.transport.find import Way, WireChoice, find_way, open_transport
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
+
+
+_WORKER = "liftgate_hil.worker"  # that runs a job in a process of its own
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,8 @@ def run(
     """Run a scenario (a shipped name, a file, or one that was loaded) against an ECU.
 
     `ecu` is "reference", the path of a C library, "module:Class" of a Python object, an object, or "bus" for one
-    on `bus` (INTERFACE:CHANNEL). `clock` is "free", "lockstep" or "realtime"; free needs the ECU in this process.
+    on `bus` (INTERFACE:CHANNEL). `clock` is "free" (waits for nobody, so for no real bus),
+    "lockstep" or "realtime".
     `parameters` replace the scenario's, `settings` (KEY=VALUE) the vehicle's keys; `vehicle`, `rig`, `initial`
     ("closed", "open" or degrees) and `seed` win over the scenario's. `rate` [Hz], `duration` [s of model time],
     files to `record`, `trace`: keep every row. A C library runs in a process of its own.
@@ -110,22 +114,18 @@ def run(
 
     if clock not in session.CLOCKS:
         raise ConfigError(f"`clock` {clock}: allowed: {', '.join(session.CLOCKS)}")
-    if bus is not None and clock == "free":
-        raise ConfigError(f"`bus` {bus}: allowed with clock lockstep or realtime")
-    if ecu == ON_A_BUS and clock == "free":
-        raise ConfigError("`clock` free: allowed with the ECU in this process")
-    paths = [record] if isinstance(record, str | Path) else record
+    bus = text_or_none("bus", bus)
     options = session.RunOptions(
         rate=rate,
         clock=clock,
         duration=duration,
-        records=tuple(check_record(str(name)) for name in paths),
+        records=tuple(check_record(name) for name in paths_of("record", record)),
         wall_timeout=wall_timeout,
     )
     job = Job(
         scenario=scenario,
         ecu=ecu,
-        parameters=dict(parameters or {}),
+        parameters=numbers_of("parameters", parameters),
         vehicle=vehicle,
         rig=rig,
         settings=texts_of("settings", settings),
@@ -149,11 +149,12 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
 
     resolve(job)  # what is wrong with the job is told here
     check_ecu(job.ecu)
+    ticks = 0
     try:
         sent = pickle.dumps(job)
-        answer = pickle.loads(run_isolated(sent, 1.0 / job.options.rate, stopped))
+        answer = pickle.loads(run_isolated(_WORKER, sent, 1.0 / job.options.rate, stopped))
     except EcuError as error:
-        answer = error
+        answer, ticks = error, error.ticks
     if isinstance(answer, EcuError):  # it could not be made, crashed or hung
         nothing = dict.fromkeys(COLUMNS, math.nan)
         return Result(
@@ -162,7 +163,9 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
             maxima=nothing,
             minima=nothing,
             events=(),
-            summary=Summary(clock=job.options.clock),
+            summary=Summary(
+                clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
+            ),
             recording=job.options.records,
         )
     if isinstance(answer, LiftgateError):
@@ -178,6 +181,7 @@ class Parts:
     setup: session.Setup
     rig: Rig
     options: session.RunOptions
+    way: Way | None  # of the wire, if there is to be one
 
 
 def resolve(job: Job) -> Parts:
@@ -191,7 +195,13 @@ def resolve(job: Job) -> Parts:
         seed=job.seed,
     )
     job.options.check()
-    return Parts(setup, session.rig_of(job.rig, setup.scenario), job.options)
+    rig = session.rig_of(job.rig, setup.scenario)
+    way = None if job.wire is None else find_way(job.wire, rig)
+    if way is None and job.ecu == ON_A_BUS:
+        raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
+    if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
+        raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
+    return Parts(setup, rig, job.options, way)
 
 
 def run_job(
@@ -313,9 +323,7 @@ def _on_bus(
 ) -> Result:
     """On a bus: in lockstep with an ECU, in real time, or without waiting for anybody."""
     reason = ""
-    if job.ecu == ON_A_BUS and job.wire is None:
-        raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
-    way = find_way(job.wire or WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
+    way = parts.way or find_way(WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
     with contextlib.ExitStack() as stack:
         peers = []
         if job.ecu != ON_A_BUS:
@@ -360,7 +368,7 @@ def result_of(
         maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),
-        summary=summary,
+        summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
         recording=records,
         pinch_time_s=extremes.pinch_time,
         trace=trace,

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from liftgate_hil.config.arguments import number_of, seed_of, texts_of, time_of
+from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, texts_of, time_of
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.shipped import find_config
@@ -29,7 +29,7 @@ RATES = (200.0, 10_000.0)  # Hz
 
 def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
     """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. Raises ConfigError."""
-    return load_vehicle(find_config("vehicles", str(name)), settings)
+    return load_vehicle(find_config("vehicles", str(name)), texts_of("settings", settings))
 
 
 def rig_from(name: str | Path) -> Rig:
@@ -43,12 +43,12 @@ def scenario_from(
     """The scenario of a shipped name or a path with its parameters replaced, or none. Raises ConfigError."""
     if name is None:
         return no_scenario()
-    return load_scenario(find_config("scenarios", str(name)), parameters or {})
+    given = numbers_of("parameters", parameters)
+    return load_scenario(find_config("scenarios", str(name)), given)
 
 
 def vehicle_of(vehicle: str | Path | Vehicle, settings: Sequence[str] = ()) -> Vehicle:
     """The vehicle of a name or a path, with settings put over it, or one that there is. Raises ConfigError."""
-    settings = texts_of("settings", settings)
     if isinstance(vehicle, str | Path):
         return vehicle_from(str(vehicle), settings)
     if not isinstance(vehicle, Vehicle):

@@ -49,6 +49,16 @@ class Rod(NamedTuple):
     ]
 
 
+# An obstacle as scenarios and programs describe it.
+OBSTACLE: dict[str, Signal] = {
+    "angle_deg": signals_of(Rod)["obstacle_angle"],
+    "distance": Signal("m", 0.01, 10.0, "from the hinge"),
+    "stiffness": Signal("N/m", 1.0, 1e7, "of its spring"),
+    "damping": Signal("N s/m", 0.0, 1e6, "beside the spring"),
+    "gap": Signal("m", -1.0, 1.0, "before the gate touches it at that angle"),
+}
+
+
 class Status(NamedTuple):
     """What the emulator says of itself."""
 

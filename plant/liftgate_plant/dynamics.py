@@ -19,7 +19,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from liftgate_plant import (
-    bridge,
     contact,
     environment,
     gate,
@@ -261,7 +260,6 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     )
 
 
-COASTING = bridge.DriveInput(0.0, 0.0, 1.0)
 NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 

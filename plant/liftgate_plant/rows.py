@@ -69,6 +69,19 @@ def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
     )
 
 
+def surroundings_of(load: Load) -> Surroundings:
+    """A load in the units of files."""
+    return Surroundings(
+        supply_voltage_v=load.supply_voltage,
+        road_slope_deg=load.road_slope * _DEGREES,
+        ambient_temperature_degc=load.ambient_temperature,
+        wind_pressure_pa=load.wind_pressure,
+        snow_mass_kg=load.snow_mass,
+        hand_force_n=load.hand_force,
+        external_torque_nm=load.external_torque,
+    )
+
+
 @compilable
 def truth_of(
     sensor: Sensors,

@@ -159,7 +159,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
             issues.append(f"--estimate {name}: {error}")
             continue
         if name in found:
-            issues.append(f"--estimate {name}: twice")
+            issues.append(f"--estimate {name}: given twice; allowed: once")
             continue
         part = name.partition(".")[2]
         if name.startswith(("left.", "right.")) and part in wanted:

@@ -188,11 +188,10 @@ def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
 
 def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
     """The inputs as the vehicle file has them, for the time before a test bench's panel says otherwise."""
-    return {
-        "supply_voltage_v": vehicle.supply.voltage,
-        "road_slope_deg": math.degrees(vehicle.environment.road_slope),
-        "hand_force_n": vehicle.environment.hand_force,
-    }
+    from liftgate_plant.rows import surroundings_of
+    from liftgate_plant.vehicle import load_of
+
+    return surroundings_of(load_of(vehicle))._asdict()
 
 
 def _raise_if_any(issues: list[str]) -> None:

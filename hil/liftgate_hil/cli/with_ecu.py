@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import LiftgateError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
@@ -30,15 +30,12 @@ def run_loop(
     it is a second process there. Raises LiftgateError, also for what went wrong in the run.
     """
     from liftgate_hil import runs
-    from liftgate_hil.transport.find import find_way
 
     job = _job_of(args, has_wire, trace)
     parts = runs.resolve(job)
-    is_here = job.wire is None or find_way(job.wire, parts.rig).is_interface("virtual")
+    is_here = parts.way is None or parts.way.is_interface("virtual")
     if args.ecu == ON_A_BUS or is_here:
         result = runs.execute(job, stopped)
-    elif args.clock == "free":
-        raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
     else:
         with _ecu_process(args, parts.setup.vehicle.drives) as child:
             result = runs.execute(replace(job, ecu=ON_A_BUS), stopped)

@@ -57,9 +57,9 @@ MESSAGE = np.dtype(
         ("kind", "i8"),  # of protection, see checksum.KINDS
         ("checksum_byte", "i8"),  # its first; -1: none
         ("data_ids", "i8", (16,)),  # of the E2E profiles: the data ID, in profile 2 the list
-        ("data_id_mode", "i8"),  # of profile 1, see checksum.DATA_ID_MODES
+        ("data_id_mode", "i8"),  # of profile 1, see e2e.profile_1.DATA_ID_MODES
         ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
-        # Of the E2E state machine, see sequence.py.
+        # Of the E2E state machine, see e2e/check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
         ("window", "i8"),  # 0: no state machine

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
+from pathlib import Path
 
 from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError
@@ -32,6 +33,31 @@ def seed_of(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < _SEEDS:
         raise ConfigError(f"`seed` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
     return int(value)
+
+
+def paths_of(name: str, values: object) -> tuple[str, ...]:
+    """A path, or a list of them. Raises ConfigError."""
+    if isinstance(values, str | Path):
+        return (str(values),)
+    if not isinstance(values, Sequence) or not all(isinstance(each, str | Path) for each in values):
+        raise ConfigError(f"`{name}` {show(values)}: allowed: a path, or a list of them")
+    return tuple(map(str, values))
+
+
+def numbers_of(name: str, values: object) -> dict[str, float]:
+    """Numbers by their names, or None: none. Raises ConfigError."""
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping) or not all(isinstance(each, str) for each in values):
+        raise ConfigError(f"`{name}` {show(values)}: allowed: numbers by their names")
+    return dict(values)
+
+
+def text_or_none(name: str, value: object) -> str | None:
+    """A text, or None. Raises ConfigError."""
+    if value is not None and not isinstance(value, str):
+        raise ConfigError(f"`{name}` {show(value)}: allowed: a text")
+    return value
 
 
 def texts_of(name: str, values: object) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.signals import PROFILES
+from liftgate_hil.signals import OBSTACLE, PROFILES
 from liftgate_hil.stimuli.requests import REQUESTS, Request
 from liftgate_hil.stimuli.timeline import (
     Profile,
@@ -191,14 +191,14 @@ def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile
 
 
 def _obstacle(issues: ConfigIssues, key: str, given: Table) -> TimedObstacle:
+    defaults = {"distance": 1.0, "stiffness": 10_000.0, "damping": 0.0, "gap": 0.0}
     ranges = {
         "start": (0.0, 0.0, 1e6, "s"),
         "end": (math.inf, 0.0, 1e6, "s"),
-        "angle_deg": (None, -10.0, 180.0, "deg"),
-        "distance": (1.0, 0.01, 10.0, "m"),
-        "stiffness": (10_000.0, 1.0, 1e7, "N/m"),
-        "damping": (0.0, 0.0, 1e6, "N s/m"),
-        "gap": (0.0, -1.0, 1.0, "m"),
+        **{
+            name: (defaults.get(name), signal.low, signal.high, signal.unit)
+            for name, signal in OBSTACLE.items()
+        },
     }
     known_keys(issues, key, given, [*ranges, "meets"])
     meets = text(issues, f"{key}.meets", given.get("meets", "closing"), ("closing", "opening"))

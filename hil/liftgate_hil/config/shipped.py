@@ -44,7 +44,7 @@ def find_config(kind: str, name: str) -> Path:
     if path.suffix or len(path.parts) > 1:
         if path.is_file():
             return path
-        raise ConfigError(f"{name}: no such file")
+        raise ConfigError(f"`{kind[:-1]}` {name}: no such file")
     shipped = data_root() / "configs" / kind / f"{name}.toml"
     if shipped.is_file():
         return shipped

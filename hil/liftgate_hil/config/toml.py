@@ -52,7 +52,7 @@ def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] =
 def table(issues: ConfigIssues, key: str, value: object) -> Table:
     """`value` as a table; a fault and an empty one where it is not."""
     if not isinstance(value, dict):
-        issues.add(key, f"{show(value)} is not a table")
+        issues.add(key, f"{show(value)}; allowed: a table")
         return {}
     return value
 

@@ -99,7 +99,7 @@ def apply_setting(raw: Table, setting: str) -> None:
     for name in names[:-1]:
         inner = place.setdefault(name, {})
         if not isinstance(inner, dict):
-            raise ConfigError(f"`set` {setting}: {name} is not a table")
+            raise ConfigError(f"`set` {setting}: {name} is not a table; allowed: a key of one")
         place = inner
     place[names[-1]] = parsed
 
@@ -163,19 +163,25 @@ def _fields(
 def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, origin: type) -> Any:
     if origin is float:
         return quantity.scale * number(
-            issues, key, value, quantity.low, quantity.high, quantity.unit
+            issues, key, value, quantity.low, quantity.high, _unit(quantity)
         )
     if not isinstance(value, list) or len(value) != 2:
         issues.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
         return (0.0, 0.0)
     return tuple(
-        number(issues, f"{key}[{i}]", each, quantity.low, quantity.high, quantity.unit)
+        number(issues, f"{key}[{i}]", each, quantity.low, quantity.high, _unit(quantity))
         for i, each in enumerate(value)
     )
 
 
 def _allowed(quantity: Quantity) -> str:
-    return f"allowed: {quantity.low:g} to {quantity.high:g} {quantity.unit}"
+    unit = _unit(quantity)
+    return f"allowed: {quantity.low:g} to {quantity.high:g}{' ' + unit if unit else ''}"
+
+
+def _unit(quantity: Quantity) -> str:
+    """As a person reads it; none of a pure number."""
+    return "" if quantity.unit == "1" else quantity.unit
 
 
 def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:

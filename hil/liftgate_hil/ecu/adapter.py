@@ -55,7 +55,7 @@ class Adapter:
         return "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
 
     def dropped(self) -> int:
-        """Frames for which it had no room."""
+        """Frames for which it had no room so far."""
         return int(self.state.port.head.dropped[0])
 
     def last_frames(self) -> Frames | None:

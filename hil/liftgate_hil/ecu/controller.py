@@ -73,15 +73,6 @@ def guard_of(memory: Memory, state: int) -> Any:
 
 
 @compilable
-def mean_count(memory: Memory) -> float:
-    """Mean of the drives' counts."""
-    total = 0.0
-    for i in range(len(memory.drives)):
-        total += memory.drives[i].count
-    return total / len(memory.drives)
-
-
-@compilable
 def gone(memory: Memory) -> float:
     """Mean of the counts since the motion began."""
     total = 0.0

@@ -10,7 +10,6 @@ from liftgate_hil.ecu.calibration import BINS, Calibration
 
 # Where the gate is in its life.
 UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
-STATES = ("unknown", "closed", "opening", "open", "closing", "stopped", "reversing")
 
 # What the driver asks for, as in the C interface.
 NO_REQUEST, STOP, REQUEST_OPEN, REQUEST_CLOSE = -1, 0, 1, 2

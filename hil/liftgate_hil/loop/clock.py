@@ -1,8 +1,8 @@
-"""When the next tick is, and how many steps it makes: three clocks behind one small interface.
+"""When the next tick is, and how many steps it makes: two clocks behind one small interface.
 
 realtime: absolute deadlines. A tick that comes too late skips whole periods: they are counted, and the plant
 makes their steps at once, so that model time equals wall time.
-free: as fast as it goes. Lockstep is not here: there the bus is the clock (`run.run_lockstep`).
+free: as fast as it goes. Lockstep is not here: there the bus is the clock (`python_loop.run_lockstep`).
 """
 
 from __future__ import annotations

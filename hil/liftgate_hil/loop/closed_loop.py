@@ -48,6 +48,7 @@ class RecordingTaker:
             recorder.write_rows(rows)
             if logged.count:
                 recorder.write_frames(logged, times)
+            recorder.flush()  # this process may be the worker of an ECU that crashes
 
 
 class Episode:

@@ -62,6 +62,8 @@ class Timing(NamedTuple):
 
 
 NO_TIMING = Timing()
+# Of a link, told with words of their own.
+_USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
 
 
 @dataclass
@@ -80,6 +82,7 @@ class Summary:
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's words for the last one
     recording_lost_rows: int = 0  # that the recorder was too slow for
+    ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
@@ -137,8 +140,8 @@ class Summary:
             link = self.link
             rarer = [
                 f", {count} {name.replace('_', ' ')}"
-                for name, count in list(link._asdict().items())[5:]
-                if count
+                for name, count in link._asdict().items()
+                if count and name not in _USUAL_FAULTS
             ]
             lines.append(
                 f"link: lost {link.losses} times, {link.send_failures} frames not sent "
@@ -147,6 +150,8 @@ class Summary:
                 + "".join(rarer)
                 + (f", last: {self.link_error}" if self.link_error else "")
             )
+        if self.ecu_dropped_frames:
+            lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
         return lines

@@ -92,8 +92,8 @@ def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
         return math.nan
     marks = at[np.unique(np.linspace(0, len(at) - 1, min(50, len(at))).astype(int))]
     clock, rate = times[moving], speed[moving]
-    multiple_shooting = np.diff(clock) * (rate[1:] + rate[:-1]) / 2.0
-    travelled = np.concatenate([np.zeros(1), np.cumsum(multiple_shooting)])
+    distances = np.diff(clock) * (rate[1:] + rate[:-1]) / 2.0
+    travelled = np.concatenate([np.zeros(1), np.cumsum(distances)])
     by_speed = np.diff(np.interp(times[marks], clock, travelled))
     by_position = np.diff(position[marks])
     inside = (times[marks][:-1] >= clock[0]) & (times[marks][1:] <= clock[-1])

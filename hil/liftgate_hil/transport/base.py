@@ -36,7 +36,7 @@ class Transport(Protocol):
         """Whether the link is there, as far as is known."""
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """Frames that have come, at most `capacity` of them; waits up to `timeout` [s] for the first."""
+        """Frames that have come, as many as there is room for; waits up to `timeout` [s] for the first."""
 
     def send(self, frames: Frames) -> None:
         """Send frames."""
@@ -58,7 +58,7 @@ class Line(Protocol):
 
     def watch(self, control: Any) -> str | None:
         """Look after the wire; called every 20 ms or so. What changed, if anything did. `control` is what the
-        loop has seen of it (a row of `loop.shared.CONTROL`).
+        loop has seen of it (a row of `loop.rings.CONTROL`).
         """
 
     def counts(self) -> LinkCounts:

@@ -328,7 +328,7 @@ def test_a_prior_that_is_sure_wins_over_the_data(
             ["--estimate", "motor.resistence,gear.foo"],
             ["motor.resistence: no such", "gear.foo: no such"],
         ),
-        (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: twice"]),
+        (["--estimate", "motor.resistance,motor.resistance"], ["motor.resistance: given twice"]),
         (
             ["--estimate", "motor.resistance,left.motor.resistance"],
             ["left.motor.resistance: within motor.resistance; allowed: one of them"],

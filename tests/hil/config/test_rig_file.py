@@ -176,7 +176,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         ('dbc = "none.dbc"\n' + INPUTS + OUTPUTS, "dbc", "none.dbc"),
         ('dbc = "their.toml"\n' + INPUTS + OUTPUTS, "dbc", "cannot be read"),
         ('dbc = "their.dbc"\n', "inputs.left_duty", "missing"),
-        ('dbc = "their.dbc"\ninputs = 3\n', "inputs", "not a table"),
+        ('dbc = "their.dbc"\ninputs = 3\n', "inputs", "allowed: a table"),
         ('dbc = "their.dbc"\n[inputs]\nright_duty = "Cmd.DutyR"\n', "inputs.left_duty", "missing"),
         (RIG + 'gate_angle = ""\n', "outputs.gate_angle.signal", "allowed"),
         (RIG + 'gate_angle = "."\n', "outputs.gate_angle", "no such message"),
@@ -193,7 +193,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (RIG + "[messages.Cmd]\ncounter = 1\n", "messages.Cmd.counter", "Alive"),
         (RIG + "[messages.Cmd]\ncycle_ms = nan\n", "messages.Cmd.cycle_ms", "60000"),
         (RIG + "[messages.Cmd]\nchecksum_kind = ''\n", "messages.Cmd.checksum_kind", "xor8"),
-        (RIG + "[messages]\nCmd = 3\n", "messages.Cmd", "not a table"),
+        (RIG + "[messages]\nCmd = 3\n", "messages.Cmd", "allowed: a table"),
         (
             RIG + 'latch_state = { signal = "Out.Latch", values = { open = "auf" } }\n',
             "latch_state.values",

@@ -132,7 +132,7 @@ def test_a_number_in_the_place_of_a_table_is_a_fault(tmp_path: Path, name: str):
         if not skipping:
             lines.append(line)
     issues = faults_of(tmp_path, f"{name} = 3\n" + "\n".join(lines))
-    assert any(fault.split(": ")[1] == name and "not a table" in fault for fault in issues)
+    assert any(fault.split(": ")[1] == name and "allowed: a table" in fault for fault in issues)
 
 
 def test_a_side_may_have_its_own_values(tmp_path: Path):

@@ -135,7 +135,7 @@ def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time
     options = session.RunOptions(clock="free")
     job = runs.Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
     with pytest.raises(EcuError) as caught:
-        run_isolated(pickle.dumps(job), 0.001, hang_s=1.0)
+        run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no answer for 1 s"
 
 
