@@ -170,9 +170,7 @@ class Gate:
             duty = number_of(f"{side}_duty", said, -100.0, 100.0, "%")
             if self._config.signed_left if side == "left" else self._config.signed_right:
                 duty = _signed(duty, direction)
-            number = _direction(
-                f"{side}_direction", "coast" if direction is None else direction
-            )
+            number = _direction(f"{side}_direction", "coast" if direction is None else direction)
             values[getattr(IN, f"{side}_duty")] = duty
             values[getattr(IN, f"{side}_direction")] = number
         release = quantities.get("latch_release", False)

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -328,6 +329,65 @@ def test_machine_code_is_kept_until_what_it_is_made_of_changes(package: Path, tm
     replace(package / "gatelike" / "entries.py", "1.0, 4.0", "4.0, 1.0")
     assert python(first, *places, cache=home).split() == ["False", "True", "116.0", "False"]
     assert not Path("elsewhere").exists()
+
+
+SMALL = """
+import sys, threading
+from liftgate_plant.compiler import compiled
+def entry(x: float) -> float:
+    return 2.0 * x
+def again(x: float) -> float:
+    return 3.0 * x
+found = []
+def run():
+    found.append((compiled(entry)(1.0), compiled(again)(1.0)))
+threads = [threading.Thread(target=run) for _ in range(6)]
+for each in threads: each.start()
+for each in threads: each.join()
+print(set(found))
+"""
+
+
+def in_a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda path: path.write_bytes(b""),
+        lambda path: path.write_bytes(path.read_bytes()[:40]),
+        lambda path: path.write_bytes(path.read_bytes()[:-1]),
+        lambda path: path.write_bytes(path.read_bytes()[:2000] + bytes(100) + path.read_bytes()[2100:]),
+        in_a_folder,
+    ],
+    ids=["empty", "its beginning", "without its end", "other bytes", "a folder"],
+)  # fmt: skip
+def test_machine_code_that_was_spoilt_is_made_anew(tmp_path: Path, spoil: Callable[[Path], None]):
+    places = [source.parent for source in SOURCES]
+    assert python(SMALL, *places, cache=tmp_path) == "{(2.0, 3.0)}\n"
+    files = sorted(tmp_path.rglob("*.code"))
+    assert len(files) == 2
+    whole = [path.read_bytes() for path in files]
+    for path in files:
+        spoil(path)
+    assert python(SMALL, *places, cache=tmp_path) == "{(2.0, 3.0)}\n"
+    if not files[0].is_dir():
+        assert [len(path.read_bytes()) for path in files] == [len(each) for each in whole]
+    assert len(list(tmp_path.rglob("*.code"))) == 2
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+def test_where_nothing_can_be_kept_it_compiles_all_the_same(tmp_path: Path):
+    places = [source.parent for source in SOURCES]
+    file = tmp_path / "file"
+    file.touch()
+    assert python(SMALL, *places, cache=file) == "{(2.0, 3.0)}\n"
+    homeless = "import os, pathlib\nos.environ.pop('XDG_CACHE_HOME', None)\n"
+    homeless += "def nowhere(*_): raise RuntimeError('no home')\npathlib.Path.home = nowhere\n"
+    assert python(homeless + SMALL, *places) == "{(2.0, 3.0)}\n"
 
 
 @pytest.mark.skipif(not enabled(), reason="needs the compiler")

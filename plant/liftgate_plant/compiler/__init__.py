@@ -16,6 +16,7 @@ import importlib.util
 import os
 import platform
 import sys
+import threading
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -43,6 +44,7 @@ T = TypeVar("T")
 
 _compilable: list[Callable[..., Any]] = []
 _known_to_numba: set[Callable[..., Any]] = set()
+_lock = threading.Lock()
 
 # IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
 # No wrapper for calls from C: nothing here calls from there.
@@ -64,7 +66,8 @@ def compiled(function: F) -> F:
     """The machine code of `function`, compiled at its first call (or read from the cache)."""
     if not enabled():
         return function
-    return _compiled(function)  # type: ignore[return-value]
+    with _lock:
+        return _compiled(function)  # type: ignore[return-value]
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
@@ -72,7 +75,7 @@ def is_cached(function: Callable[..., Any]) -> bool:
     if not enabled():
         return True
     try:
-        return any(cache_folder(function).rglob("*.nbi"))
+        return any(cache_folder(function).glob("*.code"))
     except OSError:  # a folder that this user may not look into
         return False
 
@@ -89,13 +92,21 @@ def borrowed(value: T) -> T:
 
 def enabled() -> bool:
     """Whether `compiled` compiles."""
-    return os.environ.get("LIFTGATE_COMPILE", "1") != "0"
+    said = os.environ.get("LIFTGATE_COMPILE", "1"), os.environ.get("NUMBA_DISABLE_JIT", "0")
+    return said[0] != "0" and said[1] in ("", "0")
 
 
 def cache_folder(function: Callable[..., Any] | None = None) -> Path:
     """Where machine code is kept, all of it or that of an entry point as its sources are now."""
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "liftgate-hil"
+    root = Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache") / "liftgate-hil"
     return root if function is None else root / _key(function, len(_compilable))
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError:  # a user without one, as in containers: nothing can be kept there
+        return Path(os.devnull)
 
 
 @functools.cache

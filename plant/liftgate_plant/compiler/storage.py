@@ -1,15 +1,22 @@
 # mypy: allow-untyped-calls
-"""Where numba keeps machine code on disk."""
+"""Machine code on disk: a file for each signature of an entry point, in the entry point's own folder."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
+import os
+import pickle
 from pathlib import Path
 from typing import IO, Any
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+SUFFIX = ".code"
+_DIGEST_BYTES = hashlib.sha256().digest_size
 
 types: Any = numba.types
 
@@ -17,17 +24,9 @@ types: Any = numba.types
 def keep(machine_code: Any, folder: Path) -> None:
     """Let numba keep the machine code of an entry point in `folder`, which is its own.
 
-    Where no such folder can be made it compiles afresh each time.
+    What cannot be read, or not be kept, is compiled afresh.
     """
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
-        cache = _EntryCache(machine_code.py_func, folder / "lock")
-    except (OSError, RuntimeError):  # RuntimeError: numba finds no place, or no source file
-        return
-    finally:
-        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+    cache = _EntryCache(folder)
     compile_here = machine_code.compile
 
     def compile_in_turn(signature: Any) -> Any:
@@ -40,33 +39,40 @@ def keep(machine_code: Any, folder: Path) -> None:
     machine_code.compile = compile_in_turn
 
 
-class _EntryCache(FunctionCache):
-    """numba's disk cache of a function, in which one process at a time compiles; others wait and load.
-
-    numba's own would have each of them compile, and may mix up what they save at the same time: each reads the
-    index, and takes the next free name in it for its file.
+class _EntryCache:
+    """In the place of numba's, which may fall back to other folders, looks at less than our key does, and has what
+    is wrong with a file end the run. One process at a time compiles; others wait, and load.
     """
 
-    def __init__(self, function: Any, path: Path) -> None:
-        super().__init__(function)
-        self._path = path
+    def __init__(self, folder: Path) -> None:
+        self.cache_path = str(folder)
+        self._folder = folder
         self._lock: IO[bytes] | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is kept for the signature; where there is None it is this process's turn to compile."""
-        found = super().load_overload(sig, target_context)
+        target_context.refresh()
+        found = self._load(sig, target_context)
         if found is None and self._lock is None:
             # Without locks, or in a folder that this user may not write to, each compiles by itself.
             with contextlib.suppress(OSError):
-                self._lock = self._path.open("ab")
+                self._folder.mkdir(parents=True, exist_ok=True)
+                self._lock = (self._folder / "lock").open("ab")
                 fcntl.flock(self._lock, fcntl.LOCK_EX)
-                found = super().load_overload(sig, target_context)
+                found = self._load(sig, target_context)
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep it; a full disk costs the next start its time, but this one goes on."""
-        with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+        """Keep it, whole or not at all; a full disk costs the next start its time, but this one goes on."""
+        content = dumps(data._reduce())
+        path = self._path(sig)
+        draft = path.with_suffix(f".{os.getpid()}")
+        try:
+            draft.write_bytes(hashlib.sha256(content).digest() + content)
+            draft.replace(path)
+        except OSError:
+            with contextlib.suppress(OSError):
+                draft.unlink()
 
     def release(self) -> None:
         """Let another process have its turn."""
@@ -74,10 +80,21 @@ class _EntryCache(FunctionCache):
             self._lock.close()
             self._lock = None
 
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """To numba a NamedTuple with the same types of fields is the same, whatever their names."""
+    def _load(self, sig: Any, context: Any) -> Any:
+        try:
+            content = self._path(sig).read_bytes()
+        except OSError:
+            return None
+        digest, content = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
+        if hashlib.sha256(content).digest() != digest:  # cut short, or not ours
+            return None
+        return CompileResult._rebuild(context, *pickle.loads(content))
+
+    def _path(self, sig: Any) -> Path:
+        # To numba a NamedTuple with the same types of fields is the same, whatever their names.
         fields = tuple(_fields_of(kind) for kind in getattr(sig, "args", sig))
-        return (*super()._index_key(sig, codegen), fields)
+        name = hashlib.sha256(f"{sig} {fields}".encode()).hexdigest()[:16]
+        return self._folder / (name + SUFFIX)
 
 
 def _fields_of(kind: Any) -> Any:
