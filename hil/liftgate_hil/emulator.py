@@ -38,6 +38,7 @@ class Emulator:
     options: RunOptions = field(default_factory=RunOptions)
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
+    channel: str = ""  # what recordings call the wire, where not by its own name
     listener: Listener = field(default_factory=Listener)
     stopped: Callable[[], bool] = _never
 
@@ -74,7 +75,8 @@ class Emulator:
                 memory = memory_for(options.rate)
                 stack.callback(memory.close)
                 if options.records:
-                    recorder = RecorderProcess(options.records, memory, drives, line.name)
+                    name = self.channel or line.name
+                    recorder = RecorderProcess(options.records, memory, drives, name)
                     stack.callback(recorder.close)
                 loop = RealtimeRun(
                     config=self.config,
@@ -116,7 +118,8 @@ class Emulator:
             epoch = time.time() if options.clock == "realtime" else 0.0
             recorders = []
             for path in options.records:
-                recorder = open_recorder(path, self.setup.vehicle.drives, transport.name, epoch)
+                name = self.channel or transport.name
+                recorder = open_recorder(path, self.setup.vehicle.drives, name, epoch)
                 stack.callback(recorder.close)
                 recorders.append(recorder)
             loop = Loop(

@@ -16,11 +16,13 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from liftgate_hil.errors import EcuError
-from liftgate_hil.loop.closed_loop import FRAMES, ROWS
+from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
 
 HANG_S = 10.0  # that the ECU may take for a tick, to be made, or to end
+_STOP_S = 1.0  # the same, once it is stopped
 _LOOK_S = 0.05
+_ROWS = 512  # of a stretch: at most so many are lost with a crash
 
 
 def run_isolated(
@@ -34,15 +36,18 @@ def run_isolated(
 
     Raises EcuError where it crashed or hung.
     """
-    memory = Memory(ROWS, FRAMES)
+    memory = Memory(_ROWS, FRAMES)
     answer, given = os.pipe()
     command = [
         sys.executable, "-P", "-m", worker,
-        str(ROWS), str(FRAMES), str(memory.descriptor), str(given),
+        str(_ROWS), str(FRAMES), str(memory.descriptor), str(given),
     ]  # fmt: skip
     try:
         child = subprocess.Popen(
-            command, stdin=subprocess.PIPE, pass_fds=[memory.descriptor, given]
+            command,
+            stdin=subprocess.PIPE,
+            pass_fds=[memory.descriptor, given],
+            start_new_session=True,  # signals for the caller's group are the caller's business
         )
         os.close(given)
         assert child.stdin is not None
@@ -74,13 +79,15 @@ def _answer(
     seen, since = (0, 0), time.monotonic()
     while True:
         if stopped():
-            control.stop = 1
+            control.stop, hang_s = 1, min(hang_s, _STOP_S)
         if select.select([answer], [], [], _LOOK_S)[0]:
             part = os.read(answer, 1 << 20)
             if not part:
                 break
             parts.append(part)
             continue
+        if child.poll() is not None:
+            break  # and whatever it left behind that may hold the pipe
         now, progress = time.monotonic(), (int(control.tick), int(control.foreign))
         if progress != seen:
             seen, since = progress, now

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
 
 
+_PRIVATE = "virtual"  # what recordings call a bus that is in this process alone
 _WORKER = "liftgate_hil.worker"  # that runs a job in a process of its own
 
 
@@ -282,7 +283,7 @@ def _free(
     recorders = []
     with contextlib.ExitStack() as stack:
         for path in options.records:
-            recorder = open_recorder(path, parts.setup.vehicle.drives, "virtual", 0.0)
+            recorder = open_recorder(path, parts.setup.vehicle.drives, _PRIVATE, 0.0)
             stack.callback(recorder.close)
             recorders.append(recorder)
         if recorders:
@@ -337,6 +338,7 @@ def _on_bus(
             way=way,
             options=parts.options,
             peers=peers,
+            channel="" if parts.way else _PRIVATE,
             takers=takers if memory is None else [*takers, _Progress(memory)],
             listener=job.listener,
             stopped=stopped,

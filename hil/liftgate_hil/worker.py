@@ -5,6 +5,7 @@ python -P -m liftgate_hil.worker ROWS FRAMES MEMORY ANSWER       sizes, then des
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import signal
@@ -14,12 +15,18 @@ from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.runs import Job, run_job
 
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG
+
 
 def main() -> int:
     """Run the job; its result, or what was raised, is the answer."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C is for the parent
+    ctypes.CDLL(None).prctl(
+        _PDEATHSIG, signal.SIGKILL, 0, 0, 0
+    )  # nobody is left who waits for the answer
     rows, frames, descriptor, answer = (int(each) for each in sys.argv[1:5])
     job: Job = pickle.loads(sys.stdin.buffer.read())
+    for each in (descriptor, answer):
+        os.set_inheritable(each, False)  # by what an ECU starts
     memory = Memory(rows, frames, descriptor)
     result: object
     try:

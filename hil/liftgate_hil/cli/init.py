@@ -40,7 +40,7 @@ def _contents(folder: str, written: Sequence[Path]) -> list[str]:
 
 def _next_steps(folder: str) -> list[str]:
     """What to do there, as commands that run as they stand."""
-    program, pytest, make = "liftgate-hil", "pytest", "make -C ecu"
+    program, pytest, make = "liftgate-hil", "python -m pytest", "make -C ecu"
     python = Path(sys.executable)
     if Path(shutil.which("python3") or "").parent != python.parent:
         # An environment that is not activated: PATH leads to another Python, without this package.

@@ -46,7 +46,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
-    module = importlib.import_module(f"liftgate_hil.cli.{name}")
+    try:
+        module = importlib.import_module(f"liftgate_hil.cli.{name}")
+    except KeyboardInterrupt:
+        return 130
     parser = Parser(
         prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
         description=module.__doc__,

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import collections
 import contextlib
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import LiftgateError
+from liftgate_hil.errors import ConfigError, LiftgateError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.runs import Job, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
+_USAGE = 2  # exit code
 _EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
 
 
@@ -38,10 +41,11 @@ def run_loop(
         result = runs.execute(job, stopped)
     else:
         with _ecu_process(args, parts.setup.vehicle.drives) as child:
-            result = runs.execute(replace(job, ecu=ON_A_BUS), stopped)
-            child.terminate()
-            if not result.reason:
-                result = replace(result, events=_events_of(child, args.ecu))
+            result = runs.execute(
+                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed()
+            )
+            events = child.end()
+            result = result if result.reason else replace(result, events=events)
     if result.reason:
         raise LiftgateError(result.reason)
     return result
@@ -66,7 +70,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
 
 
 @contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.Popen[str]]:
+def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
     """`liftgate-hil ecu` on the same bus; ended with this process."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(drives), "--ecu", args.ecu]
@@ -77,22 +81,65 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[subprocess.P
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
     command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    child = EcuProcess(command, args.quiet, has_to_tell=args.ecu == "reference")
     try:
         yield child
     finally:
         child.kill()
-        child.wait()
 
 
-def _events_of(child: subprocess.Popen[str], ecu: str) -> list[Event]:
-    from liftgate_hil.ecu.events import IN_WORDS, Event
+class EcuProcess:
+    """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
-    stream: IO[str] | None = child.stderr
-    assert stream is not None
-    lines = stream.read().splitlines()
-    matches = [match for line in lines if (match := _EVENT.match(line))]
-    if not matches and ecu == "reference":
-        detail = " ".join(lines)[:300] or "it said nothing"
-        raise LiftgateError(f"the ECU's process did not take part: {detail}")
-    return [Event(float(match[1]), IN_WORDS, match[2]) for match in matches]
+    def __init__(self, command: list[str], is_quiet: bool, has_to_tell: bool) -> None:
+        self._process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, errors="replace"
+        )
+        self._is_quiet = is_quiet
+        self._has_to_tell = has_to_tell
+        self._events: list[Event] = []
+        self._others: collections.deque[str] = collections.deque(maxlen=20)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        from liftgate_hil.ecu.events import IN_WORDS, Event
+
+        stream: IO[str] | None = self._process.stderr
+        assert stream is not None
+        for line in stream:
+            match = _EVENT.match(line)
+            if match:
+                self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
+                continue
+            self._others.append(line.strip())
+            if not self._is_quiet:
+                print(line, end="", file=sys.stderr, flush=True)
+
+    def has_failed(self) -> bool:
+        """Whether it ended with an error."""
+        return self._process.poll() not in (None, 0)
+
+    def end(self) -> list[Event]:
+        """End it; what it told. Raises LiftgateError where it had failed."""
+        code = self._process.poll()
+        self._process.terminate()
+        self._process.wait()
+        self._reader.join()
+        if code:
+            said = "; ".join(self._others)[-300:] or f"exit code {code}"
+            kind = ConfigError if code == _USAGE else LiftgateError
+            raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
+        if not self._events and self._has_to_tell:
+            said = "; ".join(self._others)[-300:] or "it said nothing"
+            raise LiftgateError(f"the ECU's process did not take part: {said}")
+        return self._events
+
+    def wait(self, timeout: float) -> None:
+        """Until it has ended, at most so long [s]. Raises subprocess.TimeoutExpired."""
+        self._process.wait(timeout)
+
+    def kill(self) -> None:
+        """Whatever it does."""
+        self._process.kill()
+        self._process.wait()

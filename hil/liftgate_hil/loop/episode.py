@@ -57,7 +57,9 @@ def most_frames(config: LoopConfig) -> int:
 def run_stretch(
     config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
 ) -> Stretch:
-    """Run from where the last stretch ended until `script.ticks`, or until a ring of `shared` could overflow."""
+    """Run on from where the last stretch ended: until `script.ticks`, until a ring of `shared` could overflow, or
+    until its `stop` is set.
+    """
     config, node, script, shared = borrowed((config, node, script, shared))
     loop, state = borrowed((start.loop, start.node))
     asked, to_gate = start.asked, outgoing(node, state, start.pending)
@@ -70,9 +72,12 @@ def run_stretch(
         asked = ask(node, state, script.requests, 0, 0)
         state, to_gate, is_fine = turn(node, state, config.nothing, 0)
         outcome = DONE if is_fine else BAD_ECU
-    while outcome == DONE and loop.tick < script.ticks + script.is_last and rows > 0 and room > 0:
+    last = script.ticks + script.is_last
+    while outcome == DONE and loop.tick < last and rows > 0 and room > 0:
         rows -= 1
         stopping = loop.tick >= script.ticks
+        if control.stop != 0 and not stopping:
+            break
         take_letters(shared.box, script.held)
         outside = outside_at(
             script.timeline, script.held, loop.tick * config.step, 0, False, stopping

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from c_library import build, needs_compiler
 from liftgate_hil import session
 from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
+from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.runs import Result
@@ -291,3 +293,41 @@ def test_on_the_lockstep_clock_it_shows_the_same(folder: Path) -> None:
 
 def test_the_demos_own_length_is_what_makes_it_whole() -> None:
     assert session.scenario_from("demo").duration == 42.0
+
+
+# The ECU as a process of its own, on a real bus.
+
+ON_A_BUS = """
+class Raises:
+    def step(self, now_s, frames):
+        if now_s > 0.3:
+            raise ValueError("not today")
+        return []
+"""
+
+
+@pytest.mark.parametrize(
+    ("ecu", "code", "told"),
+    [
+        ("their_ecus:Nobody", 2, "the ECU's process: --ecu their_ecus:Nobody"),
+        ("missing.so", 2, "the ECU's process: --ecu missing.so: no such file"),
+        ("their_ecus:Raises", 1, "ValueError: not today"),
+    ],
+)
+def test_an_ecus_process_that_fails_ends_the_run_with_its_cause(
+    folder: Path, capsys: pytest.CaptureFixture[str], ecu: str, code: int, told: str
+) -> None:
+    (folder / "their_ecus.py").write_text(ON_A_BUS)
+    line = ["--bus", "udp_multicast:239.74.163.61", "--ecu", ecu, "--duration", "30", "--quiet"]
+    assert main(line) == code
+    assert told in capsys.readouterr().err
+
+
+def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
+    child = EcuProcess([sys.executable, "-c", code], is_quiet=False, has_to_tell=True)
+    child.wait(60.0)
+    assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
+    assert capsys.readouterr().err == "x" * 1_000_000 + "\n"

@@ -27,6 +27,7 @@ SCENARIO = Scenario(no_timeline(), (Request(0.02, "open"),), 0.1)
 AT = "now_ns == 50000000"
 SOURCE = """
 #include "liftgate_ecu.h"
+#include <fcntl.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -219,3 +220,32 @@ def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
     assert result.verdict == "pass", result.reason
     assert len(result.trace["time_s"]) == 51
     assert result.summary.ticks == 51
+
+
+def test_what_a_crashed_library_leaves_behind_holds_nothing_up(tmp_path: Path) -> None:
+    path = library(
+        tmp_path, step=f"if ({AT}) {{ if (!fork()) {{ sleep(60); _exit(0); }} abort(); }}"
+    )
+    assert lh.run(SCENARIO, path).reason == "the ECU at 0.050 s: its process ended (SIGABRT)"
+
+
+def test_after_a_crash_the_recording_and_the_summary_tell_how_far_it_came(tmp_path: Path) -> None:
+    path = library(tmp_path, step="if (now_ns >= 1500000000) abort();")
+    scenario = dataclasses.replace(SCENARIO, duration=3.0)
+    record = tmp_path / "run.csv"
+    result = lh.run(scenario, path, record=record)
+    assert (result.summary.ticks, result.summary.model_time_s) == (1500, 1.5)
+    last = record.read_text().splitlines()[-1]
+    assert float(last.split(",")[0]) > 1.5 - 0.52
+
+
+def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
+    options = session.RunOptions(clock="free")
+    scenario = dataclasses.replace(SCENARIO, duration=1000.0)
+    touch = f'close(creat("{tmp_path / "flag"}", 0600));'
+    path = library(tmp_path, step=f"usleep(1000); if (now_ns == 20000000) {touch}")
+    job = runs.Job(scenario=scenario, ecu=str(path), options=options)
+    stopped = (tmp_path / "flag").exists
+    result = pickle.loads(run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped))
+    assert result.verdict == "pass"
+    assert 20 <= result.summary.ticks < 100_000
