@@ -53,7 +53,6 @@ class Compile(NamedTuple):
 
     cold: Times
     warm: Times
-    entries: int  # functions that were compiled
 
 
 def times_of(*arguments: str, environment: Mapping[str, str] | None = None) -> Times:
@@ -136,12 +135,11 @@ def compile_times(arguments: Sequence[str]) -> Compile:
             cache = {"XDG_CACHE_HOME": f"{folder}/cache"}
             cold = times_of(*command, environment=cache)
             runs = [times_of(*command, environment=cache) for _ in range(ROUNDS)]
-            entries = len(list(Path(folder).rglob("*.nbi")))
     finally:
         os.close(ours)
         os.close(theirs)
     warm = Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
-    return Compile(cold, warm, entries)
+    return Compile(cold, warm)
 
 
 def compiles() -> dict[str, Compile]:
