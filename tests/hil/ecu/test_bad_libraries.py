@@ -243,9 +243,9 @@ def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
     options = session.RunOptions(clock="free")
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
-    path = library(tmp_path, step=f"usleep(1000); if (now_ns == 20000000) {touch}")
+    path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
     job = runs.Job(scenario=scenario, ecu=str(path), options=options)
     stopped = (tmp_path / "flag").exists
     result = pickle.loads(run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped))
     assert result.verdict == "pass"
-    assert 20 <= result.summary.ticks < 100_000
+    assert 20 <= result.summary.ticks < 400  # the rings would hold 512
