@@ -159,3 +159,16 @@ def test_a_run_that_fails_tells_how_far_it_came(scenario: Path, clock: str) -> N
     assert result.reason.startswith("the ECU at 0.05")
     assert 50 <= result.summary.ticks <= 61
     assert result.maxima["gate_angle_deg"] > 44.0
+
+
+def test_frames_for_which_an_ecu_had_no_room_are_told(scenario: Path) -> None:
+    class Rarely:
+        period_s = 2.0
+
+        def step(self, now_s: float, frames: object) -> list[object]:
+            return []
+
+    dropped = lh.run(scenario, ecu=Rarely()).summary
+    assert dropped.ecu_dropped_frames > 0
+    assert f"the ECU had no room for {dropped.ecu_dropped_frames} frames" in dropped.lines()
+    assert lh.run(scenario).summary.ecu_dropped_frames == 0

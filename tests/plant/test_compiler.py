@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 
 import liftgate_hil
 import liftgate_plant
+from liftgate_plant import compiler
 from liftgate_plant.compiler import (
     all_finite,
     borrowed,
@@ -346,6 +349,27 @@ for each in threads: each.start()
 for each in threads: each.join()
 print(set(found))
 """
+
+
+@pytest.mark.skipif(not enabled(), reason="needs the compiler")
+def test_one_thread_at_a_time_tells_numba_what_it_has_to_know(monkeypatch: pytest.MonkeyPatch):
+    inside, most = [0], [0]
+    enter = threading.Barrier(2)
+
+    def count() -> None:
+        inside[0] += 1
+        most[0] = max(most[0], inside[0])
+        with contextlib.suppress(threading.BrokenBarrierError):
+            enter.wait(0.5)  # for the other one, who must not come
+        inside[0] -= 1
+
+    monkeypatch.setattr(compiler, "_import_numba", count)
+    threads = [threading.Thread(target=compiled, args=(f,)) for f in (lambda: 1, lambda: 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1]
 
 
 def in_a_folder(path: Path) -> None:
