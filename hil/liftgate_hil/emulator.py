@@ -92,7 +92,9 @@ class Emulator:
                     takers=self.takers,
                     realtime=Realtime(options.cpu) if options.realtime else None,
                 )
-                self.listener.starts(run_realtime, f"{self.setup.vehicle_name} on {line.name}")
+                self.listener.starts(
+                    run_realtime, f"{self.setup.vehicle_name} on {self.channel or line.name}"
+                )
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
@@ -132,7 +134,9 @@ class Emulator:
                 takers=self.takers,
                 bitrate=self.way.bitrate(rig),
             )
-            self.listener.starts(scheduled_tick, f"{self.setup.vehicle_name} on {transport.name}")
+            self.listener.starts(
+                scheduled_tick, f"{self.setup.vehicle_name} on {self.channel or transport.name}"
+            )
             loop.begin()
             clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             try:
