@@ -72,10 +72,10 @@ class Emulator:
             with contextlib.ExitStack() as stack:
                 line = open_line(self.way)
                 stack.callback(line.close)
+                name = self.channel or line.name
                 memory = memory_for(options.rate)
                 stack.callback(memory.close)
                 if options.records:
-                    name = self.channel or line.name
                     recorder = RecorderProcess(options.records, memory, drives, name)
                     stack.callback(recorder.close)
                 loop = RealtimeRun(
@@ -92,9 +92,7 @@ class Emulator:
                     takers=self.takers,
                     realtime=Realtime(options.cpu) if options.realtime else None,
                 )
-                self.listener.starts(
-                    run_realtime, f"{self.setup.vehicle_name} on {self.channel or line.name}"
-                )
+                self.listener.starts(run_realtime, f"{self.setup.vehicle_name} on {name}")
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
@@ -118,9 +116,9 @@ class Emulator:
             stack.callback(transport.close)
             # Only wall time has an epoch; the other clocks' recordings are the same every time.
             epoch = time.time() if options.clock == "realtime" else 0.0
+            name = self.channel or transport.name
             recorders = []
             for path in options.records:
-                name = self.channel or transport.name
                 recorder = open_recorder(path, self.setup.vehicle.drives, name, epoch)
                 stack.callback(recorder.close)
                 recorders.append(recorder)
@@ -134,9 +132,7 @@ class Emulator:
                 takers=self.takers,
                 bitrate=self.way.bitrate(rig),
             )
-            self.listener.starts(
-                scheduled_tick, f"{self.setup.vehicle_name} on {self.channel or transport.name}"
-            )
+            self.listener.starts(scheduled_tick, f"{self.setup.vehicle_name} on {name}")
             loop.begin()
             clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             try:

@@ -139,16 +139,23 @@ def run(
     return execute(job)
 
 
-def execute(job: Job, stopped: Callable[[], bool] = lambda: False) -> Result:
-    """Run a job, in a process of its own where its ECU may crash. Raises ConfigError."""
-    return _isolated(job, stopped) if is_library(job.ecu) else run_job(job, (), stopped)
+def execute(
+    job: Job, stopped: Callable[[], bool] = lambda: False, parts: Parts | None = None
+) -> Result:
+    """Run a job, in a process of its own where its ECU may crash; `parts` are its objects, if there already.
+
+    Raises ConfigError.
+    """
+    parts = parts or resolve(job)  # what is wrong with the job is told here
+    if is_library(job.ecu):
+        return _isolated(job, stopped)
+    return run_job(job, (), stopped, parts=parts)
 
 
 def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     """Run a job in a process of its own. Raises ConfigError."""
     from liftgate_hil.isolation import run_isolated
 
-    resolve(job)  # what is wrong with the job is told here
     check_ecu(job.ecu)
     ticks = 0
     try:
@@ -210,12 +217,13 @@ def run_job(
     takers: Sequence[Taker] = (),
     stopped: Callable[[], bool] = lambda: False,
     memory: Memory | None = None,
+    parts: Parts | None = None,
 ) -> Result:
     """Run a job in this process; `takers` get its rows and frames, others may see its loop's `memory`.
 
     Raises ConfigError.
     """
-    parts = resolve(job)
+    parts = parts or resolve(job)
     seen: list[Taker] = [Extremes(), *takers]
     if job.trace:
         seen.append(Trace(job.trace))

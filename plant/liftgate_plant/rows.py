@@ -69,6 +69,7 @@ def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
     )
 
 
+@compilable
 def surroundings_of(load: Load) -> Surroundings:
     """A load in the units of files."""
     return Surroundings(
@@ -91,7 +92,7 @@ def truth_of(
     shown: Outputs,
 ) -> Truth:
     """The row of a state, of the inputs that led to it and of what it shows under them."""
-    left, right, load = state.left, state.right, inputs.load
+    left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(
         time_s=time,
         left_voltage_v=shown.left_voltage,
@@ -115,13 +116,13 @@ def truth_of(
         left_coast=inputs.left.coast,
         right_coast=inputs.right.coast,
         latched=state.latched,
-        supply_voltage_v=load.supply_voltage,
-        road_slope_deg=load.road_slope * _DEGREES,
-        ambient_temperature_degc=load.ambient_temperature,
-        wind_pressure_pa=load.wind_pressure,
-        snow_mass_kg=load.snow_mass,
-        hand_force_n=load.hand_force,
-        external_torque_nm=load.external_torque,
+        supply_voltage_v=around.supply_voltage_v,
+        road_slope_deg=around.road_slope_deg,
+        ambient_temperature_degc=around.ambient_temperature_degc,
+        wind_pressure_pa=around.wind_pressure_pa,
+        snow_mass_kg=around.snow_mass_kg,
+        hand_force_n=around.hand_force_n,
+        external_torque_nm=around.external_torque_nm,
         left_winding_temperature_degc=left.winding_temperature,
         right_winding_temperature_degc=right.winding_temperature,
         left_housing_temperature_degc=left.housing_temperature,

@@ -38,11 +38,11 @@ def run_loop(
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
     if args.ecu == ON_A_BUS or is_here:
-        result = runs.execute(job, stopped)
+        result = runs.execute(job, stopped, parts)
     else:
         with _ecu_process(args, parts.setup.vehicle.drives) as child:
             result = runs.execute(
-                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed()
+                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
             )
             events = child.end()
             result = result if result.reason else replace(result, events=events)

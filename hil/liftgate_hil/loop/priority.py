@@ -10,9 +10,8 @@ from pathlib import Path
 
 _TIMERSLACK = 29  # PR_SET_TIMERSLACK
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
-_SCHED_ATTR = struct.Struct(
-    "IIQiIQQQ"
-)  # linux/sched/types.h: size, policy, flags, nice, priority, runtime, …
+# linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
+_SCHED_ATTR = struct.Struct("IIQiIQQQ")
 _SLICE_NS = 100_000  # the least that there is
 _CURRENT, _FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
 PRIORITY = 80  # above the threads of interrupts (50), below the kernel's watchdogs (99)

@@ -38,10 +38,7 @@ CONTROL = np.dtype(
         ("last_error", "i8"),  # errno of the wire's last error
         ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
         ("bus_offs", "i8"),  # times it went off
-        (
-            "foreign",
-            "i8",
-        ),  # times that an ECU's own code began or ended; odd: it is to be back before long
+        ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
     ]
 )
 
