@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from liftgate_hil.errors import ConfigError
+
+MOST = 100  # lines that are told; the others are counted
 
 
 class ConfigIssues:
@@ -11,14 +15,23 @@ class ConfigIssues:
     def __init__(self, source: str) -> None:
         self.source = source
         self.lines: list[str] = []
+        self.untold = 0  # faults beyond MOST
 
     def add(self, key: str, message: str) -> None:
         """Note a fault of a key."""
-        line = f"{self.source}: {key}: {message}"
-        if line not in self.lines:
-            self.lines.append(line)
+        self.take([f"{self.source}: {key}: {message}"])
+
+    def take(self, lines: Iterable[str]) -> None:
+        """Note faults that are whole lines already."""
+        for line in lines:
+            if len(self.lines) >= MOST:
+                self.untold += 1
+            elif line not in self.lines:
+                self.lines.append(line)
 
     def raise_if_any(self) -> None:
         """Raise ConfigError with all that was noted."""
+        if self.untold:
+            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} faults more"])
         if self.lines:
             raise ConfigError(self.lines)

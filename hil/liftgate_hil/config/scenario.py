@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.files import issue_with
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import OBSTACLE, PROFILES
@@ -134,7 +135,7 @@ def _beside(path: Path, issues: ConfigIssues, raw: Table, key: str) -> str | Non
     if key not in raw:
         return None
     name = text(issues, key, raw[key])
-    return str(path.parent / name) if (path.parent / name).is_file() else name
+    return str(path.parent / name) if not issue_with(path.parent / name) else name
 
 
 def _flat(settings: Table, prefix: str = "") -> Iterator[tuple[str, Any]]:
