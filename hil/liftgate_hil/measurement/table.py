@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.mapping import KNOWN, ColumnMap
+from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.series import Columns, Series
-from liftgate_hil.measurement.units import allowed_units, conversion, near_miss
+from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
 SIDES = ("left", "right")
-SIGNALS = {**INPUTS, **OUTPUTS, "voltage_v": INPUTS["left_voltage_v"]}
 _KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
 # What only a recording of the emulator has; there the voltages come from duty and supply.
 RECORDED = ("left_coast", "latched")
@@ -112,7 +111,7 @@ def _other_units(file: Columns, names: dict[str, str], path: Path) -> list[str]:
     """Headers like left_current_ma; each counts as its column, so that it is told once only."""
     issues = []
     for name in file.names:
-        meant = near_miss(name, KNOWN)
+        meant = near_miss(name)
         if meant is None or meant[0] in names or name in names.values():
             continue
         ours, unit = meant
@@ -158,7 +157,7 @@ def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap)
 def _check_range(reading: _Reading, ours: str, series: Series) -> None:
     if ours == "time_s":
         return
-    low, high = SIGNALS[ours].low, SIGNALS[ours].high
+    low, high = KNOWN[ours].low, KNOWN[ours].high
     values = series.values
     bad = np.flatnonzero((values < low) | (values > high))
     if len(bad):
