@@ -29,6 +29,11 @@ class ConfigIssues:
             elif line not in self.lines:
                 self.lines.append(line)
 
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.lines) + self.untold
+
     def raise_if_any(self) -> None:
         """Raise ConfigError with all that was noted."""
         if self.untold:
