@@ -44,10 +44,9 @@ def suv(*settings: str) -> Vehicle:
     return vehicle_of(tables(*settings), "test")
 
 
-def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
-    """The states (as `COLUMNS`) before and after each of n steps of h seconds."""
-    rows = np.empty((n + 1, 13))
-    for k in range(n + 1):
+def fill(plant: Plant, state: State, inputs: Inputs, h: float, rows: np.ndarray) -> None:
+    """The states (as `COLUMNS`) before and after each of the steps of h seconds, a row each."""
+    for k in range(len(rows)):
         if k > 0:
             state = integrate.step(plant, state, inputs, h)
         for side in range(2):
@@ -60,12 +59,20 @@ def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndar
         rows[k, 10] = state.gate_angle
         rows[k, 11] = state.gate_rate
         rows[k, 12] = state.latched
+
+
+def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
+    """The states before and after each of n steps of h seconds."""
+    rows = np.empty((n + 1, 13))
+    fill(plant, state, inputs, h, rows)
     return rows
 
 
 def fast_run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
     """`run` in machine code, compiled at the first call."""
-    return compiled(run)(plant, state, inputs, h, n)
+    rows = np.empty((n + 1, 13))
+    compiled(fill)(plant, state, inputs, h, rows)
+    return rows
 
 
 def state_of(row: Sequence[float]) -> State:

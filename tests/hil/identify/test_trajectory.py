@@ -231,9 +231,9 @@ def test_machine_code_serves_every_layout_of_the_same_numbers() -> None:
     vehicle, times = suv(), np.arange(100) * 1e-3
     whole = rows(vehicle, "third-order", times, left_voltage_v=9.0)
     code: Any = compiled(run)
-    before = len(code.signatures)
+    before = len(code.kinds)
     still = times.copy()
     still.setflags(write=False)
     for other in (np.repeat(times, 2)[::2], still):
         assert np.array_equal(rows(vehicle, "third-order", other, left_voltage_v=9.0), whole)
-    assert len(code.signatures) == before
+    assert len(code.kinds) == before
