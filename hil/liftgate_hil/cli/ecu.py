@@ -54,7 +54,10 @@ def run(args: argparse.Namespace) -> int:
     requests = _requests(args.request) if args.request else list(scenario.requests)
     stop = options.StopSignals()
     with adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter:
-        transport = open_transport(find_way(options.wire_choice(args), rig))
+        way = find_way(options.wire_choice(args), rig)
+        transport = open_transport(way)
+        if way.reach and not args.quiet:
+            print(f"{transport.name} {way.reach}", file=sys.stderr, flush=True)
         if args.realtime:
             _ask_for_priority(args)
         peer = Peer(adapter, transport, requests)

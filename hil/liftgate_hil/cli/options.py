@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from liftgate_hil.session import RunOptions, Setup
-    from liftgate_hil.transport.find import WireChoice
+    from liftgate_hil.transport.can_arguments import WireChoice
 
 MAX_RATE = 10_000.0
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
@@ -76,7 +76,7 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
     """What the flags of `add_bus` say."""
-    from liftgate_hil.transport.find import WireChoice
+    from liftgate_hil.transport.can_arguments import WireChoice
 
     return WireChoice(
         bus=args.bus,

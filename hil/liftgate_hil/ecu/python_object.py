@@ -13,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.errors import ConfigError
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class PythonEcu(Adapter):
             return wire.BAD_COUNT
 
     def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
-        from liftgate_hil.transport.messages import fields_of_message
+        from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
         if answer is None:
             return 0
@@ -102,8 +102,8 @@ class PythonEcu(Adapter):
         outbox = self.state.port.outbox.view(np.ndarray)
         for place, message in enumerate(answer):
             try:
-                identifier, length, flags, data = fields_of_message(message)
-            except EcuError as error:
+                identifier, length, flags, data = fields_of(message)
+            except NotAFrameError as error:
                 self._reason = f"its step gave {error}"
                 return wire.BAD_COUNT
             outbox["id"][place], outbox["length"][place] = identifier, length
