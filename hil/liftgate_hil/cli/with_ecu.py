@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import ctypes
+import functools
 import re
+import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
@@ -23,11 +27,12 @@ if TYPE_CHECKING:
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
-_EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
+_EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG
 
 
 def run_loop(
-    args: argparse.Namespace, stopped: Callable[[], bool], has_wire: bool = True, trace: int = 0
+    args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0
 ) -> Result:
     """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
     it is a second process there. Raises LiftgateError, also for what went wrong in the run.
@@ -38,7 +43,10 @@ def run_loop(
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
     if args.ecu == ON_A_BUS or is_here:
-        result = runs.execute(job, stopped, parts)
+        try:
+            result = runs.execute(job, stopped, parts)
+        except EcuError as error:  # it could not be made
+            raise stopped.failure(str(error)) from error
     else:
         with _ecu_process(args, parts.setup.vehicle.drives) as child:
             result = runs.execute(
@@ -47,7 +55,7 @@ def run_loop(
             events = child.end()
             result = result if result.reason else replace(result, events=events)
     if result.reason:
-        raise LiftgateError(result.reason)
+        raise stopped.failure(result.reason)
     return result
 
 
@@ -92,8 +100,14 @@ class EcuProcess:
     """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
     def __init__(self, command: list[str], is_quiet: bool, has_to_tell: bool) -> None:
+        prctl = ctypes.CDLL(None).prctl
         self._process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, errors="replace"
+            command,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            # This process may be killed; no thread runs in it yet.
+            preexec_fn=functools.partial(prctl, _PDEATHSIG, signal.SIGTERM, 0, 0, 0),  # noqa: PLW1509
         )
         self._is_quiet = is_quiet
         self._has_to_tell = has_to_tell
@@ -114,7 +128,8 @@ class EcuProcess:
                 continue
             self._others.append(line.strip())
             if not self._is_quiet:
-                print(line, end="", file=sys.stderr, flush=True)
+                with contextlib.suppress(OSError):  # the pipe is read to its end whoever listens
+                    print(line, end="", file=sys.stderr, flush=True)
 
     def has_failed(self) -> bool:
         """Whether it ended with an error."""
