@@ -155,7 +155,8 @@ class Emulator:
 
     def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
         """Run the Python loop on the clock that was asked for."""
-        from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
+        from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
+        from liftgate_hil.loop.python_loop import run_clocked, run_free
 
         options, rig = self.options, self.rig
         if options.clock == "realtime":

@@ -19,15 +19,16 @@ from typing import IO, TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError
+from liftgate_hil.errors import ConfigError, EcuError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
-    from liftgate_hil.runs import Job, Result
+    from liftgate_hil.runs import Job, Parts, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
+_LEAVE_S = 5.0  # for its process to end
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG
 
 
@@ -42,21 +43,28 @@ def run_loop(
     job = _job_of(args, has_wire, trace)
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
-    if args.ecu == ON_A_BUS or is_here:
-        try:
+    try:
+        if args.ecu == ON_A_BUS or is_here:
             result = runs.execute(job, stopped, parts)
-        except EcuError as error:  # it could not be made
-            raise stopped.failure(str(error)) from error
-    else:
-        with _ecu_process(args, parts.setup.vehicle.drives) as child:
-            result = runs.execute(
-                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
-            )
-            events = child.end()
-            result = result if result.reason else replace(result, events=events)
+        else:
+            result = _with_process(args, job, parts, stopped)
+    except EcuError as error:  # it could not be made, or its process failed
+        raise stopped.failure(str(error)) from error
     if result.reason:
         raise stopped.failure(result.reason)
     return result
+
+
+def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
+    """With the ECU in a second process on the same bus. Raises LiftgateError."""
+    from liftgate_hil import runs
+
+    with _ecu_process(args, parts.setup.vehicle.drives) as child:
+        result = runs.execute(
+            replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
+        )
+        events = child.end()
+    return result if result.reason else replace(result, events=events)
 
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
@@ -136,18 +144,20 @@ class EcuProcess:
         return self._process.poll() not in (None, 0)
 
     def end(self) -> list[Event]:
-        """End it; what it told. Raises LiftgateError where it had failed."""
+        """End it; what it told. Raises ConfigError or EcuError where it had failed."""
         code = self._process.poll()
         self._process.terminate()
-        self._process.wait()
-        self._reader.join()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)
+        self.kill()
+        self._reader.join(_LEAVE_S)  # what it has started may hold the pipe
         if code:
             said = "; ".join(self._others)[-300:] or f"exit code {code}"
-            kind = ConfigError if code == _USAGE else LiftgateError
+            kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
         if not self._events and self._has_to_tell:
             said = "; ".join(self._others)[-300:] or "it said nothing"
-            raise LiftgateError(f"the ECU's process did not take part: {said}")
+            raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
 
     def wait(self, timeout: float) -> None:
