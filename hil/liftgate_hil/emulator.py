@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import RecordingError
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.clock import RealtimeClock
     from liftgate_hil.loop.python_loop import Loop, Peer
     from liftgate_hil.loop.recorder import Taker
+    from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
+
+    Wire = TypeVar("Wire", Line, Transport)
 
 
 def _never() -> bool:
@@ -58,6 +61,14 @@ class Emulator:
         else:
             self._in_python()
 
+    def _opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
+        """The wire, closed with the stack; tells how far it reaches."""
+        wire = open_wire(self.way)
+        stack.callback(wire.close)
+        if self.way.reach:
+            self.listener.say(f"{wire.name} {self.way.reach}")
+        return wire
+
     def _in_real_time(self) -> None:
         """Without the interpreter lock."""
         from liftgate_hil.loop.priority import Realtime
@@ -70,8 +81,7 @@ class Emulator:
         loop = recorder = None
         try:
             with contextlib.ExitStack() as stack:
-                line = open_line(self.way)
-                stack.callback(line.close)
+                line = self._opened(open_line, stack)
                 name = self.channel or line.name
                 memory = memory_for(options.rate)
                 stack.callback(memory.close)
@@ -112,8 +122,7 @@ class Emulator:
 
         options, rig = self.options, self.rig
         with contextlib.ExitStack() as stack:
-            transport = open_transport(self.way)
-            stack.callback(transport.close)
+            transport = self._opened(open_transport, stack)
             # Only wall time has an epoch; the other clocks' recordings are the same every time.
             epoch = time.time() if options.clock == "realtime" else 0.0
             name = self.channel or transport.name
@@ -146,7 +155,8 @@ class Emulator:
 
     def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
         """Run the Python loop on the clock that was asked for."""
-        from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
+        from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
+        from liftgate_hil.loop.python_loop import run_clocked, run_free
 
         options, rig = self.options, self.rig
         if options.clock == "realtime":

@@ -28,6 +28,15 @@ def causes(error: LiftgateError) -> list[str]:
     return [str(error)]
 
 
+def words_of(error: BaseException) -> str:
+    """What an error says on one line, whatever raised it: drivers break lines, or say nothing at all."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = ""
+    return text or type(error).__name__
+
+
 class ConfigError(LiftgateError):
     """Faults in what the user gave; `issues` has one line for each."""
 

@@ -25,7 +25,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.errors import ConfigError, EcuError, PlantDivergedError
+from liftgate_hil.errors import ConfigError, PlantDivergedError
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -181,11 +181,11 @@ class Gate:
 
     def send(self, message: can.Message) -> None:
         """A frame that the gate reads in the next tick. Raises ConfigError."""
-        from liftgate_hil.transport.messages import fields_of_message
+        from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
         try:
-            identifier, length, flags, data = fields_of_message(message)
-        except EcuError as error:
+            identifier, length, flags, data = fields_of(message)
+        except NotAFrameError as error:
             raise ConfigError(f"`send` {error}") from error
         self._waiting.append((identifier | (FD if flags else 0), length, data))
 
@@ -260,8 +260,7 @@ class Gate:
 
         Raises PlantDivergedError.
         """
-        from liftgate_hil.python_can import can
-        from liftgate_hil.transport.can_bus import message_of
+        from liftgate_hil.transport.messages import message_of
 
         if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
             raise ConfigError(f"`step` {seconds}: allowed: above 0, up to 1e6 s")
@@ -279,7 +278,7 @@ class Gate:
                         np.array([row["length"]]),
                         row["payload"].reshape(1, -1),
                     )
-                    message = message_of(can, frames, 0)
+                    message = message_of(frames, 0)
                     message.timestamp = row["time_ns"] * 1e-9
                     messages.append(message)
             control.rows = control.frames = 0

@@ -35,7 +35,8 @@ from liftgate_hil.loop.episode import run_stretch
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.transport.find import Way, WireChoice, find_way, open_transport
+from liftgate_hil.transport.can_arguments import WireChoice
+from liftgate_hil.transport.find import Way, find_way, open_transport
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:

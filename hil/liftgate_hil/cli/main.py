@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from liftgate_hil.cli import stopping
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 
@@ -44,6 +46,8 @@ class ShowVersion(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
+    if argv is None:  # this process is ours
+        signal.signal(signal.SIGINT, stopping.interrupt)
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
     try:
@@ -71,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except LiftgateError as error:
         for text in causes(error):
             print(f"liftgate-hil: {as_flags(text)}", file=sys.stderr)
-        return 1
+        return error.exit_code if isinstance(error, stopping.StoppedError) else 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
     except BrokenPipeError:

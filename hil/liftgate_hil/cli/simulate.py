@@ -10,6 +10,7 @@ import itertools
 from pathlib import Path
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
 
 
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.recording.rows import check_output, write_rows
@@ -71,7 +73,6 @@ def run(args: argparse.Namespace) -> int:
     if duration is None:
         raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
     plant = plant_of(vehicle)
-    stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
     offline = Offline(
         plant=plant,
         sensors=vehicle.sensors,

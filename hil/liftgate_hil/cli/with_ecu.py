@@ -5,29 +5,35 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import ctypes
+import functools
 import re
+import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import ConfigError, EcuError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
-    from liftgate_hil.runs import Job, Result
+    from liftgate_hil.runs import Job, Parts, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
-_EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
+_EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
+_LEAVE_S = 5.0  # for its process to end
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG
 
 
 def run_loop(
-    args: argparse.Namespace, stopped: Callable[[], bool], has_wire: bool = True, trace: int = 0
+    args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0
 ) -> Result:
     """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
     it is a second process there. Raises LiftgateError, also for what went wrong in the run.
@@ -37,18 +43,28 @@ def run_loop(
     job = _job_of(args, has_wire, trace)
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
-    if args.ecu == ON_A_BUS or is_here:
-        result = runs.execute(job, stopped, parts)
-    else:
-        with _ecu_process(args, parts.setup.vehicle.drives) as child:
-            result = runs.execute(
-                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
-            )
-            events = child.end()
-            result = result if result.reason else replace(result, events=events)
+    try:
+        if args.ecu == ON_A_BUS or is_here:
+            result = runs.execute(job, stopped, parts)
+        else:
+            result = _with_process(args, job, parts, stopped)
+    except EcuError as error:  # it could not be made, or its process failed
+        raise stopped.failure(str(error)) from error
     if result.reason:
-        raise LiftgateError(result.reason)
+        raise stopped.failure(result.reason)
     return result
+
+
+def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
+    """With the ECU in a second process on the same bus. Raises LiftgateError."""
+    from liftgate_hil import runs
+
+    with _ecu_process(args, parts.setup.vehicle.drives) as child:
+        result = runs.execute(
+            replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
+        )
+        events = child.end()
+    return result if result.reason else replace(result, events=events)
 
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
@@ -92,8 +108,14 @@ class EcuProcess:
     """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
     def __init__(self, command: list[str], is_quiet: bool, has_to_tell: bool) -> None:
+        prctl = ctypes.CDLL(None).prctl
         self._process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, errors="replace"
+            command,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            # This process may be killed; no thread runs in it yet.
+            preexec_fn=functools.partial(prctl, _PDEATHSIG, signal.SIGTERM, 0, 0, 0),  # noqa: PLW1509
         )
         self._is_quiet = is_quiet
         self._has_to_tell = has_to_tell
@@ -114,25 +136,28 @@ class EcuProcess:
                 continue
             self._others.append(line.strip())
             if not self._is_quiet:
-                print(line, end="", file=sys.stderr, flush=True)
+                with contextlib.suppress(OSError):  # the pipe is read to its end whoever listens
+                    print(line, end="", file=sys.stderr, flush=True)
 
     def has_failed(self) -> bool:
         """Whether it ended with an error."""
         return self._process.poll() not in (None, 0)
 
     def end(self) -> list[Event]:
-        """End it; what it told. Raises LiftgateError where it had failed."""
+        """End it; what it told. Raises ConfigError or EcuError where it had failed."""
         code = self._process.poll()
         self._process.terminate()
-        self._process.wait()
-        self._reader.join()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)
+        self.kill()
+        self._reader.join(_LEAVE_S)  # what it has started may hold the pipe
         if code:
             said = "; ".join(self._others)[-300:] or f"exit code {code}"
-            kind = ConfigError if code == _USAGE else LiftgateError
+            kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
         if not self._events and self._has_to_tell:
             said = "; ".join(self._others)[-300:] or "it said nothing"
-            raise LiftgateError(f"the ECU's process did not take part: {said}")
+            raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
 
     def wait(self, timeout: float) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.errors import ConfigError
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:
@@ -57,6 +58,8 @@ class PythonEcu(Adapter):
             return self._reason
         if isinstance(self._error, KeyboardInterrupt):
             raise self._error
+        if isinstance(self._error, NoAnswerError):
+            return f"no answer when it was to stop{_place_of(self._error)}"
         if self._error is not None:
             return f"{type(self._error).__name__}: {self._error}{_place_of(self._error)}"
         return super().failure()
@@ -64,7 +67,8 @@ class PythonEcu(Adapter):
     def _on_request(self, instance: int, action: int) -> int:
         try:
             if self._request is not None and self._error is None:
-                self._request(ACTIONS[action])
+                with FOREIGN:
+                    self._request(ACTIONS[action])
         except BaseException as error:  # told after the episode has ended
             self._error = error
         return 0
@@ -76,20 +80,19 @@ class PythonEcu(Adapter):
             if self._error is not None:
                 return wire.BAD_COUNT
             rows = self.state.port.inbox[:count].tolist()
-            answer = self._ecu.step(
-                now_ns * 1e-9,
-                [
-                    self._message_of(identifier, length, flags, data, now_ns * 1e-9)
-                    for identifier, length, flags, data in rows
-                ],
-            )
+            frames = [
+                self._message_of(identifier, length, flags, data, now_ns * 1e-9)
+                for identifier, length, flags, data in rows
+            ]
+            with FOREIGN:
+                answer = self._ecu.step(now_ns * 1e-9, frames)
             return self._send(answer, capacity)
         except BaseException as error:  # told after the episode has ended
             self._error = error
             return wire.BAD_COUNT
 
     def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
-        from liftgate_hil.transport.messages import fields_of_message
+        from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
         if answer is None:
             return 0
@@ -102,8 +105,8 @@ class PythonEcu(Adapter):
         outbox = self.state.port.outbox.view(np.ndarray)
         for place, message in enumerate(answer):
             try:
-                identifier, length, flags, data = fields_of_message(message)
-            except EcuError as error:
+                identifier, length, flags, data = fields_of(message)
+            except NotAFrameError as error:
                 self._reason = f"its step gave {error}"
                 return wire.BAD_COUNT
             outbox["id"][place], outbox["length"][place] = identifier, length

@@ -142,9 +142,9 @@ def test_without_a_bus_the_message_says_how_to_name_one(
 def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(
     capsys: pytest.CaptureFixture[str],
 ):
-    assert call("--bus", "udp_multicast:10.0.0.1") == 1
+    assert call("--bus", "socketcan:nosuch0") == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert "udp_multicast:10.0.0.1: cannot be opened" in line
+    assert "socketcan:nosuch0: cannot be opened" in line
 
 
 def test_all_faults_of_a_vehicle_are_told_line_by_line(
