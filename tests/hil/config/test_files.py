@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil.config.files import check_input, fault_of, read_input
+from liftgate_hil.config.files import check_file, issue_with, read_bytes
 from liftgate_hil.errors import ConfigError
 
 
@@ -51,7 +51,7 @@ def below_a_file(at: Path) -> Path:
 
 CASES = {
     "a folder": (folder, "is a folder; allowed: a file"),
-    "a FIFO": (fifo, "is a FIFO; allowed: a file"),
+    "a FIFO": (fifo, "is a pipe; allowed: a file"),
     "a socket": (listening, "is a socket; allowed: a file"),
     "a device": (lambda at: Path("/dev/zero"), "is a device; allowed: a file"),
     "nothing": (lambda at: at / "no.toml", "no such file"),
@@ -59,8 +59,8 @@ CASES = {
     "a loop": (loop_of_links, "cannot be read: Too many levels of symbolic links"),
     "a name too long": (lambda at: at / ("n" * 300), "cannot be read: File name too long"),
     "below a file": (below_a_file, "cannot be read: Not a directory"),
-    "a NUL": (lambda at: at / "a\0b", "no name of a file: "),
-    "no text": (lambda at: at / "\ud800", "no name of a file: "),
+    "a NUL": (lambda at: at / "a\0b", "no such file"),
+    "no text": (lambda at: at / "\ud800", "no such file"),
 }
 
 
@@ -68,10 +68,10 @@ CASES = {
 def test_what_keeps_a_file_from_being_read_is_told(case, tmp_path):
     make, said = CASES[case]
     path = make(tmp_path)
-    assert fault_of(path).startswith(said)
-    for read in (check_input, read_input):
+    assert issue_with(path).startswith(said)
+    for read in (check_file, read_bytes):
         with pytest.raises(ConfigError) as raised:
-            read(path, "`vehicle` theirs")
+            read(path, called="`vehicle` theirs")
         (issue,) = raised.value.issues
         assert issue.startswith(f"`vehicle` theirs: {said}")
 
@@ -86,18 +86,26 @@ def test_a_file_without_permission_is_not_called_missing(tmp_path, monkeypatch):
 
     # Root may read everything: the system's answer stands in for it.
     monkeypatch.setattr(Path, "stat", refused)
-    assert fault_of(path) == "cannot be read: Permission denied"
+    assert issue_with(path) == "cannot be read: Permission denied"
     monkeypatch.undo()
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert fault_of(path) == "cannot be read: Permission denied"
+    assert issue_with(path) == "cannot be read: Permission denied"
     monkeypatch.undo()
     monkeypatch.setattr(Path, "read_bytes", refused)
     with pytest.raises(ConfigError, match="cannot be read: Permission denied"):
-        read_input(path)
+        read_bytes(path)
 
 
 def test_a_file_is_read_whole(tmp_path):
     path = tmp_path / "x\udcff.toml"  # a name that is not UTF-8
     path.write_bytes(b"a\0\xff")
-    assert fault_of(path) == ""
-    assert read_input(path) == b"a\0\xff"
+    assert issue_with(path) == ""
+    assert read_bytes(path) == b"a\0\xff"
+
+
+def test_a_file_that_is_far_too_large_is_not_read(tmp_path):
+    path = tmp_path / "large.toml"
+    path.write_bytes(b"a" * 11)
+    with pytest.raises(ConfigError, match="11 bytes; allowed: up to 10"):
+        read_bytes(path, 10)
+    assert len(read_bytes(path, 11)) == 11
