@@ -78,6 +78,8 @@ def run(args: argparse.Namespace) -> int:
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
     check_output(args.output)
+    if args.output == "-" and sys.stdout is None:
+        raise ConfigError("`output` -: stdout is closed; allowed: a file")
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
     samples, notes = constant_voltage(args.voltage or 0.0), ()

@@ -180,7 +180,7 @@ def _environment() -> str:
     """What else machine code depends on, as a text: compiler, its options and settings, Python, processor."""
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-    own = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
+    own = [path.read_bytes().decode() for path in sorted(Path(__file__).parent.glob("*.py"))]
     settings = {
         name: value
         for name, value in sorted(os.environ.items())
