@@ -99,14 +99,18 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
         return named[initial]
     try:
         degrees = math.nan if isinstance(initial, bool) else float(initial)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         degrees = math.nan
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
         raise ConfigError(
-            f"`initial` {initial}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+            f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees"
         )
     return math.radians(degrees)
+
+
+def _short(initial: object) -> str:
+    return initial if isinstance(initial, str) and len(initial) <= 60 else show(initial)
 
 
 @dataclass(frozen=True)

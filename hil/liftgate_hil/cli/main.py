@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as leaving:  # argparse has said why
         code, fault = int(leaving.code or 0), streams.written()
     except BrokenPipeError:  # whoever read our output has gone
-        streams.abandon()
+        streams.abandon(sys.stdout)
         return 1
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""

@@ -23,20 +23,22 @@ def written() -> str:
         if stdout is not None:
             stdout.flush()
     except OSError as error:
-        abandon()
+        abandon(stdout)
         return "" if isinstance(error, BrokenPipeError) else f"stdout: {error.strerror}"
     return ""
 
 
-def abandon() -> None:
-    """Nobody takes what waits in stdout; Python would complain when it flushes that at its end."""
+def abandon(stream: Any) -> None:
+    """Nobody takes what waits in a stream; Python would complain when it flushes that at its end."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
+        os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
 
 
 def say(text: str) -> None:
     """A line on stderr, if anybody takes it."""
-    with contextlib.suppress(OSError):
+    try:
         print(text, file=sys.stderr, flush=True)
+    except OSError:
+        abandon(sys.stderr)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, text_of
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -60,6 +60,6 @@ def _instance_of(name: str) -> Any:
         return getattr(importlib.import_module(module), attribute)()
     except Exception as error:  # what a user's module does is not known
         raise ConfigError(
-            f"`ecu` {name}: {type(error).__name__}: {error}; allowed: MODULE:CLASS that can be imported, of which "
-            "an object can be made without arguments"
+            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported, "
+            "of which an object can be made without arguments"
         ) from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
-from liftgate_hil.errors import EcuError
+from liftgate_hil.errors import EcuError, shown
 from liftgate_hil.python_can import can as _can
 
 if TYPE_CHECKING:
@@ -35,15 +35,19 @@ def message_of_fields(
 def fields_of_message(message: object) -> tuple[int, int, int, bytes]:
     """(identifier with flags, length, flags, payload) of a message that an ECU wants to send. Raises EcuError."""
     if not isinstance(message, _can.Message):
-        raise EcuError(f"{message!r}; allowed: a list of can.Message")
+        raise EcuError(f"{shown(message)}; allowed: a list of can.Message")
+    if not isinstance(message.arbitration_id, int) or not isinstance(message.dlc, int):
+        raise EcuError(f"{shown(message)}; allowed: a whole number as identifier and as length")
+    if not isinstance(message.data, bytes | bytearray):
+        raise EcuError(f"{shown(message)}; allowed: bytes as data")
     identifier = message.arbitration_id
     identifier |= EXTENDED if message.is_extended_id else 0
     identifier |= REMOTE if message.is_remote_frame else 0
     identifier |= ERROR if message.is_error_frame else 0
     data = b"" if message.is_remote_frame else bytes(message.data)
     length = message.dlc if message.is_remote_frame else len(data)
-    if max(len(data), length) > (64 if message.is_fd else 8):
-        raise EcuError(f"{message!r}; allowed: up to 8 bytes, with CAN FD 64")
+    if not 0 <= length <= (64 if message.is_fd else 8):
+        raise EcuError(f"{shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
     if not 0 <= message.arbitration_id < 1 << (29 if message.is_extended_id else 11):
-        raise EcuError(f"{message!r}; allowed: identifiers of 11 bits, extended ones of 29")
+        raise EcuError(f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29")
     return identifier, length, int(message.is_fd), data
