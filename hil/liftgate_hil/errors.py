@@ -67,3 +67,19 @@ class EcuError(LiftgateError):
 
 class PlantDivergedError(LiftgateError):
     """The plant's state is not finite."""
+
+
+def text_of(error: BaseException) -> str:
+    """What an error of foreign code says, whose own words may fail too."""
+    try:
+        return str(error)
+    except Exception as other:
+        return f"(its text: {type(other).__name__})"
+
+
+def shown(value: object) -> str:
+    """A foreign object as it may stand in a message."""
+    try:
+        return repr(value)
+    except Exception as error:
+        return f"a {type(value).__name__} (its repr: {type(error).__name__})"

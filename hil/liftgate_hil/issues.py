@@ -2,23 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 from liftgate_hil.errors import ConfigError
+
+MOST = 100  # lines that are told; the others are counted
 
 
 class ConfigIssues:
-    """The faults of one source, collected."""
+    """The faults of one source, collected. `origins`: keys that are not from that source, and what messages call
+    each of them.
+    """
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, origins: Mapping[str, str] | None = None) -> None:
         self.source = source
         self.lines: list[str] = []
+        self.untold = 0  # faults beyond MOST
+        self._origins = origins or {}
+        self._settled: set[str] = set()
 
     def add(self, key: str, message: str) -> None:
         """Note a fault of a key."""
-        line = f"{self.source}: {key}: {message}"
-        if line not in self.lines:
-            self.lines.append(line)
+        if key not in self._settled:
+            self.take([f"{self._called(key)}: {message}"])
+
+    def take(self, lines: Iterable[str]) -> None:
+        """Note faults that are whole lines already."""
+        for line in lines:
+            if line in self.lines:
+                continue
+            if len(self.lines) >= MOST:
+                self.untold += 1
+            else:
+                self.lines.append(line)
+
+    def settle(self, key: str) -> None:
+        """Nothing more is told of a key: what is wrong with its value is told elsewhere."""
+        self._settled.add(key)
 
     def raise_if_any(self) -> None:
         """Raise ConfigError with all that was noted."""
+        if self.untold:
+            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} faults more"])
         if self.lines:
             raise ConfigError(self.lines)
+
+    def _called(self, key: str) -> str:
+        for place, called in self._origins.items():
+            if key == place or key.startswith((f"{place}.", f"{place}[")):
+                return called + key[len(place) :]
+        within = [called for place, called in self._origins.items() if place.startswith(f"{key}.")]
+        also = f" (with {', '.join(within)})" if within else ""
+        return f"{self.source}: {key}{also}"

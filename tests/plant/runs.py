@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.config.vehicle import apply_setting, vehicle_of
+from liftgate_hil.config.settings import applied, settings_of
+from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
@@ -34,8 +35,7 @@ BRAKE, COAST = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
 def tables(*settings: str) -> dict[str, Any]:
     """The reference SUV's file with `--set` style values (`motor.resistance=0.8`) laid over it."""
     raw = tomllib.loads(SUV.read_text(encoding="utf-8"))
-    for setting in settings:
-        apply_setting(raw, setting)
+    applied(raw, settings_of(settings))
     return raw
 
 

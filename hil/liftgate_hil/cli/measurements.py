@@ -28,17 +28,9 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         "files",
         nargs="+" if required else "*",
         metavar="FILE",
-        help="measurements: .csv, .mf4, or a bus log .log .asc .blf .trc .mf4",
+        help="measurements: .csv (.tsv, .txt), .mf4, or a bus log .log .asc .blf .trc .mf4",
     )
-    parser.add_argument(
-        "--map",
-        dest="maps",
-        action="append",
-        default=[],
-        metavar="OURS=THEIRS[unit]",
-        help="a column under another name, in another unit, e.g. 'left_current_a=Iq[mA]*0.5', "
-        "or a FILE.toml with a table [columns] (repeatable)",
-    )
+    add_map(parser)
     parser.add_argument(
         "--rig",
         default="liftgate",
@@ -70,6 +62,19 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
     )
     parser.add_argument(
         "--drop-outliers", action="store_true", help="leave out samples that are told as outliers"
+    )
+
+
+def add_map(parser: argparse.ArgumentParser) -> None:
+    """What their columns are called."""
+    parser.add_argument(
+        "--map",
+        dest="maps",
+        action="append",
+        default=[],
+        metavar="OURS=THEIRS[unit]",
+        help="a column under another name, in another unit, e.g. 'left_voltage_v=U[mV]*0.5', "
+        "or a FILE.toml with a table [columns] (repeatable)",
     )
 
 
@@ -145,6 +150,7 @@ def _conditioned(
         measurement = replace(measurement, columns=columns)
     _raise_if_any(checks.check(measurement, expected_of(vehicle)))
     measurement = condition.cut_time(measurement, args.start, args.end)
+    _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
     measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
     if cut is not None:

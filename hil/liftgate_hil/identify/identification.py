@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.jitter import jitter_of
@@ -31,6 +32,7 @@ from liftgate_hil.identify.search import (
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
@@ -286,6 +288,7 @@ def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> li
     experiments = []
     for number, data in enumerate(problem.data):
         states = problem.states(point, number)
+        _check_sound(data.times, states, data.name)
         earlier = None if before is None else problem.states(before, number)
         voltage = applied_voltage(data, problem.vehicle.supply.voltage)
         frame = Frame(data.times, voltage, phases_of(plant, data.times, voltage, states))
@@ -303,6 +306,17 @@ def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> li
                 series.append(speed_series(speed, frame, measured, simulated, was))
         experiments.append(Experiment(data.name, data.times, voltage, tuple(series)))
     return experiments
+
+
+def _check_sound(times: Floats, states: Floats, name: str) -> None:
+    """Raises PlantDivergedError where what is to be shown (n, 7) is no motion of a gate."""
+    catalogue = signals_of(Truth)
+    limits = [catalogue[each].high for each in OUTPUTS]
+    off = np.flatnonzero(~np.all(np.abs(states) <= limits, axis=1))
+    if len(off):
+        raise PlantDivergedError(
+            f"{name}: the model diverged at {times[off[0]]:.6g} s; allowed: a shorter `step`, a saner vehicle"
+        )
 
 
 def _estimates(

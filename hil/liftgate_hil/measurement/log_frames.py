@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.config.files import check_file
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
@@ -33,6 +34,7 @@ def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats
 def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]:
     from liftgate_hil.python_can import can
 
+    check_file(path)
     times: list[float] = []
     rows: list[tuple[int, bytes]] = []
     try:

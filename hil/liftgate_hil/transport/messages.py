@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE, Frames
+from liftgate_hil.errors import shown
 from liftgate_hil.python_can import can as _can
 
 if TYPE_CHECKING:
@@ -35,25 +36,25 @@ def fields_of(message: object) -> Fields:
     false with everything, such as NaN, and numbers with a fraction. Raises NotAFrameError.
     """
     if not isinstance(message, _can.Message):
-        raise NotAFrameError(f"{_shown(message)}; allowed: a list of can.Message")
+        raise NotAFrameError(f"{shown(message)}; allowed: a list of can.Message")
     try:
         number = _whole(message.arbitration_id)
         data = b"" if message.is_remote_frame else bytes(memoryview(message.data))
         length = _whole(message.dlc) if message.is_remote_frame else len(data)
     except TypeError as error:
         raise NotAFrameError(
-            f"{_shown(message)}; allowed: whole numbers for arbitration_id and dlc, and bytes"
+            f"{shown(message)}; allowed: whole numbers for arbitration_id and dlc, and bytes"
         ) from error
     # An error frame's identifier is its class, which may have 29 bits, whatever its format.
     is_wide = message.is_extended_id or message.is_error_frame
     if not 0 <= number < 1 << (29 if is_wide else 11):
         raise NotAFrameError(
-            f"{_shown(message)}; allowed: identifiers of 11 bits, extended ones of 29"
+            f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29"
         )
     if not 0 <= length <= (MAX_BYTES if message.is_fd else _CLASSIC_BYTES):
-        raise NotAFrameError(f"{_shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
+        raise NotAFrameError(f"{shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
     if message.is_remote_frame and message.is_fd:
-        raise NotAFrameError(f"{_shown(message)}; allowed: remote frames without CAN FD")
+        raise NotAFrameError(f"{shown(message)}; allowed: remote frames without CAN FD")
     number |= EXTENDED if message.is_extended_id else 0
     number |= REMOTE if message.is_remote_frame else 0
     number |= ERROR if message.is_error_frame else 0
@@ -96,11 +97,3 @@ def _whole(value: Any) -> int:
     if isinstance(value, bool):
         raise TypeError(value)
     return operator.index(value)
-
-
-def _shown(value: object) -> str:
-    """A value in words, whatever it is: the `repr` of an odd can.Message raises."""
-    try:
-        return repr(value)
-    except Exception:
-        return f"a {type(value).__name__}"

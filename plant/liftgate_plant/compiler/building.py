@@ -130,7 +130,7 @@ def _environment() -> str:
     import llvmlite.binding as llvm  # type: ignore[import-untyped]
     import numpy
 
-    own = [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))]
+    own = [path.read_bytes().decode() for path in sorted(Path(__file__).parent.glob("*.py"))]
     settings = {
         name: value
         for name, value in sorted(os.environ.items())
@@ -155,7 +155,7 @@ def _numba_version() -> str:
     found = importlib.util.find_spec("numba")
     if found is None or found.origin is None:
         return ""
-    return Path(found.origin).with_name("_version.py").read_text()
+    return Path(found.origin).with_name("_version.py").read_bytes().decode()
 
 
 def _import_numba() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.identify import rigid
+from liftgate_hil.identify import trajectory as module
 from liftgate_hil.identify.data import rows_of
 from liftgate_hil.identify.trajectory import (
     MODELS,
@@ -218,6 +219,21 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
     # Both drives push against weight, springs and the hinge's friction; the play lies between the two.
     assert angles[0] < angles[1]
     assert math.degrees(angles[1] - angles[0]) < 0.2
+
+
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize("stretch", [1, 7, 10])
+def test_a_trajectory_in_stretches_is_the_same_to_the_bit(
+    model: str, stretch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = np.array([0.0, 0.004, 0.005, 0.02, 0.021, 0.0215, 0.05])
+    sensors = Sensors(current_filter=0.002)
+    given: dict[str, Any] = {"left_voltage_v": 12.0, "right_voltage_v": 9.0, "sensors": sensors}
+    # In Python, as machine code has the constant in it.
+    monkeypatch.setattr(module, "compiled", lambda function: function)
+    whole = rows(suv(), model, times, **given)
+    monkeypatch.setattr(module, "_STRETCH", stretch)
+    assert np.array_equal(rows(suv(), model, times, **given), whole)
 
 
 def test_outputs_of_an_absent_drive_stay_zero() -> None:
