@@ -15,7 +15,9 @@ from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 
 if TYPE_CHECKING:
+    from liftgate_hil.ecu.events import Event
     from liftgate_hil.loop.clock import RealtimeClock
+    from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
     from liftgate_hil.loop.recorder import Taker
     from liftgate_hil.transport.base import Line, Transport
@@ -26,6 +28,10 @@ if TYPE_CHECKING:
 
 def _never() -> bool:
     return False
+
+
+def _no_events(told: int) -> Sequence[Event]:
+    return ()
 
 
 @dataclass
@@ -43,6 +49,7 @@ class Emulator:
     takers: Sequence[Taker] = ()
     channel: str = ""  # what recordings call the wire, where not by its own name
     listener: Listener = field(default_factory=Listener)
+    events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
     stopped: Callable[[], bool] = _never
 
     def run(self) -> None:
@@ -72,7 +79,6 @@ class Emulator:
     def _in_real_time(self) -> None:
         """Without the interpreter lock."""
         from liftgate_hil.loop.priority import Realtime
-        from liftgate_hil.loop.realtime_loop import run_realtime
         from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
         from liftgate_hil.recording.process import RecorderProcess
         from liftgate_hil.transport.find import open_line
@@ -98,11 +104,12 @@ class Emulator:
                     bitrate=self.way.bitrate(self.rig),
                     limit_ns=round(options.overrun_limit * NS),
                     say=self.listener.say,
+                    lookout=self._lookout(),
                     peers=self.peers,
                     takers=self.takers,
                     realtime=Realtime(options.cpu) if options.realtime else None,
                 )
-                self.listener.starts(run_realtime, f"{self.setup.vehicle_name} on {name}")
+                self.listener.starts(f"{self.setup.vehicle_name} on {name}")
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
@@ -116,7 +123,7 @@ class Emulator:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
         from liftgate_hil.loop.clock import RealtimeClock
         from liftgate_hil.loop.histogram import distribution
-        from liftgate_hil.loop.python_loop import Loop, scheduled_tick
+        from liftgate_hil.loop.python_loop import Loop
         from liftgate_hil.recording.open import open_recorder
         from liftgate_hil.transport.find import open_transport
 
@@ -139,9 +146,10 @@ class Emulator:
                 recorders=recorders,
                 peers=self.peers,
                 takers=self.takers,
+                lookout=self._lookout(),
                 bitrate=self.way.bitrate(rig),
             )
-            self.listener.starts(scheduled_tick, f"{self.setup.vehicle_name} on {name}")
+            self.listener.starts(f"{self.setup.vehicle_name} on {name}")
             loop.begin()
             clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             try:
@@ -152,6 +160,11 @@ class Emulator:
         failures = [recorder.failure for recorder in recorders if recorder.failure]
         if failures:
             raise RecordingError("; ".join(failures))
+
+    def _lookout(self) -> Lookout:
+        from liftgate_hil.loop.lookout import Lookout
+
+        return Lookout(self.rig, self.config, self.state.reception, self.listener, self.events)
 
     def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
         """Run the Python loop on the clock that was asked for."""

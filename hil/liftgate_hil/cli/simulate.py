@@ -6,6 +6,7 @@ It starts unlatched and at rest. A sample of the input holds from its time until
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import sys
 from pathlib import Path
@@ -68,12 +69,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
     from liftgate_hil.recording.rows import check_output, write_rows
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
+    from liftgate_plant.compiler import GivenUpError
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 
@@ -84,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("`output` -: stdout is closed; allowed: a file")
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
-    samples, notes = constant_voltage(args.voltage or 0.0), ()
+    notes: tuple[str, ...] = ()
+    samples = constant_voltage(args.voltage or 0.0)
     if args.input:
         samples, notes = read_samples(Path(args.input), parse_maps(args.maps))
     duration = args.duration if args.duration is not None else scenario.duration
@@ -105,7 +110,8 @@ def run(args: argparse.Namespace) -> int:
     state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
-    write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
+    with told_of_compiling(Teller(is_quiet=False), stopped), contextlib.suppress(GivenUpError):
+        write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
     return stopped.exit_code if stopped() else 0
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
+from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.recorder import Recorder, Taker
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
@@ -60,6 +61,7 @@ class Loop:
     recorders: Sequence[Recorder] = ()
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
+    lookout: Lookout | None = None
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
     held: NDArray[np.float64] = field(default_factory=nothing_held)  # what was posted, see mailbox
@@ -103,6 +105,9 @@ class Loop:
             recorder.write_rows(rows)
         for taker in self.takers:
             taker.take(rows, ())
+        if self.lookout is not None:
+            moment = Moment(self.state.tick, rows[0], self.frames_sent, self.ticks_missed)
+            self.lookout.look(moment, is_last=stop)
         if not is_sound(truth):
             raise PlantDivergedError(
                 f"the plant diverged at {truth.time_s:.3f} s (angle {truth.gate_angle_deg}, "
