@@ -105,7 +105,8 @@ def close_port(port: Any) -> None:
     with contextlib.suppress(Exception):
         port.close()
     if line is not None:
-        line.close()
+        with contextlib.suppress(OSError):
+            line.close()
 
 
 def is_selectable(port: Any) -> bool:
