@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import signal
 import sys
@@ -58,8 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         streams.abandon(sys.stdout)
         return 1
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        code, fault = 1, streams.written() or f"{where}{error.strerror or error}"
+        code, fault = 1, streams.written() or _fault_of(error)
     except MemoryError:
         code, fault = 1, "not enough memory"
     if fault:
@@ -99,6 +99,14 @@ def _command(argv: Sequence[str] | None) -> int:
         return error.exit_code if isinstance(error, stopping.StoppedError) else 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
+
+
+def _fault_of(error: OSError) -> str:
+    """What the system refused, on one line."""
+    if error.errno in (errno.EMFILE, errno.ENFILE):  # whichever file it was that came last
+        return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
 
 
 def _overview() -> str:
