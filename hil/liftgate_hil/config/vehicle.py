@@ -157,8 +157,8 @@ def _unit(quantity: Quantity) -> str:
 
 
 def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
-    """A gate's inertia about its hinge is m r² of its centre of gravity at least, and no part of the gate is further
-    from the hinge than that and its length; ten times beyond that it is a mistake, not a rough estimate.
+    """A gate's inertia about its hinge is m r² of its centre of gravity at least, and no part of the gate is
+    further from the hinge than that and its length; ten times beyond that it is a mistake, no rough estimate.
     """
     radius = gate_body.linkage(gate).gravity_radius
     reach = radius + math.hypot(gate.length, gate.thickness)
