@@ -9,6 +9,9 @@
     └── PlantDivergedError   the plant's state is no longer finite
 
 A bad frame on the bus is none of these: it is counted and survived.
+
+Names out of files (keys, labels of a database, paths) may hold anything; in a message whatever would not print as
+itself stands escaped, so that no terminal obeys it.
 """
 
 from __future__ import annotations
@@ -16,8 +19,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
+def printable(text: str) -> str:
+    """The text with control characters, line breaks and lone surrogates escaped as in Python."""
+    if text.isprintable():
+        return text
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape").decode() for each in text
+    )
+
+
 class LiftgateError(Exception):
     """Anything this program raises on purpose."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__("\n".join(printable(line) for line in text.split("\n")))
 
 
 def causes(error: LiftgateError) -> list[str]:
@@ -41,8 +56,12 @@ class ConfigError(LiftgateError):
     """Faults in what the user gave; `issues` has one line for each."""
 
     def __init__(self, issues: Sequence[str] | str) -> None:
-        self.issues = [issues] if isinstance(issues, str) else list(issues)
+        given = [issues] if isinstance(issues, str) else issues
+        self.issues = [printable(issue) for issue in given]
         super().__init__("\n".join(self.issues))
+
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[list[str]]]:
+        return ConfigError, (self.issues,)
 
 
 class TransportError(LiftgateError):

@@ -23,6 +23,7 @@ from liftgate_hil import session
 from liftgate_hil.compiling import told_of_compiling
 from liftgate_hil.config.arguments import numbers_of, paths_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
@@ -150,6 +151,8 @@ def execute(
     Raises ConfigError.
     """
     parts = parts or resolve(job)  # what is wrong with the job is told here
+    for note in notes_on_fit(parts.rig, parts.setup.vehicle, parts.options.rate):
+        job.listener.say(f"note: {note}")
     if is_library(job.ecu):
         return _isolated(job, stopped)
     return run_job(job, (), stopped, parts=parts)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, time_of
 from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
@@ -163,7 +164,8 @@ def setup_of(
 
 
 def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
-    """The loop's constants, at a rate [Hz]."""
+    """The loop's constants, at a rate [Hz]. Raises ConfigError where the rig does not fit vehicle or rate."""
+    check_fit(rig, vehicle, rate)
     mapped = {mapping.quantity for mapping in rig.inputs}
     return LoopConfig(
         plant=plant_of(vehicle),

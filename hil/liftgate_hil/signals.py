@@ -62,9 +62,13 @@ OBSTACLE: dict[str, Signal] = {
 class Status(NamedTuple):
     """What the emulator says of itself."""
 
-    tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "periods skipped")]
-    command_timeouts: Annotated[float, Signal("", 0.0, 1e18, "times the command went stale")]
-    rejected_frames: Annotated[float, Signal("", 0.0, 1e18, "frames of ours that were refused")]
+    tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "periods skipped", is_whole=True)]
+    command_timeouts: Annotated[
+        float, Signal("", 0.0, 1e18, "times the command went stale", is_whole=True)
+    ]
+    rejected_frames: Annotated[
+        float, Signal("", 0.0, 1e18, "frames of ours that were refused", is_whole=True)
+    ]
     emulator_state: Annotated[float, Signal("", 0.0, 3.0, "of this program", EMULATOR_STATES)]
 
 

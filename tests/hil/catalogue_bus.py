@@ -10,11 +10,15 @@ from hil_support import decoded, rig_of
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.units import dimension_of
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 
 FIRST_INPUT, FIRST_OUTPUT = 0x100, 0x300
 HEAD = 'VERSION ""\nBS_:\nBU_: A\n'
 CYCLES = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+
+
+SECTIONS = (("inputs", "In", BUS_INPUTS), ("outputs", "Out", BUS_OUTPUTS))
 
 
 def _identifiers() -> dict[str, int]:
@@ -27,17 +31,23 @@ def _identifiers() -> dict[str, int]:
 
 def _wires() -> Iterator[str]:
     yield 'dbc = "their.dbc"'
-    for section, prefix, names in (("inputs", "In", BUS_INPUTS), ("outputs", "Out", BUS_OUTPUTS)):
+    for section, prefix, quantities in SECTIONS:
         yield f"[{section}]"
-        yield from (f'{name} = "{prefix}_{name}.Value"' for name in names)
+        for name, quantity in quantities.items():
+            scale = ", scale = 1" if quantity.values else ""
+            yield f'{name} = {{ signal = "{prefix}_{name}.Value"{scale} }}'
 
 
 def catalogue_rig(folder: Path) -> Rig:
     """Every quantity that can be wired is."""
     messages = _identifiers()
     database = HEAD
-    for name, identifier in messages.items():
-        database += f'BO_ {identifier} {name}: 8 A\n SG_ Value : 0|64@1- (1,0) [0|0] "" A\n'
+    for _, prefix, quantities in SECTIONS:
+        for name, quantity in quantities.items():
+            message = f"{prefix}_{name}"
+            unit = quantity.unit or ("" if dimension_of(quantity) == "number" else "1")
+            database += f"BO_ {messages[message]} {message}: 8 A\n"
+            database += f' SG_ Value : 0|64@1- (1,0) [0|0] "{unit}" A\n'
     database += CYCLES
     database += "".join(
         f"SIG_VALTYPE_ {identifier} Value : 2;\n" for identifier in messages.values()

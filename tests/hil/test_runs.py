@@ -9,6 +9,9 @@ import pytest
 
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.listener import Listener
+from liftgate_hil.runs import Job, execute
+from liftgate_hil.session import RunOptions
 from liftgate_hil.signals import COLUMNS
 
 TEXT = """
@@ -172,3 +175,20 @@ def test_frames_for_which_an_ecu_had_no_room_are_told(scenario: Path) -> None:
     assert dropped.ecu_dropped_frames > 0
     assert f"the ECU had no room for {dropped.ecu_dropped_frames} frames" in dropped.lines()
     assert lh.run(scenario).summary.ecu_dropped_frames == 0
+
+
+def test_what_a_rig_and_the_rate_do_not_fit_in_is_told_before_the_run(scenario: Path) -> None:
+    class Heard(Listener):
+        def __init__(self) -> None:
+            self.lines: list[str] = []
+
+        def say(self, text: str) -> None:
+            self.lines.append(text)
+
+    heard = Heard()
+    options = RunOptions(rate=700.0, clock="free", duration=0.1)
+    execute(Job(scenario=scenario, ecu="reference", options=options, listener=heard))
+    assert any(
+        line.startswith("note: ") and "LeftDrive.cycle_ms: 5 is no whole number of ticks" in line
+        for line in heard.lines
+    )

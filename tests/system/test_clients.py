@@ -119,7 +119,7 @@ def test_a_signal_ends_the_emulator_in_order(tmp_path: Path, group: str, number:
     assert "Traceback" not in error
     status = [line for line in lines_of(log) if " 7E0#" in line][-1]
     payload = bytes.fromhex(status.split("#")[1])
-    values = cantools.database.load_file(DBC).decode_message(0x7E0, payload)
+    values = cantools.database.load_file(DBC).decode_message(0x6E0, payload)
     assert values["EmulatorState"] == "stopped"
 
 
@@ -199,10 +199,10 @@ def test_a_panel_moves_the_surroundings_and_a_bad_one_is_counted(group: str) -> 
 
         def listen() -> bool:
             for data in (control.encode(values), b"\x00" * 3):
-                bus.send(can.Message(arbitration_id=0x7E1, data=data, is_extended_id=False))
+                bus.send(can.Message(arbitration_id=0x6E1, data=data, is_extended_id=False))
             for _ in range(200):
                 message = bus.recv(0.1)
-                if message is not None and message.arbitration_id not in (0x7E1,):
+                if message is not None and message.arbitration_id not in (0x6E1,):
                     heard.update(database.decode_message(message.arbitration_id, message.data))
             return heard.get("TerminalVoltage") == 10.5 and heard.get("RejectedFrames", 0) > 0
 

@@ -66,7 +66,7 @@ def last_state(other: can.BusABC) -> int:
     """What the emulator said of itself at last; 3 is stopped."""
     state = -1
     while (message := other.recv(0)) is not None:
-        state = message.data[7] & 3 if message.arbitration_id == 0x7E0 else state
+        state = message.data[7] & 3 if message.arbitration_id == 0x6E0 else state
     return state
 
 
@@ -114,7 +114,7 @@ def test_on_a_full_disk_a_run_goes_on_and_says_what_was_not_recorded(
         assert last_state(other) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert line == f"liftgate-hil: --record {path}: recording ended: No space left on device"
-    states = [data[7] & 3 for identifier, data, _ in frames_in(good) if identifier == 0x7E0]
+    states = [data[7] & 3 for identifier, data, _ in frames_in(good) if identifier == 0x6E0]
     assert states[-1] == 3, "the other recording goes on to the end of the run"
 
 

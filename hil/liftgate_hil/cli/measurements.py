@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -94,7 +95,7 @@ def measurements_from(
     mapping = parse_maps(args.maps)
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
-    paths = [Path(name).resolve() for name in args.files]
+    paths = [os.path.realpath(name) for name in args.files]
     issues = [
         f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
         for k, name in enumerate(args.files)

@@ -27,7 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SignalMapping:
-    """One mapped signal: quantity = scale · physical value + offset, or a value each by name."""
+    """One mapped signal: quantity = scale · physical value + offset, or a value each by name.
+
+    The rest says where that comes from: `basis` is "unit" (of the signal, `unit`), "rig" (its scale and offset),
+    "labels" (of the database) or "values" (of the rig). With `saturates` the rig means the signal to stay at the
+    ends of its range.
+    """
 
     quantity: str
     message: str
@@ -35,6 +40,14 @@ class SignalMapping:
     scale: float = 1.0
     offset: float = 0.0
     values: Mapping[str, float | str] | None = None
+    basis: str = "rig"
+    unit: str = ""
+    saturates: bool = False
+
+    def quantity_range(self, signal: Signal) -> tuple[float, float]:
+        """The range of the signal in the quantity's unit."""
+        ends = [self.scale * end + self.offset for end in physical_range(signal)]
+        return min(ends), max(ends)
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
@@ -106,10 +119,9 @@ def build_bus_config(
         if all(wire.quantity in PANEL for wire in own):
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
-        if sending:
-            _check_overlap(name, own, options_of, issues)
-            if len({place for place, _ in chosen}) < len(chosen):
-                issues.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
+        _check_overlap(name, own, options_of, issues, sending)
+        if sending and len({place for place, _ in chosen}) < len(chosen):
+            issues.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
         for place, value in chosen:
             write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
@@ -169,19 +181,34 @@ def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> boo
 
 
 def _check_overlap(
-    name: str, mappings: Sequence[SignalMapping], own: MessageOptions, issues: ConfigIssues
+    name: str,
+    mappings: Sequence[SignalMapping],
+    own: MessageOptions,
+    issues: ConfigIssues,
+    sending: bool,
 ) -> None:
-    """No two quantities, and no quantity and protection, may be sent in one signal."""
-    taken = {own.counter: "the counter", own.checksum: "the checksum"}
-    if own.e2e is not None:
-        taken[own.e2e.nibble] = "the data ID's nibble"
+    """A signal carries one part of the protection or a quantity; two quantities only where they are received."""
+    taken: dict[str, str] = {}
+    for signal, what in (
+        (own.counter, "the counter"),
+        (own.checksum, "the checksum"),
+        (own.e2e.nibble if own.e2e is not None else None, "the data ID's nibble"),
+    ):
+        if signal in taken:
+            issues.add(
+                f"messages.{name}",
+                f"{signal} is {taken[signal]} and {what}; allowed: one per signal",
+            )
+        if signal is not None:
+            taken[signal] = what
     for wire in mappings:
         if wire.signal in taken:
             issues.add(
                 wire.quantity,
                 f"{name}.{wire.signal} carries {taken[wire.signal]} too; allowed: one per signal",
             )
-        taken[wire.signal] = wire.quantity
+        if sending:
+            taken[wire.signal] = wire.quantity
 
 
 def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -> dict[str, Any]:

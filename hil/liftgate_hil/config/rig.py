@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, needs_fd
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.config.database import find_database, load_messages
 from liftgate_hil.config.messages import message_options
-from liftgate_hil.config.shipped import data_root
-from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.signal_mapping import signal_mappings
+from liftgate_hil.config.toml import known_keys, number, read_toml, show
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -80,13 +80,13 @@ def load_rig(path: Path) -> Rig:
     raw = read_toml(path)
     issues = ConfigIssues(str(path))
     known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
-    database = _find_database(issues, raw.get("dbc"), path.parent)
+    database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
-    messages = _load_messages(issues, database) if database else {}
+    messages = load_messages(issues, database) if database else {}
     if not messages:
         issues.raise_if_any()
-    inputs = _mappings(issues, raw, "inputs", BUS_INPUTS, messages)
-    outputs = _mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
+    inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
+    outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
     options = message_options(issues, raw, messages)
     rig = Rig(
         database or Path(),
@@ -112,100 +112,7 @@ def _collecting(issues: ConfigIssues) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        issues.lines += error.issues
-
-
-def _find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | None:
-    name = text(issues, "dbc", value)
-    if not name:
-        return None
-    for path in (folder / name, data_root() / "dbc" / name):
-        if path.is_file():
-            return path
-    issues.add("dbc", f"{show(name)}: no such file beside the rig or among the shipped ones")
-    return None
-
-
-class _Collector(logging.Handler):
-    """Keeps what is logged."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.records: list[logging.LogRecord] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.records.append(record)
-
-
-def _load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
-    from liftgate_hil.python_can import cantools
-
-    # cantools only logs what makes a database ambiguous; here that is a fault.
-    handler = _Collector()
-    logger = logging.getLogger("cantools")
-    logger.addHandler(handler)
-    try:
-        database = cantools.database.load_file(path)
-    except (cantools.Error, ValueError, OSError, UnicodeError) as error:
-        issues.add("dbc", f"{path}: cannot be read: {' '.join(str(error).split())[:200]}")
-        return {}
-    finally:
-        logger.removeHandler(handler)
-    if not isinstance(database, cantools.database.can.Database):
-        issues.add("dbc", f"{path}: allowed: a CAN database")
-        return {}
-    for record in handler.records:
-        if "Overwriting" in record.getMessage():
-            issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
-    return {message.name: message for message in database.messages}
-
-
-def _mappings(
-    issues: ConfigIssues,
-    raw: Table,
-    section: str,
-    quantities: Mapping[str, Signal],
-    messages: Mapping[str, Message],
-) -> list[SignalMapping]:
-    given = table(issues, section, raw.get(section, {}))
-    known_keys(issues, section, given, quantities)
-    mappings = []
-    for quantity, value in given.items():
-        if quantity in quantities:
-            wire = _mapping(issues, f"{section}.{quantity}", quantity, value, messages)
-            if wire is not None:
-                mappings.append(wire)
-    return mappings
-
-
-def _mapping(
-    issues: ConfigIssues, key: str, quantity: str, value: object, messages: Mapping[str, Message]
-) -> SignalMapping | None:
-    given: dict[str, Any] = value if isinstance(value, dict) else {"signal": value}
-    known_keys(issues, key, given, ("signal", "scale", "offset", "values"))
-    name = text(issues, f"{key}.signal", given.get("signal"))
-    if not name:
-        return None
-    scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
-    offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e9, 1e9)
-    if scale == 0.0:
-        issues.add(f"{key}.scale", "0; allowed: anything else")
-    values = given.get("values")
-    if values is not None:
-        values = table(issues, f"{key}.values", values)
-        for label, each in values.items():
-            if not isinstance(each, str):
-                number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
-    message, dot, signal = name.partition(".")
-    if not dot or message not in messages:
-        allowed = ", ".join(sorted(messages)[:20])
-        issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {allowed}")
-        return None
-    signals = [each.name for each in messages[message].signals]
-    if signal not in signals:
-        issues.add(key, f"{show(name)}: no such signal; allowed: {', '.join(signals)}")
-        return None
-    return SignalMapping(quantity, message, signal, scale, offset, values)
+        issues.take(error.issues)
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
@@ -213,12 +120,23 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     mapped = {wire.quantity for wire in rig.inputs}
     if "left_duty" not in mapped:
         issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
+    for wire in rig.inputs:
+        if wire.quantity.endswith("_duty"):
+            _check_duty(issues, rig, wire, mapped)
     received = {wire.message for wire in rig.inputs}
     for wire in rig.outputs:
         if wire.message in received:
             issues.add(
                 f"outputs.{wire.quantity}",
                 f"{wire.message} carries inputs too; allowed: a message that nobody else sends",
+            )
+    for name in dict.fromkeys(wire.message for wire in rig.outputs):
+        message = rig.messages[name]
+        if _is_diagnostic(message.frame_id, message.is_extended_frame):
+            issues.add(
+                f"outputs in {name}",
+                f"identifier 0x{message.frame_id:X}; allowed: none that cars use for diagnostics (0x7E0 to 0x7EF, "
+                "0x18DAxxxx, 0x18DBxxxx)",
             )
     cyclic = {wire.message for wire in rig.outputs}
     cyclic |= {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
@@ -237,3 +155,22 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
                 f"messages.{name}.cycle_ms",
                 f"the database's GenMsgCycleTime is {show(told)}; allowed: up to 60000 ms",
             )
+
+
+def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set[str]) -> None:
+    """Without a direction the duty's sign says which way the motor turns, so there must be one."""
+    direction = wire.quantity.replace("_duty", "_direction")
+    low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
+    if direction not in mapped and not low < 0.0 < high:
+        issues.add(
+            f"inputs.{wire.quantity}",
+            f"{wire.message}.{wire.signal} is {low:g} to {high:g} %, so the motor turns one way only; allowed: a "
+            f"signed signal, an offset, or {direction}",
+        )
+
+
+def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
+    """Whether cars speak diagnostics there: ISO 15765-4 for 11 bits, ISO 15765-2's fixed addresses for 29."""
+    if is_extended:
+        return identifier >> 16 in (0x18DA, 0x18DB)
+    return 0x7E0 <= identifier <= 0x7EF

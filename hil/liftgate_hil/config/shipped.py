@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from liftgate_hil.config.files import is_there, issue_with
+from liftgate_hil.config.toml import shortened
 from liftgate_hil.errors import ConfigError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -41,14 +43,15 @@ def find_config(kind: str, name: str) -> Path:
     `kind` is the folder under `configs`. Raises ConfigError where there is neither.
     """
     path = Path(name)
-    if path.suffix or len(path.parts) > 1:
-        if path.is_file():
-            return path
-        raise ConfigError(f"`{kind[:-1]}` {name}: no such file")
-    shipped = data_root() / "configs" / kind / f"{name}.toml"
-    if shipped.is_file():
-        return shipped
-    if path.is_file():
-        return path
-    known = ", ".join(shipped_names(f"configs/{kind}"))
-    raise ConfigError(f"`{kind[:-1]}` {name}: neither a file nor a shipped name ({known})")
+    if not path.suffix and len(path.parts) == 1:
+        known = shipped_names(f"configs/{kind}")
+        if name in known:
+            return data_root() / "configs" / kind / f"{name}.toml"
+        if not is_there(path):
+            raise ConfigError(
+                f"`{kind[:-1]}` {name}: neither a file nor a shipped name ({', '.join(known)})"
+            )
+    issue = issue_with(path)
+    if issue:
+        raise ConfigError(f"`{kind[:-1]}` {shortened(name)}: {issue}")
+    return path

@@ -3,26 +3,68 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.files import read_bytes
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 
 Table = dict[str, Any]
 
+# Beyond these a file is no configuration; Python's parser takes time with the square of a key's length.
+MOST_BYTES = 2_000_000
+DEEPEST = 16  # tables and lists in each other, and parts of a key
+_MOST_KEYS = 20  # unknown keys told one by one
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(  # where a key may begin
+    rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}",
+    re.MULTILINE,
+)
+
+
+def read_text(path: Path) -> str:
+    """The text of a TOML file, without the mark that some editors begin it with. Raises ConfigError."""
+    raw = read_bytes(path, MOST_BYTES)
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
 
 def read_toml(path: Path) -> Table:
     """The file's content. Raises ConfigError where it cannot be read or is not TOML."""
+    written = read_text(path)
+    too_deep = f"{path}: keys or tables deeper than {DEEPEST}; allowed: up to {DEEPEST}"
+    if _LONG_KEY.search(written):
+        raise ConfigError(too_deep)
     try:
-        with path.open("rb") as stream:
-            return tomllib.load(stream)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are such
+        content = tomllib.loads(written)
+    except ValueError as error:  # TOMLDecodeError is one
         raise ConfigError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise ConfigError(too_deep) from error
+    if _is_deeper(content, DEEPEST):
+        raise ConfigError(too_deep)
+    return content
+
+
+def _is_deeper(content: Table, levels: int) -> bool:
+    """Whether more tables and lists than `levels` are in each other."""
+    inner: list[Any] = [content]
+    for _ in range(levels):
+        inner = [
+            each
+            for holder in inner
+            for each in (holder.values() if isinstance(holder, dict) else holder)
+            if isinstance(each, dict | list)
+        ]
+        if not inner:
+            return False
+    return True
 
 
 def number(
@@ -60,12 +102,20 @@ def table(issues: ConfigIssues, key: str, value: object) -> Table:
 def known_keys(
     issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]
 ) -> None:
-    """A fault for each key that does not exist."""
+    """A fault for each key that does not exist; of very many the number."""
     names = list(known)
-    for key, value in given.items():
-        if key not in names:
-            dotted = f"{prefix}.{key}" if prefix else key
-            issues.add(dotted, f"{show(value)}: unknown key; allowed: {', '.join(names)}")
+    start = f"{prefix}." if prefix else ""
+    unknown = [key for key in given if key not in names]
+    for key in unknown[:_MOST_KEYS]:
+        issues.add(
+            f"{start}{shortened(key)}",
+            f"{show(given[key])}: unknown key; allowed: {', '.join(names)}",
+        )
+    if len(unknown) > _MOST_KEYS:
+        issues.add(
+            f"{start}{shortened(unknown[_MOST_KEYS])}",
+            f"and {len(unknown) - _MOST_KEYS - 1} more: unknown keys",
+        )
 
 
 def show(value: object) -> str:
@@ -74,4 +124,9 @@ def show(value: object) -> str:
         said = repr(value)
     except ValueError:  # Python refuses to write out thousands of digits
         return "a number of thousands of digits"
+    return shortened(said)
+
+
+def shortened(said: str) -> str:
+    """Up to 60 characters of it."""
     return said if len(said) <= 60 else said[:57] + "..."

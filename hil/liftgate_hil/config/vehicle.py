@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -77,6 +78,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
         **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
     )
     _check_geometry(issues, vehicle.gate)
+    _check_inertia(issues, vehicle.gate)
     issues.raise_if_any()
     return vehicle
 
@@ -152,6 +154,21 @@ def _allowed(quantity: Quantity) -> str:
 def _unit(quantity: Quantity) -> str:
     """As a person reads it; none of a pure number."""
     return "" if quantity.unit == "1" else quantity.unit
+
+
+def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
+    """A gate's inertia about its hinge is m r² of its centre of gravity at least, and no part of the gate is
+    further from the hinge than that and its length; ten times beyond that it is a mistake, no rough estimate.
+    """
+    radius = gate_body.linkage(gate).gravity_radius
+    reach = radius + math.hypot(gate.length, gate.thickness)
+    low, high = 0.1 * gate.mass * radius**2, 10.0 * gate.mass * reach**2
+    if gate.inertia != 0.0 and not low <= gate.inertia <= high:
+        issues.add(
+            "gate.inertia",
+            f"{gate.inertia:g} with this mass, length and gravity_point; allowed: {low:.3g} to {high:.3g} kg m², "
+            "or 0: from mass and plate",
+        )
 
 
 def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.settings import Setting, apply_setting
-from liftgate_hil.config.toml import read_toml
+from liftgate_hil.config.toml import read_text, read_toml
 from liftgate_hil.config.vehicle import SIDES
 
 _COORDINATE = re.compile(r"(.+)\[([01])\]")
@@ -26,7 +26,7 @@ def vehicle_text(
     import tomlkit
 
     read_toml(source)  # tells what is wrong with it
-    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    document: Any = tomlkit.parse(read_text(source))
     for setting in settings:
         apply_setting(document, setting)
     for name, value in values.items():

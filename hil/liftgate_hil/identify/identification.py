@@ -49,6 +49,7 @@ _HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
 _DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
 _ROUGH_ROUNDS = 6
+_NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
 _TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
@@ -233,8 +234,11 @@ def validate(problem: Problem) -> Validation:
 
 def widened(classic: Floats, robust: Floats) -> Floats:
     """The robust covariance, with no standard deviation less than the classic one's."""
-    scale = np.sqrt(np.maximum(np.diag(classic) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    own, other = np.diag(classic), np.diag(robust)
+    silent = other <= _NO_SCORE * own  # hardly a score: nothing that could be scaled
+    scale = np.sqrt(np.maximum(own / np.where(silent, own, other), 1.0))
     result: Floats = robust * np.outer(scale, scale)
+    result[silent], result[:, silent] = classic[silent], classic[:, silent]
     return result
 
 

@@ -38,9 +38,9 @@ OUTPUTS = (
 # done after it, the currents shown, the state.
 _STRETCH = 100_000
 _ROW, _STEPS, _SHOWN = 0, 1, 2
-_LEFT = DriveState(4, 5, 6, 7, 8)
-_RIGHT = DriveState(9, 10, 11, 12, 13)
-_ANGLE, _RATE, _LATCHED, _KEPT = 14, 15, 16, 17
+_AT_LEFT, _AT_RIGHT, _ANGLE, _RATE, _LATCHED, _KEPT = 4, 9, 14, 15, 16, 17
+_LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
+_RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
 
 
@@ -120,8 +120,8 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
 @compilable
 def keep(kept: Floats, state: State, left: float, right: float) -> None:
     """Put a state, and the currents that the sensors show, where the next stretch finds them."""
-    fill(kept, _LEFT.current, state.left)
-    fill(kept, _RIGHT.current, state.right)
+    fill(kept, _AT_LEFT, state.left)
+    fill(kept, _AT_RIGHT, state.right)
     kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
     kept[_SHOWN], kept[_SHOWN + 1] = left, right
 

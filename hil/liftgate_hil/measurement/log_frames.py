@@ -13,6 +13,8 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
 
+_MOST_BYTES = 64  # of a frame
+
 
 def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats, Frames]:
     """Times [s] and frames of these messages of the rig. Raises ConfigError where the log cannot be read."""
@@ -46,6 +48,11 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]
                     continue
                 identifier |= REMOTE if message.is_remote_frame else 0
                 identifier |= FD if message.is_fd else 0
+                if len(message.data) > _MOST_BYTES:
+                    raise ValueError(
+                        f"{len(message.data)} bytes in a frame at {message.timestamp} s; "
+                        f"allowed: up to {_MOST_BYTES}"
+                    )
                 times.append(message.timestamp)
                 rows.append((identifier, bytes(message.data)))
     except OSError as error:

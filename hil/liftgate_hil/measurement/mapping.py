@@ -12,11 +12,7 @@ from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
-from liftgate_hil.measurement.units import allowed_units, conversion
-
-# What a file may hold; `voltage_v` is the voltage of both drives.
-KNOWN = ("time_s", "voltage_v", *INPUTS, *OUTPUTS)
+from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml"
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")

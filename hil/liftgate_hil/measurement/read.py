@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.csv_file import open_csv
-from liftgate_hil.measurement.mapping import KNOWN, ColumnMap
+from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.series import Columns
 from liftgate_hil.measurement.table import read_table
+from liftgate_hil.measurement.units import KNOWN
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig

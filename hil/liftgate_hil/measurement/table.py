@@ -12,10 +12,9 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.series import Columns, Series
-from liftgate_hil.measurement.units import allowed_units, conversion, near_miss
+from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
 SIDES = ("left", "right")
-SIGNALS = {**INPUTS, **OUTPUTS, "voltage_v": INPUTS["left_voltage_v"]}
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
 INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
 _KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))
@@ -148,8 +147,8 @@ def _other_units(
     """Headers like left_current_ma; each counts as its column, so that it is told once only."""
     issues = []
     for name in file.names:
-        meant = near_miss(name, known)
-        if meant is None or meant[0] in names or name in names.values():
+        meant = near_miss(name)
+        if meant is None or meant[0] not in known or meant[0] in names or name in names.values():
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
@@ -195,7 +194,7 @@ def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) 
 def _check_range(reading: Reading, ours: str, series: Series) -> None:
     if ours == "time_s":
         return
-    low, high = SIGNALS[ours].low, SIGNALS[ours].high
+    low, high = KNOWN[ours].low, KNOWN[ours].high
     values = series.values
     bad = np.flatnonzero((values < low) | (values > high))
     if len(bad):

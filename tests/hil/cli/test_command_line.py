@@ -268,7 +268,7 @@ def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
             "--bus", bus, "--clock", "free", "--duration", "3", "--quiet", "--record", str(path)
         )  # fmt: skip
         while (message := other.recv(0)) is not None:
-            last = message if message.arbitration_id == 0x7E0 else last
+            last = message if message.arbitration_id == 0x6E0 else last
     assert code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert str(path) in line

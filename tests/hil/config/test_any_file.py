@@ -89,14 +89,14 @@ def test_a_mangled_file_is_told_or_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, load: Callable[[Path], Any]
 ):
     known: dict[Path, Any] = {}
-    read = rig_file._load_messages
+    read = rig_file.load_messages
 
     def once(issues: Any, path: Path) -> Any:
         if path not in known:
             known[path] = read(issues, path)
         return known[path]
 
-    monkeypatch.setattr(rig_file, "_load_messages", once)
+    monkeypatch.setattr(rig_file, "load_messages", once)
     (tmp_path / "foreign.dbc").write_bytes((FOREIGN / "foreign.dbc").read_bytes())
     content = tomllib.loads((ROOT / source).read_text(encoding="utf-8"))
     path = tmp_path / "file.toml"

@@ -33,8 +33,8 @@ BO_ 768 Slow: 8 Gate
  SG_ Pinch : 0|16@1+ (1,0) [0|0] "N" ECU
 BO_ 1024 Muxed: 8 Gate
  SG_ Which M : 0|4@1+ (1,0) [0|15] "" ECU
- SG_ A m1 : 8|16@1+ (1,0) [0|0] "" ECU
- SG_ B m2 : 8|16@1+ (1,0) [0|0] "" ECU
+ SG_ A m1 : 8|16@1+ (1,0) [0|0] "deg" ECU
+ SG_ B m2 : 8|16@1+ (1,0) [0|0] "V" ECU
 BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
 BA_DEF_DEF_ "GenMsgCycleTime" 0;
 BA_ "GenMsgCycleTime" BO_ 256 20;
@@ -106,7 +106,10 @@ def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
 
 
 def test_an_extended_commands_identifier_carries_its_flag(tmp_path: Path):
-    text = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Out.Current"\n[outputs]\nleft_current = "Cmd.DutyL"\n'
+    text = (
+        'dbc = "their.dbc"\n[inputs]\nleft_duty = { signal = "Out.Current", unit = "%" }\n'
+        '[outputs]\nleft_current = { signal = "Cmd.DutyL", unit = "A" }\n'
+    )
     assert rig_of(tmp_path, DATABASE, text).command_identifier() == (
         2566844672 & 0x1FFFFFFF | EXTENDED
     )
@@ -172,9 +175,9 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (INPUTS + OUTPUTS, "dbc", "allowed"),
         ("dbc = 3\n" + INPUTS + OUTPUTS, "dbc", "3"),
         ('dbc = ""\n' + INPUTS + OUTPUTS, "dbc", "allowed"),
-        ('dbc = "."\n' + INPUTS + OUTPUTS, "dbc", "no such file"),
+        ('dbc = "."\n' + INPUTS + OUTPUTS, "dbc", "a folder"),
         ('dbc = "none.dbc"\n' + INPUTS + OUTPUTS, "dbc", "none.dbc"),
-        ('dbc = "their.toml"\n' + INPUTS + OUTPUTS, "dbc", "cannot be read"),
+        ('dbc = "their.toml"\n' + INPUTS + OUTPUTS, "dbc", ".arxml"),
         ('dbc = "their.dbc"\n', "inputs.left_duty", "missing"),
         ('dbc = "their.dbc"\ninputs = 3\n', "inputs", "allowed: a table"),
         ('dbc = "their.dbc"\n[inputs]\nright_duty = "Cmd.DutyR"\n', "inputs.left_duty", "missing"),

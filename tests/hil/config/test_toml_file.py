@@ -47,9 +47,9 @@ def test_a_file_that_is_no_toml_is_one_fault_that_names_it(
 @pytest.mark.parametrize("load", LOADERS)
 def test_a_missing_file_and_a_folder_are_told_as_such(tmp_path: Path, load: Callable[[Path], Any]):
     missing = tmp_path / "none.toml"
-    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+    with pytest.raises(ConfigError, match=r"none\.toml: no such file"):
         load(missing)
-    with pytest.raises(ConfigError, match="cannot be read: Is a directory"):
+    with pytest.raises(ConfigError, match="is a folder"):
         load(tmp_path)
 
 

@@ -208,6 +208,19 @@ def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
     assert "hinge" in issues[0]
 
 
+@pytest.mark.parametrize("value", ["7e-8", "0.5", "2000"])
+def test_an_inertia_that_no_gate_of_that_mass_has_is_a_fault(tmp_path: Path, value: str):
+    (issue,) = faults_of(tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
+    assert keys_of([issue]) == ["gate.inertia"]
+    assert "kg m², or 0: from mass and plate" in issue
+
+
+@pytest.mark.parametrize("value", ["0", "4.0", "10.5", "60"])
+def test_an_inertia_that_a_gate_may_have_is_taken(tmp_path: Path, value: str):
+    vehicle = load(tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
+    assert vehicle.gate.inertia == float(value)
+
+
 # --set.
 
 

@@ -424,7 +424,7 @@ def test_the_first_frames_say_closed_latched_and_waiting(rig: Rig, fast_tick: Ti
 
 
 def test_refused_frames_are_told_on_the_bus(rig: Rig, fast_tick: Tick):
-    bad = [(COMMAND, bytes(8)), (COMMAND, bytes(2)), (0x7E1, bytes(1)), (0x111, bytes(8))]
+    bad = [(COMMAND, bytes(8)), (COMMAND, bytes(2)), (0x6E1, bytes(1)), (0x111, bytes(8))]
     _, _, replies, _ = run(
         fast_tick,
         loop_config(rig=rig),

@@ -213,7 +213,7 @@ def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffi
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
-        f"{path}: no frame of ours; allowed: DriveCommand (0x120), BenchControl (0x7E1), "
+        f"{path}: no frame of ours; allowed: DriveCommand (0x120), BenchControl (0x6E1), "
         "LeftDrive (0x210), RightDrive (0x211), Gate (0x220)"
     ]
 

@@ -1,0 +1,109 @@
+"""The database that a rig names: DBC, ARXML, KCD or SYM, as cantools reads them."""
+
+from __future__ import annotations
+
+import codecs
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.config.files import is_there, read_bytes
+from liftgate_hil.config.shipped import data_root
+from liftgate_hil.config.toml import show, text
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import ConfigIssues
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+# Suffix: the encoding of a file that is not UTF-8.
+KINDS = {".dbc": "cp1252", ".arxml": "utf-8", ".kcd": "utf-8", ".sym": "cp1252"}
+# What is named by mistake, and what it is.
+_OTHERS = {
+    ".cdd": "a diagnostic database",
+    ".odx": "a diagnostic database",
+    ".pdx": "a diagnostic database",
+    ".ldf": "a LIN database",
+    ".a2l": "a calibration database",
+    ".dbf": "a BUSMASTER database, which BUSMASTER exports as DBC",
+    ".xlsx": "a spreadsheet",
+    ".xls": "a spreadsheet",
+}
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+
+
+def find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | None:
+    """The file of a rig's key `dbc`: beside the rig, or a shipped one."""
+    name = text(issues, "dbc", value)
+    if not name:
+        return None
+    for path in (folder / name, data_root() / "dbc" / name):
+        if is_there(path):
+            return path
+    issues.add("dbc", f"{show(name)}: no such file beside the rig or among the shipped ones")
+    return None
+
+
+def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
+    """Its messages by name; what is wrong with it is noted under `dbc`."""
+    from liftgate_hil.python_can import cantools
+
+    kind = path.suffix.lower()
+    try:
+        raw = read_bytes(path)
+        if kind not in KINDS:
+            is_other = f"is {_OTHERS[kind]}; " if kind in _OTHERS else ""
+            raise ConfigError(f"{path}: {is_other}allowed: a file of {', '.join(KINDS)}")
+    except ConfigError as error:
+        issues.add("dbc", str(error))
+        return {}
+    # cantools only logs what makes a database ambiguous; here that is a fault.
+    handler = _Collector()
+    logger = logging.getLogger("cantools")
+    logger.addHandler(handler)
+    try:
+        database = cantools.database.load_string(
+            "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n", kind[1:]
+        )
+    except Exception as error:  # cantools passes on what its parsers raise, of any kind
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        issues.add("dbc", f"{path}: cannot be read: {said}")
+        return {}
+    finally:
+        logger.removeHandler(handler)
+    if not isinstance(database, cantools.database.can.Database):
+        issues.add("dbc", f"{path}: allowed: a CAN database")
+        return {}
+    for record in handler.records:
+        if "Overwriting" in record.getMessage():
+            issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
+    if not database.messages:
+        issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with some")
+    return {message.name: message for message in database.messages}
+
+
+def _encoding(raw: bytes, kind: str) -> str:
+    """UTF-8 where it is: in cp1252 hardly any text with letters beyond ASCII looks like it."""
+    for mark, encoding in _MARKS.items():
+        if raw.startswith(mark):
+            return encoding
+    try:
+        raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return KINDS[kind]
+    return "utf-8"
+
+
+class _Collector(logging.Handler):
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append(record)

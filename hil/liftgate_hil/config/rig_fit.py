@@ -1,0 +1,185 @@
+"""Does a rig fit a vehicle and a loop rate: ranges of signals against what the vehicle does, cycles against ticks.
+
+A signal stays at the end of its range when the quantity goes on, and nothing on the bus shows it. What every
+opening and closing needs must therefore fit, unless the rig says `saturates = true`; what only a stalled motor or
+the like reaches is told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.units import conversion
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_plant import gate
+from liftgate_plant.gate import GRAVITY
+from liftgate_plant.vehicle import DriveTables, Vehicle
+
+NS = 1_000_000_000
+
+
+class Expected(NamedTuple):
+    """What a quantity does in its unit: in every opening and closing, and at most."""
+
+    low: float
+    high: float
+    lowest: float
+    highest: float
+
+
+def _whole(low: float, high: float) -> Expected:
+    return Expected(low, high, low, high)
+
+
+def _part(share: float, most: float) -> Expected:
+    """Both ways so much of `most`, and `most` in the extreme."""
+    return Expected(-share * most, share * most, -most, most)
+
+
+def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
+    """What the outputs of a rig do on this vehicle, as far as it is known beforehand."""
+    link = gate.linkage(vehicle.gate)
+    open_deg = math.degrees(vehicle.gate.open_angle)
+    supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope
+    weights = [
+        GRAVITY * math.cos(link.gravity_angle + slope + share * vehicle.gate.open_angle)
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0)
+    ]
+    ambient = vehicle.environment.ambient_temperature
+    found = {
+        "gate_angle": _whole(0.0, open_deg),
+        "gate_rate": _part(0.1, open_deg),  # opened within a second, at most
+        "terminal_voltage": Expected(0.8 * supply, supply, 0.0, supply),
+        "supply_voltage": _whole(supply, supply),
+        "ambient_temperature": _whole(ambient, ambient),
+        "road_slope": _whole(math.degrees(slope), math.degrees(slope)),
+        "gate_acceleration": _whole(min(weights), max(weights)),
+    }
+    sides = {"left": vehicle.left, "right": vehicle.right}
+    for side in ("left", "right")[: vehicle.drives]:
+        found |= {
+            f"{side}_{name}": each
+            for name, each in _of_a_drive(vehicle, sides[side], link.stroke).items()
+        }
+        found[f"{side}_motor_temperature"] = _whole(ambient, ambient)
+    return found
+
+
+def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, Expected]:
+    """The same of one drive, by names without its side; a stalled motor and one without load are the extremes."""
+    sensors, motor, supply = vehicle.sensors, drive.motor, vehicle.supply.voltage
+    stall = supply / motor.resistance
+    turns = stroke * drive.gear.ratio / drive.spindle.lead
+    fastest = supply / motor.speed_constant
+    counted = fastest * sensors.hall_counts * sensors.hall_sample_period
+    force = motor.torque_constant * stall * 2.0 * math.pi * drive.gear.ratio / drive.spindle.lead
+    return {
+        "current": _part(0.1, min(sensors.current_gain * stall, sensors.current_limit)),
+        "true_current": _part(0.1, stall),
+        "voltage": _part(0.5, supply),
+        "duty": _part(0.5, 1.0),
+        "hall_count": _whole(0.0, turns * sensors.hall_counts),
+        "hall_speed": _part(0.5, counted),
+        "position": _whole(0.0, turns),
+        "speed": _part(0.5, fastest),
+        "force": _part(0.01, force),
+    }
+
+
+def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
+    """Raises ConfigError where the rig cannot carry what this vehicle does in every motion, or a message is to be
+    sent more than once a tick at this rate [Hz].
+    """
+    issues = ConfigIssues(rig.source)
+    for wire, expected, held in _ranged(rig, vehicle):
+        if not _holds(held, expected.low, expected.high):
+            unit = BUS_OUTPUTS[wire.quantity].unit
+            issues.add(
+                f"outputs.{wire.quantity}",
+                f"{wire.message}.{wire.signal} holds {_span(*held, unit)}, any motion of this vehicle "
+                f"needs {_span(expected.low, expected.high, unit)}; allowed: a signal that holds it "
+                "(signed, or with an offset), or saturates = true",
+            )
+    for name, cycle_ns in _cycles(rig):
+        if cycle_ns < round(NS / rate):
+            issues.add(
+                f"messages.{name}.cycle_ms",
+                f"{cycle_ns / 1e6:g}; allowed: {1e3 / rate:g} or more, a tick at `rate` {rate:g} Hz",
+            )
+    issues.raise_if_any()
+
+
+def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
+    """What is worth knowing before a run; a line each."""
+    notes = []
+    for wire, expected, held in _ranged(rig, vehicle):
+        if not _holds(held, expected.lowest, expected.highest):
+            unit = BUS_OUTPUTS[wire.quantity].unit
+            notes.append(
+                f"{rig.source}: outputs.{wire.quantity}: {wire.message}.{wire.signal} holds "
+                f"{_span(*held, unit)} and stays there; this vehicle reaches "
+                f"{_span(expected.lowest, expected.highest, unit)}"
+            )
+    for name, cycle_ns in _cycles(rig):
+        ticks = cycle_ns * rate / NS
+        if abs(ticks - round(ticks)) > 1e-6 * ticks:
+            notes.append(
+                f"{rig.source}: messages.{name}.cycle_ms: {cycle_ns / 1e6:g} is no whole number of ticks of "
+                f"{1e3 / rate:g} ms: kept on average, each frame up to a tick late"
+            )
+    return [*notes, *_other_scales(rig)]
+
+
+def _other_scales(rig: Rig) -> Iterator[str]:
+    """Scales of the rig that are not what the database's unit says."""
+    for section, wires, quantities in (
+        ("inputs", rig.inputs, BUS_INPUTS),
+        ("outputs", rig.outputs, BUS_OUTPUTS),
+    ):
+        for wire in wires:
+            quantity = quantities[wire.quantity]
+            if wire.basis != "rig" or not wire.unit or not quantity.unit:
+                continue
+            by_unit = conversion(quantity, wire.unit)
+            # A turned sign is what many rigs need.
+            if by_unit is None or not math.isclose(abs(wire.scale), by_unit[0], rel_tol=1e-3):
+                means = "is none of its units" if by_unit is None else f"means {by_unit[0]:g}"
+                yield (
+                    f"{rig.source}: {section}.{wire.quantity}: scale {wire.scale:g}, while the "
+                    f"database's unit {wire.unit!r} {means}"
+                )
+
+
+def _ranged(
+    rig: Rig, vehicle: Vehicle
+) -> Iterator[tuple[SignalMapping, Expected, tuple[float, float]]]:
+    """Outputs with what the vehicle does to them, and what their signal holds."""
+    expected = expected_values(vehicle)
+    for wire in rig.outputs:
+        name = wire.quantity
+        wanted = expected.get(name, expected.get(name.removeprefix("true_")))
+        if wanted is None or wire.saturates:
+            continue
+        signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
+        low, high = wire.quantity_range(signal)
+        half = 0.5 * abs(wire.scale * float(signal.scale)) * (not signal.is_float)
+        yield wire, wanted, (low - half, high + half)
+
+
+def _cycles(rig: Rig) -> Iterator[tuple[str, int]]:
+    """Messages that are sent, and their cycles [ns]."""
+    names = dict.fromkeys(wire.message for wire in rig.outputs)
+    return zip(names, rig.output_config().messages.cycle_ns.tolist(), strict=True)
+
+
+def _holds(held: tuple[float, float], low: float, high: float) -> bool:
+    return held[0] <= low and high <= held[1]
+
+
+def _span(low: float, high: float, unit: str) -> str:
+    return f"{low:.4g} to {high:.4g}{' ' + unit if unit else ''}"

@@ -1,0 +1,197 @@
+"""The tables [inputs] and [outputs] of a rig file: which signal carries a quantity, and how it becomes ours.
+
+In the order in which they count: `values` names an enumeration's values; `scale` and `offset` are taken as they
+are; `unit` says what the signal is in; else the database says it. What none of them says is asked for: a quantity
+in the wrong unit goes unnoticed until the ECU does something odd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.config.units import (
+    SAME,
+    Conversion,
+    allowed_units,
+    conversion,
+    dimension_of,
+    dimensions_named,
+)
+from liftgate_hil.issues import ConfigIssues
+from liftgate_plant.signals import Signal
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+    from cantools.database.can import Signal as DatabaseSignal
+
+_KEYS = ("signal", "unit", "scale", "offset", "values", "saturates")
+_MOST_NAMES = 20  # of messages, in a message
+
+
+def signal_mappings(
+    issues: ConfigIssues,
+    raw: Table,
+    section: str,
+    quantities: Mapping[str, Signal],
+    messages: Mapping[str, Message],
+) -> list[SignalMapping]:
+    """What a section maps; faults are noted."""
+    given = table(issues, section, raw.get(section, {}))
+    known_keys(issues, section, given, quantities)
+    found = [
+        _mapping(issues, section, quantity, quantities[quantity], given[quantity], messages)
+        for quantity in given
+        if quantity in quantities
+    ]
+    return [each for each in found if each is not None]
+
+
+def _mapping(
+    issues: ConfigIssues,
+    section: str,
+    quantity: str,
+    ours: Signal,
+    value: object,
+    messages: Mapping[str, Message],
+) -> SignalMapping | None:
+    key = f"{section}.{quantity}"
+    given: Table = value if isinstance(value, dict) else {"signal": value}
+    known_keys(issues, key, given, _KEYS)
+    name = text(issues, f"{key}.signal", given.get("signal"))
+    factors = _given_factors(issues, key, given)
+    values = _given_values(issues, key, given, ours)
+    saturates = given.get("saturates", False)
+    if not isinstance(saturates, bool) or (saturates and section != "outputs"):
+        allowed = "true or false" if section == "outputs" else "of an output"
+        issues.add(f"{key}.saturates", f"{show(saturates)}; allowed: {allowed}")
+    theirs = _find_signal(issues, key, name, messages) if name else None
+    if theirs is None:
+        return None
+    message, _, signal = name.partition(".")
+    basis = "rig"
+    if "values" in given:
+        basis = "values"
+    elif ours.values and factors is None:
+        basis, values = "labels", _own_labels(issues, key, name, theirs, ours)
+    elif factors is None or "unit" in given:
+        basis = "unit"
+        by_unit = _by_unit(issues, key, name, _unit_of(issues, key, given, theirs), ours)
+        scale, offset = factors or SAME
+        factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
+    return SignalMapping(
+        quantity,
+        message,
+        signal,
+        *(factors or SAME),
+        values,
+        basis=basis,
+        unit=given["unit"] if isinstance(given.get("unit"), str) else theirs.unit or "",
+        saturates=saturates is True,
+    )
+
+
+def _given_factors(issues: ConfigIssues, key: str, given: Table) -> Conversion | None:
+    """`scale` and `offset`, if there is one of them."""
+    if "scale" not in given and "offset" not in given:
+        return None
+    scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
+    offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e9, 1e9)
+    if scale == 0.0:
+        issues.add(f"{key}.scale", "0; allowed: anything else")
+    return scale, offset
+
+
+def _given_values(
+    issues: ConfigIssues, key: str, given: Table, ours: Signal
+) -> dict[str, Any] | None:
+    """`values`, if they are there."""
+    if "values" not in given:
+        if "unit" in given and ours.values:
+            issues.add(f"{key}.unit", "allowed: values, this is an enumeration")
+        return None
+    for other in ("unit", "scale", "offset"):
+        if other in given:
+            issues.add(f"{key}.{other}", "allowed: without values")
+    values = table(issues, f"{key}.values", given["values"])
+    for label, each in values.items():
+        if not isinstance(each, str):
+            number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
+    return values
+
+
+def _find_signal(
+    issues: ConfigIssues, key: str, name: str, messages: Mapping[str, Message]
+) -> DatabaseSignal | None:
+    """The signal of MESSAGE.SIGNAL."""
+    message, dot, signal = name.partition(".")
+    if not dot or message not in messages:
+        names = sorted(messages)
+        more = ", …" if len(names) > _MOST_NAMES else ""
+        allowed = ", ".join(names[:_MOST_NAMES]) + more
+        issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {allowed}")
+        return None
+    for each in messages[message].signals:
+        if each.name == signal:
+            return each
+    allowed = ", ".join(each.name for each in messages[message].signals)
+    issues.add(key, f"{show(name)}: no such signal; allowed: {allowed}")
+    return None
+
+
+def _unit_of(issues: ConfigIssues, key: str, given: Table, theirs: DatabaseSignal) -> str:
+    """The unit that the rig says, else the database's."""
+    if "unit" in given:
+        return text(issues, f"{key}.unit", given["unit"])
+    return (theirs.unit or "").strip()
+
+
+def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
+    """From the signal's unit to ours; a fault where it is not known or is of something else."""
+    if not unit and dimension_of(ours) == "number":
+        return SAME
+    factors = conversion(ours, unit)
+    if factors is not None:
+        return factors
+    known = dimensions_named(unit)
+    if not unit:
+        said = f"{name} has no unit in the database"
+    elif known:
+        said = f"{name} is in {show(unit)}, a unit of {known[0]}"
+    else:
+        said = f"{name} is in {show(unit)}, which is no known unit"
+    hint = ""
+    if "rate of turning" in known and key.endswith("hall_speed"):
+        side = key.partition(".")[2].removesuffix("hall_speed")
+        hint = f"; or the motor's speed, {side}speed"
+    issues.add(
+        key,
+        f"{said}; allowed: unit = {' | '.join(map(show, allowed_units(ours).split(', ')))}, "
+        f"or scale and offset{hint}",
+    )
+    return SAME
+
+
+def _own_labels(
+    issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
+) -> dict[str, Any] | None:
+    """What the database's value table says where its labels are ours; None: the same numbers, too."""
+    labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
+    if all(each in labels for each in ours.values):
+        numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}
+        factor, offset = float(theirs.scale), float(theirs.offset)
+        wanted = {each: labels[each] for each in ours.values}
+        is_same = all(
+            factor * numbers[label] + offset == ours.values.index(each)
+            for each, label in wanted.items()
+        )
+        return None if is_same else wanted
+    has = "no value table"
+    if theirs.choices:
+        pairs = sorted(theirs.choices.items())
+        has = "the labels " + ", ".join(f"{raw} {str(label)!r}" for raw, label in pairs[:16])
+    asked = ", ".join(f"{each} = …" for each in ours.values)
+    issues.add(key, f"{name} has {has}; allowed: values = {{ {asked} }}, labels or numbers")
+    return None

@@ -1,0 +1,204 @@
+"""Units, as files and databases spell them, and what they are in the unit of a quantity of the catalogue.
+
+A unit is a factor to the first one of its dimension, kept as numerator and denominator so that conversions are
+exact where they can be, and for temperatures an offset. Spellings are compared without spaces, dots and signs of
+multiplication; words of three letters and more in any case, shorter ones and what may begin with milli or mega
+(mA, mPa) as they stand.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import unicodedata
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from liftgate_plant.signals import Signal
+
+Conversion = tuple[float, float]  # ours = factor · theirs + offset
+SAME: Conversion = (1.0, 0.0)
+
+
+class Unit(NamedTuple):
+    """first unit of the dimension = numerator / denominator · this one + offset."""
+
+    numerator: float
+    denominator: float = 1.0
+    offset: float = 0.0
+
+
+_TURN = 2.0 * math.pi
+_NUMBER = Unit(1.0)
+_NONE = ("1", "-", "--", "n/a", "na", "none", "unitless", "dimensionless", "SED")
+
+# Spellings by unit, by dimension. The first spelling is what messages call it.
+_SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
+    "current": {
+        Unit(1): ("A", "amp", "amps", "ampere", "amperes", "A_DC"),
+        Unit(1, 1000): ("mA", "milliamp", "milliamps", "milliampere", "mAmp", "mAmps"),
+        Unit(1, 1_000_000): ("µA", "uA", "microampere"),
+        Unit(1000): ("kA", "kiloampere"),
+    },
+    "voltage": {
+        Unit(1): ("V", "volt", "volts", "VDC", "V_DC"),
+        Unit(1, 1000): ("mV", "millivolt", "millivolts", "mVolt"),
+        Unit(1, 1_000_000): ("µV", "uV"),
+        Unit(1000): ("kV", "kilovolt"),
+    },
+    "time": {
+        Unit(1): ("s", "sec", "secs", "second", "seconds", "Sek", "Sekunde", "Sekunden"),
+        Unit(1, 1000): ("ms", "msec", "millisecond", "milliseconds", "Millisekunden"),
+        Unit(1, 1_000_000): ("µs", "us", "usec", "µsec", "microsecond", "microseconds"),
+        Unit(1, 1_000_000_000): ("ns", "nsec"),
+        Unit(60): ("min", "minute", "minutes", "Minuten"),
+        Unit(3600): ("h", "hour", "hours", "Stunden"),
+    },
+    "angle": {  # of a gate, and what a motor has turned
+        Unit(1): ("rev", "revs", "revolution", "revolutions", "turn", "turns", "Umdr", "Umdrehung",
+                  "Umdrehungen"),
+        Unit(1, 360): ("deg", "°", "degree", "degrees", "Grad", "degs", "ang_deg", "Winkelgrad"),
+        Unit(1, _TURN): ("rad", "radian", "radians"),
+        Unit(1, 1000.0 * _TURN): ("mrad",),
+        Unit(1, 21_600): ("arcmin",),
+    },
+    "rate of turning": {
+        Unit(1): ("rev/s", "rps", "1/s", "Hz", "s-1", "U/s", "rev/sec", "turns/s", "Umdr/s", "r/s",
+                  "hertz"),
+        Unit(1, 60): ("rpm", "1/min", "rev/min", "U/min", "min-1", "/min", "r/min", "Umdr/min", "upm",
+                      "1/minute", "revs/min", "rotations/min"),
+        Unit(1, _TURN): ("rad/s", "rad/sec", "rads/s", "rad/second"),
+        Unit(1, 360): ("deg/s", "°/s", "deg/sec", "degree/s", "degrees/s", "Grad/s", "dps", "deg/second",
+                       "degree/sec", "degps", "degrees/sec"),
+        Unit(1, 360_000): ("mdeg/s",),
+    },
+    "force": {
+        Unit(1): ("N", "newton", "newtons"),
+        Unit(1000): ("kN", "kilonewton"),
+        Unit(1, 1000): ("mN",),
+        Unit(10): ("daN",),
+        Unit(9.80665): ("kgf",),
+        Unit(4.4482216152605): ("lbf",),
+    },
+    "torque": {
+        Unit(1): ("Nm", "newtonmeter", "newtonmetre", "newton-meter"),
+        Unit(1, 1000): ("mNm",),
+        Unit(1, 100): ("Ncm",),
+        Unit(1000): ("kNm",),
+    },
+    "spring rate": {
+        Unit(1): ("N/m",),
+        Unit(1000): ("N/mm", "kN/m"),
+        Unit(100): ("N/cm",),
+    },
+    "acceleration": {
+        Unit(1): ("m/s2", "m/s/s", "m/sec2", "m/ss", "mps2", "m/(s2)", "ms-2"),
+        Unit(9.80665): ("g", "G", "g0", "gn"),
+        Unit(9.80665, 1000): ("mg", "mgn", "milli-g"),
+        Unit(1, 1000): ("mm/s2",),
+    },
+    "pressure": {
+        Unit(1): ("Pa", "pascal", "N/m2"),
+        Unit(100): ("hPa", "mbar", "millibar"),
+        Unit(1000): ("kPa",),
+        Unit(100_000): ("bar",),
+        Unit(1_000_000): ("MPa",),
+        Unit(6894.757293168): ("psi",),
+    },
+    "mass": {
+        Unit(1): ("kg", "kilogram", "kilograms"),
+        Unit(1, 1000): ("g", "gram", "grams"),
+        Unit(1000): ("t", "tonne"),
+    },
+    "temperature": {
+        Unit(1): ("°C", "degC", "C", "celsius", "degreeC", "degreesC", "GradC", "GradCelsius", "degcelsius",
+                  "degreecelsius", "degreescelsius", "deg_C", "temp_C"),
+        Unit(1, 1, -273.15): ("K", "kelvin", "degK", "°K"),
+        Unit(5, 9, -160.0 / 9.0): ("°F", "degF", "fahrenheit", "degreeF", "deg_F"),
+    },
+    "share": {
+        _NUMBER: (*_NONE[:3], "0..1", "0-1", "ratio", "fraction", "p.u.", "pu", "per unit", "norm"),
+        Unit(1, 100): ("%", "percent", "per cent", "Prozent", "pct", "perc"),
+        Unit(1, 1000): ("‰", "permille", "Promille"),
+    },
+    "number": {
+        _NUMBER: (*_NONE, "count", "counts", "cnt", "cnts", "inc", "incr", "increments", "Inkremente", "Ink",
+                  "pulse", "pulses", "Impuls", "Impulse", "Imp", "edge", "edges", "tick", "ticks", "steps",
+                  "bool", "boolean", "bit", "bits", "flag", "state", "status", "enum", "number", "#",
+                  "Anzahl", "step", "raw", "digit", "Flanken"),
+    },
+    # No quantity has these; known, they contradict.
+    "speed": {Unit(1): ("m/s", "m/sec"), Unit(1, 3.6): ("km/h", "kph", "kmh"),
+              Unit(0.44704): ("mph",), Unit(1, 1000): ("mm/s",)},
+    "length": {Unit(1): ("m", "meter", "metre"), Unit(1, 1000): ("mm", "millimeter", "millimetre"),
+               Unit(1, 100): ("cm",), Unit(1000): ("km",), Unit(0.0254): ("in", "inch")},
+    "resistance": {Unit(1): ("Ω", "ohm", "ohms"), Unit(1, 1000): ("mΩ", "mOhm"),
+                   Unit(1000): ("kΩ", "kOhm")},
+    "power": {Unit(1): ("W", "watt", "watts"), Unit(1000): ("kW",)},
+}  # fmt: skip
+
+
+def _folded(text: str) -> str:
+    """A spelling without what does not tell units apart."""
+    # UTF-8 that was read as cp1252 has a letter before each of these signs.
+    text = re.sub("Â(?=[°²³µ·])", "", text)
+    text = unicodedata.normalize("NFKC", text).replace("μ", "µ").replace("º", "°").replace("−", "-")
+    text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", text.strip())
+    text = re.sub(r"[\s·*×^]|\.(?!\.)(?<!\.\.)", "", text)
+    letters = sum(each.isalpha() for each in text)
+    return text if letters < 3 or (letters <= 5 and text[0] in "mM") else text.casefold()
+
+
+@functools.cache
+def _known() -> Mapping[str, Mapping[str, Unit]]:
+    """Units by folded spelling, by dimension."""
+    return {
+        dimension: {_folded(name): unit for unit, names in units.items() for name in names}
+        for dimension, units in _SPELLINGS.items()
+    }
+
+
+@functools.cache
+def dimension_of(signal: Signal) -> str:
+    """What a quantity of the catalogue measures. Without a unit it is a number, or, not being whole, a share."""
+    if signal.unit == "":
+        return "number" if signal.is_whole or signal.values else "share"
+    return dimensions_named(signal.unit)[0]
+
+
+def dimensions_named(unit: str) -> list[str]:
+    """What a unit may measure: `g` is a mass and an acceleration, `1` a share and a number."""
+    return [dimension for dimension, units in _known().items() if _folded(unit) in units]
+
+
+@functools.cache
+def conversion(signal: Signal, unit: str) -> Conversion | None:
+    """From a unit to a quantity's; None where it is none of its units, or not known."""
+    units = _known()[dimension_of(signal)]
+    theirs = units.get(_folded(unit))
+    if theirs is None:
+        return None
+    ours = _own_unit(signal)
+    factor = theirs.numerator * ours.denominator / (theirs.denominator * ours.numerator)
+    offset = (theirs.offset - ours.offset) * ours.denominator / ours.numerator
+    return factor, offset
+
+
+def _own_unit(signal: Signal) -> Unit:
+    return _known()[dimension_of(signal)][_folded(signal.unit)] if signal.unit else _NUMBER
+
+
+def allowed_units(signal: Signal) -> str:
+    """The units that a quantity may be given in, for a message."""
+    return ", ".join(units[0] for units in _SPELLINGS[dimension_of(signal)].values())
+
+
+def spellings(signal: Signal) -> Mapping[str, Conversion]:
+    """Each spelling of a quantity's units, with its conversion."""
+    found = {
+        name: conversion(signal, name)
+        for names in _SPELLINGS[dimension_of(signal)].values()
+        for name in names
+    }
+    return {name: factors for name, factors in found.items() if factors is not None}

@@ -1,0 +1,185 @@
+"""What a user may name instead of a file, or have in one: one clear message, soon."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.toml import DEEPEST, MOST_BYTES, read_toml
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.errors import ConfigError, TransportError, printable
+from liftgate_hil.issues import MOST, ConfigIssues
+
+LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
+
+
+def issues_of(call: Callable[[], object]) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        call()
+    for issue in caught.value.issues:
+        assert issue.isprintable()
+    return caught.value.issues
+
+
+def test_a_byte_order_mark_is_no_part_of_the_content(tmp_path: Path):
+    path = tmp_path / "v.toml"
+    path.write_bytes(b"\xef\xbb\xbfdrives = 2\r\n")
+    assert read_toml(path) == {"drives": 2}
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def circle(path: Path) -> None:
+    path.symlink_to(path)
+
+
+def dangling(path: Path) -> None:
+    path.symlink_to(path.with_name("gone"))
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (folder, "is a folder"),
+        (pipe, "is a pipe"),
+        (circle, "Too many levels of symbolic links"),
+        (dangling, "a link to no file"),
+    ],
+)
+def test_what_is_no_file_is_told_as_what_it_is(
+    tmp_path: Path, make: Callable[[Path], None], said: str
+):
+    path = tmp_path / "x.toml"
+    make(path)
+    for load in LOADERS:
+        (issue,) = issues_of(lambda load=load: load(path))
+        assert said in issue
+    (issue,) = issues_of(lambda: find_config("rigs", str(path)))
+    assert issue.startswith("`rig` ")
+    assert said in issue
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a" * 300 + ".toml"])
+def test_a_name_longer_than_any_file_is_told_as_such(name: str):
+    (issue,) = issues_of(lambda: find_config("vehicles", name))
+    assert "File name too long" in issue
+    assert len(issue) < 150
+
+
+@pytest.mark.parametrize("name", ["x\0y.toml", "\udcff.toml", "none", "none.toml", "none/none"])
+def test_a_name_of_no_file_is_told_as_such(tmp_path: Path, name: str):
+    (issue,) = issues_of(lambda: find_config("vehicles", name))
+    assert "no such file" in issue or "neither a file nor a shipped name" in issue
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_folder_that_may_not_be_read_is_told_as_such(tmp_path: Path):
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0)
+    (issue,) = issues_of(lambda: find_config("vehicles", str(closed / "x.toml")))
+    assert "Permission denied" in issue
+
+
+def test_a_folder_that_may_not_be_read_is_no_missing_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def denied(*_: object, **__: object) -> os.stat_result:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "stat", denied)
+    (issue,) = issues_of(lambda: find_config("vehicles", "there/x.toml"))
+    assert issue == "`vehicle` there/x.toml: cannot be read: Permission denied"
+
+
+def test_the_database_of_a_rig_is_told_alike(tmp_path: Path):
+    rig = tmp_path / "r.toml"
+    rig.write_text('dbc = "x.dbc"\n')
+    (tmp_path / "x.dbc").symlink_to(tmp_path / "x.dbc")
+    (issue,) = issues_of(lambda: load_rig(rig))
+    assert "x.dbc: cannot be read: Too many levels" in issue
+
+
+def soon(call: Callable[[], object]) -> list[str]:
+    """Its faults; a square of the number of keys takes minutes of this process's time."""
+    before = time.process_time()
+    issues = issues_of(call)
+    assert time.process_time() - before < 10.0
+    return issues
+
+
+@pytest.mark.parametrize("load", LOADERS)
+def test_very_many_unknown_keys_are_counted(tmp_path: Path, load: Callable[[Path], Any]):
+    path = tmp_path / "x.toml"
+    path.write_text("".join(f"k{i}=1\n" for i in range(100_000)))
+    issues = soon(lambda: load(path))
+    assert len([issue for issue in issues if ": unknown key; allowed" in issue]) == 20
+    assert any("k20: and 99979 more: unknown keys" in issue for issue in issues)
+    assert len(issues) <= MOST + 1
+
+
+@pytest.mark.parametrize("load", LOADERS)
+@pytest.mark.parametrize(
+    "content",
+    [
+        ".".join("a" * 50_000) + " = 1\n",
+        "[" + " . ".join(["'b'", '"c"'] * 1500) + "]\n",
+        "a = " + "{ b = " * 3000 + "1" + " }" * 3000,
+        "a = " + "{ b = " * (DEEPEST + 1) + "1" + " }" * (DEEPEST + 1),
+        "a = " + "[" * (DEEPEST + 1) + "]" * (DEEPEST + 1),
+        "".join(f"k{i}=1\n" for i in range(700_000)),
+        "a" * (MOST_BYTES - 10) + " = 1\n",
+    ],
+    ids=["50,000 parts", "quoted", "3,000 tables", "a table too many", "lists", "7 MB", "one key"],
+)
+def test_what_is_too_deep_or_too_large_is_told_at_once(
+    tmp_path: Path, load: Callable[[Path], Any], content: str
+):
+    path = tmp_path / "x.toml"
+    path.write_text(content)
+    for issue in soon(lambda: load(path)):
+        assert "allowed" in issue or "not valid TOML" in issue
+        assert len(issue) < 1000
+
+
+def test_dots_in_a_text_or_a_list_are_no_deep_key(tmp_path: Path):
+    path = tmp_path / "x.toml"
+    path.write_text(f'a = "{"1. " * 50}"\nb = [{"1.5, " * 50}]\n')
+    assert len(read_toml(path)["b"]) == 50
+
+
+def test_no_control_character_reaches_a_terminal(tmp_path: Path):
+    path = tmp_path / "v\x1b[31m.toml"
+    path.write_text('"\\u001b]0;owned\\u0007" = 1\n"a\\nb\\u202e" = "\\u009b2J"\n')
+    issues = issues_of(lambda: load_vehicle(path))
+    assert any("\\x1b]0;owned\\x07" in issue for issue in issues)
+    assert printable("\x1b[0m°µ…\ud800") == "\\x1b[0m°µ…\\ud800"
+    assert str(TransportError("a\nb\x07")) == "a\nb\\x07"
+
+
+def test_a_message_with_a_line_break_in_a_name_stays_one_message_across_processes():
+    error = ConfigError(["one\ntwo", "three"])
+    assert pickle.loads(pickle.dumps(error)).issues == ["one\\ntwo", "three"]
+
+
+def test_more_faults_than_anyone_reads_are_counted():
+    issues = ConfigIssues("file")
+    for i in range(1000):
+        issues.add(f"k{i}", "wrong")
+    lines = issues_of(issues.raise_if_any)
+    assert len(lines) == MOST + 1
+    assert lines[-1] == f"file: and {1000 - MOST} faults more"

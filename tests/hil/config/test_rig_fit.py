@@ -1,0 +1,130 @@
+"""A rig that cannot carry what a vehicle does, or a cycle that the loop cannot keep, is told before a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hil_support import rig_of
+
+from liftgate_hil import session
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.rig_fit import check_fit, expected_values, notes_on_fit
+from liftgate_hil.errors import ConfigError
+
+VEHICLES = ("suv", "heavy-suv", "compact")
+
+
+def rig_for(
+    folder: Path, place: str, unit: str, quantity: str, keys: str = "", cycle: float = 10
+) -> Rig:
+    """One output on a signal."""
+    content = f"""VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+BO_ 512 Out: 8 Gate
+ SG_ X : {place} "{unit}" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+"""
+    text = f"""dbc = "their.dbc"
+[inputs]
+left_duty = "Cmd.Duty"
+[outputs]
+{quantity} = {{ signal = "Out.X"{keys} }}
+[messages.Out]
+cycle_ms = {cycle}
+"""
+    return rig_of(folder, content, text)
+
+
+def suv():
+    return session.vehicle_from("suv")
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_the_shipped_rig_fits_every_shipped_vehicle(name: str):
+    vehicle, rig = session.vehicle_from(name), session.rig_from("liftgate")
+    check_fit(rig, vehicle, 1000.0)
+    assert notes_on_fit(rig, vehicle, 1000.0) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "unit", "quantity"),
+    [
+        ("0|16@1+ (0.01,0) [0|0]", "A", "left_current"),  # no sign
+        ("0|16@1+ (1,0) [0|60]", "A", "left_current"),
+        ("0|8@1- (0.01,0) [0|0]", "A", "right_current"),  # up to 1.27 A
+        ("0|12@1+ (0.01,0) [0|0]", "deg", "gate_angle"),  # up to 40.95 deg
+        ("0|8@1+ (1,0) [0|0]", "", "left_hall_count"),
+        ("0|8@1+ (1,0) [0|0]", "", "left_hall_speed"),
+        ("0|8@1+ (0.03,0) [0|0]", "V", "terminal_voltage"),
+        ("0|8@1+ (1,30) [0|0]", "degC", "ambient_temperature"),
+    ],
+)
+def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
+    tmp_path: Path, place: str, unit: str, quantity: str
+):
+    rig = rig_for(tmp_path, place, unit, quantity)
+    with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X holds .* any motion of"):
+        session.loop_config_of(suv(), rig, 1000.0, 0)
+    meant = rig_for(tmp_path, place, unit, quantity, ", saturates = true")
+    session.loop_config_of(suv(), meant, 1000.0, 0)
+    assert notes_on_fit(meant, suv(), 1000.0) == []
+
+
+def test_a_signal_that_a_stalled_motor_leaves_is_told(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.001,0) [-10|10]", "A", "left_current")
+    check_fit(rig, suv(), 1000.0)
+    (note,) = notes_on_fit(rig, suv(), 1000.0)
+    assert "Out.X holds -10 to 10 A and stays there; this vehicle reaches -16.95 to 16.95 A" in note
+
+
+def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|8@1+ (1,0) [0|1]", "A", "right_current")
+    check_fit(rig, session.vehicle_from("compact"), 1000.0)
+
+
+def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
+    check_fit(rig, suv(), 400.0)
+    with pytest.raises(
+        ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"
+    ):
+        session.loop_config_of(suv(), rig, 200.0, 0)
+
+
+def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
+    (note,) = notes_on_fit(rig, suv(), 1000.0)
+    assert "messages.Out.cycle_ms: 2.5 is no whole number of ticks of 1 ms" in note
+    assert notes_on_fit(rig, suv(), 2000.0) == []
+
+
+@pytest.mark.parametrize(
+    ("unit", "keys", "said"),
+    [
+        ("mA", ", scale = 1", "scale 1, while the database's unit 'mA' means 0.001"),
+        ("V", ", scale = 1", "scale 1, while the database's unit 'V' is none of its units"),
+        ("mA", ", scale = -0.001", ""),
+        ("", ", scale = 1", ""),
+        ("V", ', unit = "A"', ""),
+    ],
+)
+def test_a_scale_that_the_databases_unit_contradicts_is_told(
+    tmp_path: Path, unit: str, keys: str, said: str
+):
+    rig = rig_for(tmp_path, "0|32@1- (0.001,0) [0|0]", unit, "left_current", keys)
+    notes = notes_on_fit(rig, suv(), 1000.0)
+    assert len(notes) == bool(said)
+    assert all(said in note for note in notes)
+
+
+def test_the_expected_values_are_the_vehicles():
+    expected = expected_values(suv())
+    # Supply voltage over winding resistance; 4 counts a turn of what the spindle's travel takes.
+    assert expected["left_current"].highest == pytest.approx(12.0 / 0.708)
+    assert expected["gate_angle"].high == pytest.approx(80.0)
+    assert expected["left_hall_count"].high == pytest.approx(2946.0, abs=1.0)
