@@ -21,6 +21,7 @@ COMMANDS = {
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment tells most",
     "validate": "a vehicle's model against measurements",
+    "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
