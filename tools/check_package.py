@@ -113,7 +113,7 @@ def check_metadata(wheel: Path) -> None:
         expect(licence.name in (metadata.license_files or ()), f"{licence.name} in the metadata")
         expect(any(each.endswith(f"/{licence.name}") for each in held), f"{licence.name}")
     scripts = next(held[each].decode() for each in held if each.endswith("entry_points.txt"))
-    expect("liftgate-hil = liftgate_hil.cli.main:main" in scripts, "the command")
+    expect("liftgate-hil = liftgate_hil.__main__:main" in scripts, "the command")
 
 
 class Installation:

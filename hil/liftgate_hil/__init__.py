@@ -10,8 +10,8 @@ What is named here is public; all else may change. Errors are those of `liftgate
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # as in `typing`, which nobody needs here
 if TYPE_CHECKING:
     from liftgate_hil import errors
     from liftgate_hil.config.rig import Rig

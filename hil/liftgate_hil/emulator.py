@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import RecordingError
@@ -15,14 +15,23 @@ from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 
 if TYPE_CHECKING:
+    from liftgate_hil.ecu.events import Event
     from liftgate_hil.loop.clock import RealtimeClock
+    from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
     from liftgate_hil.loop.recorder import Taker
+    from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
+
+    Wire = TypeVar("Wire", Line, Transport)
 
 
 def _never() -> bool:
     return False
+
+
+def _no_events(told: int) -> Sequence[Event]:
+    return ()
 
 
 @dataclass
@@ -40,6 +49,7 @@ class Emulator:
     takers: Sequence[Taker] = ()
     channel: str = ""  # what recordings call the wire, where not by its own name
     listener: Listener = field(default_factory=Listener)
+    events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
     stopped: Callable[[], bool] = _never
 
     def run(self) -> None:
@@ -58,10 +68,17 @@ class Emulator:
         else:
             self._in_python()
 
+    def _opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
+        """The wire, closed with the stack; tells how far it reaches."""
+        wire = open_wire(self.way)
+        stack.callback(wire.close)
+        if self.way.reach:
+            self.listener.say(f"{wire.name} {self.way.reach}")
+        return wire
+
     def _in_real_time(self) -> None:
         """Without the interpreter lock."""
         from liftgate_hil.loop.priority import Realtime
-        from liftgate_hil.loop.realtime_loop import run_realtime
         from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
         from liftgate_hil.recording.process import RecorderProcess
         from liftgate_hil.transport.find import open_line
@@ -70,8 +87,7 @@ class Emulator:
         loop = recorder = None
         try:
             with contextlib.ExitStack() as stack:
-                line = open_line(self.way)
-                stack.callback(line.close)
+                line = self._opened(open_line, stack)
                 name = self.channel or line.name
                 memory = memory_for(options.rate)
                 stack.callback(memory.close)
@@ -88,11 +104,12 @@ class Emulator:
                     bitrate=self.way.bitrate(self.rig),
                     limit_ns=round(options.overrun_limit * NS),
                     say=self.listener.say,
+                    lookout=self._lookout(),
                     peers=self.peers,
                     takers=self.takers,
                     realtime=Realtime(options.cpu) if options.realtime else None,
                 )
-                self.listener.starts(run_realtime, f"{self.setup.vehicle_name} on {name}")
+                self.listener.starts(f"{self.setup.vehicle_name} on {name}")
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
@@ -106,14 +123,13 @@ class Emulator:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
         from liftgate_hil.loop.clock import RealtimeClock
         from liftgate_hil.loop.histogram import distribution
-        from liftgate_hil.loop.python_loop import Loop, scheduled_tick
+        from liftgate_hil.loop.python_loop import Loop
         from liftgate_hil.recording.open import open_recorder
         from liftgate_hil.transport.find import open_transport
 
         options, rig = self.options, self.rig
         with contextlib.ExitStack() as stack:
-            transport = open_transport(self.way)
-            stack.callback(transport.close)
+            transport = self._opened(open_transport, stack)
             # Only wall time has an epoch; the other clocks' recordings are the same every time.
             epoch = time.time() if options.clock == "realtime" else 0.0
             name = self.channel or transport.name
@@ -130,9 +146,10 @@ class Emulator:
                 recorders=recorders,
                 peers=self.peers,
                 takers=self.takers,
+                lookout=self._lookout(),
                 bitrate=self.way.bitrate(rig),
             )
-            self.listener.starts(scheduled_tick, f"{self.setup.vehicle_name} on {name}")
+            self.listener.starts(f"{self.setup.vehicle_name} on {name}")
             loop.begin()
             clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
             try:
@@ -144,9 +161,15 @@ class Emulator:
         if failures:
             raise RecordingError("; ".join(failures))
 
+    def _lookout(self) -> Lookout:
+        from liftgate_hil.loop.lookout import Lookout
+
+        return Lookout(self.rig, self.config, self.state.reception, self.listener, self.events)
+
     def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
         """Run the Python loop on the clock that was asked for."""
-        from liftgate_hil.loop.python_loop import Lockstep, run_clocked, run_free, run_lockstep
+        from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
+        from liftgate_hil.loop.python_loop import run_clocked, run_free
 
         options, rig = self.options, self.rig
         if options.clock == "realtime":

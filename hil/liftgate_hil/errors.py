@@ -43,6 +43,15 @@ def causes(error: LiftgateError) -> list[str]:
     return [str(error)]
 
 
+def words_of(error: BaseException) -> str:
+    """What an error says on one line, whatever raised it: drivers break lines, or say nothing at all."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = ""
+    return text or type(error).__name__
+
+
 class ConfigError(LiftgateError):
     """Faults in what the user gave; `issues` has one line for each."""
 
@@ -77,3 +86,19 @@ class EcuError(LiftgateError):
 
 class PlantDivergedError(LiftgateError):
     """The plant's state is not finite."""
+
+
+def text_of(error: BaseException) -> str:
+    """What an error of foreign code says, whose own words may fail too."""
+    try:
+        return str(error)
+    except Exception as other:
+        return f"(its text: {type(other).__name__})"
+
+
+def shown(value: object) -> str:
+    """A foreign object as it may stand in a message."""
+    try:
+        return repr(value)
+    except Exception as error:
+        return f"a {type(value).__name__} (its repr: {type(error).__name__})"

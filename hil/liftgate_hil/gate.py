@@ -25,7 +25,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.errors import ConfigError, EcuError, PlantDivergedError
+from liftgate_hil.errors import ConfigError, PlantDivergedError
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -103,10 +103,14 @@ class Gate:
         self.close()
 
     def close(self) -> None:
-        """Give back what it holds; once is enough."""
+        """Give back what it holds; once is enough. What it has seen can still be read; it does nothing more."""
         if not self._is_closed:
             self._is_closed = True
             self._memory.close()
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise ConfigError("this gate is closed; allowed: another Gate")
 
     @property
     def time(self) -> float:
@@ -153,8 +157,11 @@ class Gate:
 
         Raises ConfigError.
         """
+        self._check_open()
         if command is not None:
-            raise ConfigError(f"`command` {command!r}: allowed: None, or quantities by their names")
+            raise ConfigError(
+                f"`command` {show(command)}: allowed: None, or quantities by their names"
+            )
         if not quantities:
             self._values = None
             return
@@ -174,18 +181,19 @@ class Gate:
             values[getattr(IN, f"{side}_duty")] = duty
             values[getattr(IN, f"{side}_direction")] = number
         release = quantities.get("latch_release", False)
-        if release not in (0, 1) or isinstance(release, str):
-            raise ConfigError(f"command latch_release: {release!r}; allowed: True, False")
+        if not isinstance(release, Real | np.bool_) or release not in (0, 1):
+            raise ConfigError(f"`latch_release` {show(release)}: allowed: True, False")
         values[IN.latch_release] = float(release)
         self._values = values
 
     def send(self, message: can.Message) -> None:
         """A frame that the gate reads in the next tick. Raises ConfigError."""
-        from liftgate_hil.transport.messages import fields_of_message
+        from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
+        self._check_open()
         try:
-            identifier, length, flags, data = fields_of_message(message)
-        except EcuError as error:
+            identifier, length, flags, data = fields_of(message)
+        except NotAFrameError as error:
             raise ConfigError(f"`send` {error}") from error
         self._waiting.append((identifier | (FD if flags else 0), length, data))
 
@@ -193,6 +201,7 @@ class Gate:
         """Surroundings from the next tick on: `road_slope_deg=8`, `supply_voltage_v`, `hand_force_n` and so on;
         None clears. Raises ConfigError.
         """
+        self._check_open()
         held = {}
         for name, value in surroundings.items():
             if name not in PROFILES:
@@ -218,6 +227,7 @@ class Gate:
         """Put a compliant body (N/m, N s/m) in the gate's way at an angle and a distance [m] from the hinge
         (default: the gate's edge), met while closing or opening. Raises ConfigError.
         """
+        self._check_open()
         given = {
             "angle_deg": angle_deg,
             "stiffness": stiffness,
@@ -229,7 +239,7 @@ class Gate:
             name: number_of(name, given[name], signal.low, signal.high, signal.unit)
             for name, signal in OBSTACLE.items()
         }
-        if meets not in ("closing", "opening"):
+        if not isinstance(meets, str) or meets not in ("closing", "opening"):
             raise ConfigError(f"`meets` {show(meets)}: allowed: closing, opening")
         self._post_obstacle(
             Obstacle(
@@ -244,6 +254,7 @@ class Gate:
 
     def clear_obstacle(self) -> None:
         """Take it away."""
+        self._check_open()
         self._post_obstacle(Obstacle(*(math.nan for _ in Obstacle._fields)))
 
     def _post_obstacle(self, obstacle: Obstacle) -> None:
@@ -260,11 +271,11 @@ class Gate:
 
         Raises PlantDivergedError.
         """
-        from liftgate_hil.python_can import can
-        from liftgate_hil.transport.can_bus import message_of
+        from liftgate_hil.transport.messages import message_of
 
+        self._check_open()
         if not isinstance(seconds, Real) or isinstance(seconds, bool) or not 0.0 < seconds <= 1e6:
-            raise ConfigError(f"`step` {seconds}: allowed: above 0, up to 1e6 s")
+            raise ConfigError(f"`step` {show(seconds)}: allowed: above 0, up to 1e6 s")
         end = self._now.loop.tick + max(1, round(seconds / self._config.step))
         messages: list[can.Message] = []
         while self._now.loop.tick < end:
@@ -279,7 +290,7 @@ class Gate:
                         np.array([row["length"]]),
                         row["payload"].reshape(1, -1),
                     )
-                    message = message_of(can, frames, 0)
+                    message = message_of(frames, 0)
                     message.timestamp = row["time_ns"] * 1e-9
                     messages.append(message)
             control.rows = control.frames = 0
@@ -330,7 +341,7 @@ class Gate:
 
 def _signed(duty: float, direction: Any) -> float:
     """A duty whose sign is the direction, where that is named. Raises ConfigError."""
-    if direction == "coast":
+    if isinstance(direction, str) and direction == "coast":
         raise ConfigError(
             "`direction` coast: it has no signal in this rig; allowed: open, close, brake, or silence"
         )
@@ -340,6 +351,6 @@ def _signed(duty: float, direction: Any) -> float:
 
 def _direction(key: str, value: Any) -> int:
     """The number of a direction. Raises ConfigError."""
-    if value in DIRECTIONS:
+    if isinstance(value, str) and value in DIRECTIONS:
         return DIRECTIONS.index(value)
     raise ConfigError(f"`{key}` {show(value)}: allowed: {', '.join(DIRECTIONS)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from liftgate_hil.errors import ConfigError
 
@@ -10,24 +10,35 @@ MOST = 100  # lines that are told; the others are counted
 
 
 class ConfigIssues:
-    """The faults of one source, collected."""
+    """The faults of one source, collected. `origins`: keys that are not from that source, and what messages call
+    each of them.
+    """
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, origins: Mapping[str, str] | None = None) -> None:
         self.source = source
         self.lines: list[str] = []
         self.untold = 0  # faults beyond MOST
+        self._origins = origins or {}
+        self._settled: set[str] = set()
 
     def add(self, key: str, message: str) -> None:
         """Note a fault of a key."""
-        self.take([f"{self.source}: {key}: {message}"])
+        if key not in self._settled:
+            self.take([f"{self._called(key)}: {message}"])
 
     def take(self, lines: Iterable[str]) -> None:
         """Note faults that are whole lines already."""
         for line in lines:
+            if line in self.lines:
+                continue
             if len(self.lines) >= MOST:
                 self.untold += 1
-            elif line not in self.lines:
+            else:
                 self.lines.append(line)
+
+    def settle(self, key: str) -> None:
+        """Nothing more is told of a key: what is wrong with its value is told elsewhere."""
+        self._settled.add(key)
 
     @property
     def count(self) -> int:
@@ -40,3 +51,11 @@ class ConfigIssues:
             raise ConfigError([*self.lines, f"{self.source}: and {self.untold} faults more"])
         if self.lines:
             raise ConfigError(self.lines)
+
+    def _called(self, key: str) -> str:
+        for place, called in self._origins.items():
+            if key == place or key.startswith((f"{place}.", f"{place}[")):
+                return called + key[len(place) :]
+        within = [called for place, called in self._origins.items() if place.startswith(f"{key}.")]
+        also = f" (with {', '.join(within)})" if within else ""
+        return f"{self.source}: {key}{also}"

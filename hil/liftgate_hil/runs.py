@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil import session
+from liftgate_hil.compiling import told_of_compiling
 from liftgate_hil.config.arguments import numbers_of, paths_of, text_or_none, texts_of
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
@@ -32,11 +33,13 @@ from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError, causes
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Trace
-from liftgate_hil.loop.episode import run_stretch
+from liftgate_hil.loop.lookout import Lookout
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.transport.find import Way, WireChoice, find_way, open_transport
+from liftgate_hil.transport.can_arguments import WireChoice
+from liftgate_hil.transport.find import Way, find_way, open_transport
+from liftgate_plant.compiler import GivenUpError
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -167,22 +170,27 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     except EcuError as error:
         answer, ticks = error, error.ticks
     if isinstance(answer, EcuError):  # it could not be made, crashed or hung
-        nothing = dict.fromkeys(COLUMNS, math.nan)
-        return Result(
-            verdict="error",
-            reason=str(answer),
-            maxima=nothing,
-            minima=nothing,
-            events=(),
-            summary=Summary(
-                clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
-            ),
-            recording=job.options.records,
-        )
+        return _nothing(job, str(answer), ticks)
     if isinstance(answer, LiftgateError):
         raise answer
     assert isinstance(answer, Result)
     return answer
+
+
+def _nothing(job: Job, reason: str, ticks: int) -> Result:
+    """Of a run of which no more is known than how long it was."""
+    nothing = dict.fromkeys(COLUMNS, math.nan)
+    return Result(
+        verdict="error" if reason else "pass",
+        reason=reason,
+        maxima=nothing,
+        minima=nothing,
+        events=(),
+        summary=Summary(
+            clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
+        ),
+        recording=job.options.records,
+    )
 
 
 @dataclass(frozen=True)
@@ -227,6 +235,20 @@ def run_job(
     Raises ConfigError.
     """
     parts = parts or resolve(job)
+    try:
+        with told_of_compiling(job.listener, stopped):
+            return _run(job, takers, stopped, memory, parts)
+    except GivenUpError:  # stopped before it began
+        return _nothing(job, "", 0)
+
+
+def _run(
+    job: Job,
+    takers: Sequence[Taker],
+    stopped: Callable[[], bool],
+    memory: Memory | None,
+    parts: Parts,
+) -> Result:
     seen: list[Taker] = [Extremes(), *takers]
     if job.trace:
         seen.append(Trace(job.trace))
@@ -309,9 +331,12 @@ def _free(
             is_recorded=bool(recorders),
             memory=memory,
         )
+        episode.lookout = Lookout(
+            parts.rig, config, episode.state.reception, job.listener, adapter.events
+        )
         stack.callback(episode.close)
         try:
-            job.listener.starts(run_stretch, f"{setup.vehicle_name} on no bus")
+            job.listener.starts(f"{setup.vehicle_name} on no bus")
             episode.begin()
             with _foreign_code(memory):
                 episode.run(ticks, stopped)
@@ -352,6 +377,7 @@ def _on_bus(
             channel="" if parts.way else _PRIVATE,
             takers=takers if memory is None else [*takers, _Progress(memory)],
             listener=job.listener,
+            events=adapter.events,
             stopped=stopped,
         )
         try:

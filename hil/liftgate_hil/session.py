@@ -11,10 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, texts_of, time_of
+from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, time_of
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
+from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import load_vehicle
@@ -30,7 +31,7 @@ RATES = (200.0, 10_000.0)  # Hz
 
 def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
     """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. Raises ConfigError."""
-    return load_vehicle(find_config("vehicles", str(name)), texts_of("settings", settings))
+    return load_vehicle(find_config("vehicles", str(name)), settings_of(settings))
 
 
 def rig_from(name: str | Path) -> Rig:
@@ -99,14 +100,18 @@ def angle_from(initial: float | str, open_angle: float, others: str = "") -> flo
         return named[initial]
     try:
         degrees = math.nan if isinstance(initial, bool) else float(initial)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         degrees = math.nan
     top = math.degrees(open_angle)
     if not 0.0 <= degrees <= top:
         raise ConfigError(
-            f"`initial` {initial}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+            f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees"
         )
     return math.radians(degrees)
+
+
+def _short(initial: object) -> str:
+    return initial if isinstance(initial, str) and len(initial) <= 60 else show(initial)
 
 
 @dataclass(frozen=True)
@@ -138,9 +143,16 @@ def setup_of(
     is_named = isinstance(vehicle, str | Path)
     if scenario.settings and not is_named:
         raise ConfigError(
-            f"set {', '.join(scenario.settings)} of the scenario: allowed with a vehicle by its name or file"
+            f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
+            "by its name or file"
         )
-    built = vehicle_of(vehicle, [*scenario.settings, *texts_of("settings", settings)])
+    built = (
+        load_vehicle(
+            find_config("vehicles", str(vehicle)), [*scenario.settings, *settings_of(settings)]
+        )
+        if is_named
+        else vehicle_of(vehicle, settings)
+    )
     initial = initial if initial is not None else scenario.initial
     return Setup(
         scenario=scenario,

@@ -88,7 +88,7 @@ def hall_count(sensors: Sensors, position: float) -> int:
 def hall_levels(step: int) -> tuple[int, int]:
     """Hall A and B (0 or 1) at a step of the shaft: Gray code, A leads B while opening."""
     phase = step % 4
-    return (1 if phase in {1, 2} else 0), (1 if phase >= 2 else 0)
+    return (1 if 1 <= phase <= 2 else 0), (1 if phase >= 2 else 0)
 
 
 @compilable

@@ -18,6 +18,15 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError, LiftgateError
 from liftgate_hil.stimuli.timeline import no_timeline
 
+
+def odd(**fields: Any) -> can.Message:
+    """A message with fields that python-can would not take."""
+    message = can.Message()
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
 OPENING: dict[str, Any] = {
     "left_duty": 60, "right_duty": 60, "direction": "open", "latch_release": True,
 }  # fmt: skip
@@ -32,6 +41,9 @@ BOTH = [
     ({"vehicle": "missing.toml"}, "missing.toml: no such file"),
     ({"initial": True}, "`initial` True: allowed: closed, open, or 0 to 80"),
     ({"initial": [1]}, "allowed: closed, open, or 0 to 80"),
+    ({"initial": 10**400}, "`initial` 1000.*: allowed: closed, open, or 0 to 80"),
+    ({"initial": np.array([1.0, 2.0])}, "`initial` array.*: allowed: closed, open"),
+    ({"vehicle": np.array(["suv", "compact"])}, "`vehicle` array.*: allowed: a shipped name"),
     ({"initial": "nan"}, "`initial` nan: allowed: closed, open, or 0 to 80"),
     ({"seed": -1}, "`seed` -1: allowed: a whole number of 0 to 4294967295"),
     ({"seed": 2**32}, "`seed` 4294967296: allowed: a whole number of 0 to 4294967295"),
@@ -117,8 +129,8 @@ def test_the_same_is_told_before_a_librarys_process_is_started(
         (lambda gate: gate.command(left_duty=None), "`left_duty` None: allowed: -100 to 100"),
         (lambda gate: gate.command(left_direction=1), "`left_direction` 1: allowed: coast"),
         (lambda gate: gate.command(direction=[]), r"`left_direction` \[\]: allowed: coast"),
-        (lambda gate: gate.command(latch_release="no"), "latch_release: 'no'; allowed: True, False"),
-        (lambda gate: gate.command(latch_release=2), "latch_release: 2; allowed: True, False"),
+        (lambda gate: gate.command(latch_release="no"), "`latch_release` 'no': allowed: True, False"),
+        (lambda gate: gate.command(latch_release=2), "`latch_release` 2: allowed: True, False"),
         (lambda gate: gate.send(b"x"), "`send` b'x'; allowed"),
         (
             lambda gate: gate.send(can.Message(data=bytes(9), dlc=9, check=False)),
@@ -132,7 +144,27 @@ def test_the_same_is_told_before_a_librarys_process_is_started(
         (lambda gate: gate.obstacle("35"), "`angle_deg` '35': allowed: -10 to 180"),
         (lambda gate: gate.obstacle(35, stiffness=0), "`stiffness` 0: allowed: 1 to 1e"),
         (lambda gate: gate.obstacle(35, distance=0), "`distance` 0: allowed: 0.01 to 10"),
-        (lambda gate: gate.step("1"), "`step` 1: allowed: above 0"),
+        (lambda gate: gate.step("1"), "`step` '1': allowed: above 0"),
+        (lambda gate: gate.step(np.array([0.1, 0.2])), "`step` .*: allowed: above 0"),
+        (lambda gate: gate.step(10**400), "`step` 1000.*: allowed: above 0"),
+        (lambda gate: gate.command(direction=np.array(["open", "close"])), "`left_direction` array"),
+        (lambda gate: gate.command(direction=np.str_("shut")), "`left_direction` .*: allowed: coast"),
+        (lambda gate: gate.command(left_duty=np.array([1, 2])), "`left_duty` array.*: allowed"),
+        (lambda gate: gate.command(left_duty=10**400), "`left_duty` 1000.*: allowed"),
+        (lambda gate: gate.command(latch_release=np.array([1, 0])), "`latch_release` array"),
+        (lambda gate: gate.command(latch_release=[]), r"`latch_release` \[\]: allowed"),
+        (lambda gate: gate.command(np.array([1, 2])), "`command` array"),
+        (lambda gate: gate.obstacle(35, meets=np.array(["a", "b"])), "`meets` array"),
+        (lambda gate: gate.set(hand_force_n=np.array([1.0, 2.0])), "`hand_force_n` array"),
+        (lambda gate: gate.send(odd(arbitration_id=-5)), "`send` .*; allowed: identifiers of 11"),
+        (lambda gate: gate.send(odd(arbitration_id=None)), "`send` .*; allowed: whole numbers for"),
+        (lambda gate: gate.send(odd(arbitration_id=1.5)), "`send` .*; allowed: whole numbers for"),
+        (lambda gate: gate.send(odd(arbitration_id="7")), "`send` .*; allowed: whole numbers for"),
+        (lambda gate: gate.send(odd(is_remote_frame=True, dlc=-5)), "`send` .*; allowed: up to 8 bytes"),
+        (lambda gate: gate.send(odd(is_remote_frame=True, dlc=10**400)), "`send` .*; allowed: up to 8"),
+        (lambda gate: gate.send(odd(dlc="8")), "`send` .*; allowed: whole numbers for"),
+        (lambda gate: gate.send(odd(data=5)), "`send` .*; allowed: .* and bytes"),
+        (lambda gate: gate.send(odd(data=[1, 2])), "`send` .*; allowed: .* and bytes"),
         (lambda gate: gate.step(True), "`step` True: allowed: above 0"),
         (lambda gate: gate.step(float("inf")), "`step` inf: allowed: above 0"),
     ],
@@ -176,6 +208,28 @@ def test_a_measurement_file_is_written_too(tmp_path: Path) -> None:
     assert lh.run(SHORT, record=path).verdict == "pass"
     with can.LogReader(path) as reader:
         assert len(list(reader)) == 5 + 10 + 10 + 5 + 5  # commands, drives, the gate, the last tick
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda gate: gate.step(0.001),
+        lambda gate: gate.command(**OPENING),
+        lambda gate: gate.command(None),
+        lambda gate: gate.send(can.Message()),
+        lambda gate: gate.set(road_slope_deg=1.0),
+        lambda gate: gate.obstacle(35.0),
+        lambda gate: gate.clear_obstacle(),
+    ],
+)
+def test_a_closed_gate_does_nothing_more_and_says_so(call: Any) -> None:
+    with lh.Gate() as gate:
+        gate.step(0.01)
+    with pytest.raises(LiftgateError, match="this gate is closed"):
+        call(gate)
+    assert gate.time == pytest.approx(0.01)
+    assert gate.truth["gate_angle_deg"] == 0.0
+    assert gate.summary.ticks == 10
 
 
 def test_a_gate_may_be_closed_twice() -> None:

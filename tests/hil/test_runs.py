@@ -70,7 +70,7 @@ def test_arguments_win_over_the_file(scenario: Path) -> None:
 
 
 def test_a_scenario_that_sets_keys_wants_a_vehicle_whose_keys_it_can_set(scenario: Path) -> None:
-    with pytest.raises(ConfigError, match=r"supply\.voltage=13 of the scenario: allowed with"):
+    with pytest.raises(ConfigError, match=r"\.toml: set\.supply\.voltage: allowed with"):
         lh.run(scenario, vehicle=lh.load_vehicle("suv"))
 
 
@@ -93,7 +93,7 @@ def test_recordings_are_written(scenario: Path, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ({"clock": "fast"}, "`clock` fast: allowed: realtime, free, lockstep"),
-        ({"parameters": {"nix": 1}}, "parameters.nix: no such parameter; allowed: rod, start"),
+        ({"parameters": {"nix": 1}}, "`parameters` nix: no such parameter; allowed: rod, start"),
         ({"ecu": "nix"}, "`ecu` nix: allowed: reference"),
         ({"ecu": "bus"}, "`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         ({"record": 3}, "`record` 3: allowed: a path, or a list of them"),

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.config.vehicle import apply_setting, vehicle_of
+from liftgate_hil.config.settings import applied, settings_of
+from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
@@ -34,8 +35,7 @@ BRAKE, COAST = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
 def tables(*settings: str) -> dict[str, Any]:
     """The reference SUV's file with `--set` style values (`motor.resistance=0.8`) laid over it."""
     raw = tomllib.loads(SUV.read_text(encoding="utf-8"))
-    for setting in settings:
-        apply_setting(raw, setting)
+    applied(raw, settings_of(settings))
     return raw
 
 
@@ -44,10 +44,9 @@ def suv(*settings: str) -> Vehicle:
     return vehicle_of(tables(*settings), "test")
 
 
-def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
-    """The states (as `COLUMNS`) before and after each of n steps of h seconds."""
-    rows = np.empty((n + 1, 13))
-    for k in range(n + 1):
+def fill(plant: Plant, state: State, inputs: Inputs, h: float, rows: np.ndarray) -> None:
+    """The states (as `COLUMNS`) before and after each of the steps of h seconds, a row each."""
+    for k in range(len(rows)):
         if k > 0:
             state = integrate.step(plant, state, inputs, h)
         for side in range(2):
@@ -60,12 +59,20 @@ def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndar
         rows[k, 10] = state.gate_angle
         rows[k, 11] = state.gate_rate
         rows[k, 12] = state.latched
+
+
+def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
+    """The states before and after each of n steps of h seconds."""
+    rows = np.empty((n + 1, 13))
+    fill(plant, state, inputs, h, rows)
     return rows
 
 
 def fast_run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
     """`run` in machine code, compiled at the first call."""
-    return compiled(run)(plant, state, inputs, h, n)
+    rows = np.empty((n + 1, 13))
+    compiled(fill)(plant, state, inputs, h, rows)
+    return rows
 
 
 def state_of(row: Sequence[float]) -> State:

@@ -20,6 +20,7 @@ from tests.plant.runs import (
     at_rest,
     column,
     fast_run,
+    fill,
     inputs,
     load,
     run,
@@ -177,4 +178,4 @@ def test_a_drive_that_is_not_there_changes_nothing() -> None:
 
 
 def test_the_entry_points_compile() -> None:
-    assert compiled(run) is not run
+    assert compiled(fill) is not fill

@@ -27,6 +27,7 @@ from liftgate_hil.loop.realtime_loop import (
     clock_ns,
     count_bits,
     make_room,
+    note_arrivals,
     note_frames,
     note_row,
     receive,
@@ -40,7 +41,7 @@ from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import borrowed, compilable, compiled
+from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.benchmark.processes import whole_process
@@ -68,7 +69,7 @@ def many_ticks(config: LoopConfig, state: LoopState, outside: Outside, count: in
 @compilable
 def hot_ticks(
     config: LoopConfig,
-    start: LoopState,
+    state: LoopState,
     params: RunParams,
     shared: Shared,
     room: Room,
@@ -79,8 +80,6 @@ def hot_ticks(
     """Ticks one after the other as in `run_realtime`, with a command to read every so many. Only they are timed,
     not what the other end does; their time [ns].
     """
-    config, params, shared, room = borrowed((config, params, shared, room))
-    state = borrowed(start)
     total = 0
     for number in range(count):
         if number % every == 0:
@@ -94,8 +93,8 @@ def hot_ticks(
         state, replies, truth, sensed = tick(config, state, frames, outside)
         if replies.count > 0:
             send(shared, params, room, replies)
-        note_frames(shared, frames, room.stamps, 0, begin, 0)
-        note_frames(shared, replies, room.stamps, 0, begin, 1)
+        note_arrivals(shared, frames, room.stamps, 0)
+        note_frames(shared, replies, begin, 1)
         count_bits(shared, frames)
         count_bits(shared, replies)
         note_row(shared, truth, sensed)

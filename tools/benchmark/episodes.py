@@ -32,7 +32,7 @@ from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
-from liftgate_plant.compiler import borrowed, compilable, compiled, fill
+from liftgate_plant.compiler import compilable, compiled, fill
 from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import overlaid
@@ -104,8 +104,7 @@ def plant_steps(
     """The plant's step with its sensors under recorded inputs; `seen` (2, columns of Sensed) is for what they
     show, lest the compiler leaves it out.
     """
-    config = borrowed(config)
-    rows, seen = borrowed((replay.rows, seen))
+    rows = replay.rows
     for k in range(len(rows)):
         body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
         load = overlaid(config.load, NOTHING_SAID, rows[k, 4], body)

@@ -57,7 +57,7 @@ class Compile(NamedTuple):
 
 def times_of(*arguments: str, environment: Mapping[str, str] | None = None) -> Times:
     """One run of a command that succeeds."""
-    command = [sys.executable, "-m", "liftgate_hil", *arguments]
+    command = [sys.executable, "-P", "-m", "liftgate_hil", *arguments]
     with tempfile.TemporaryFile() as said:
         start = perf_counter()
         child = subprocess.Popen(

@@ -95,7 +95,9 @@ def measure(folder: Path, work: Path) -> Motor:
 
 
 def _command(*arguments: str) -> dict[str, Any]:
-    subprocess.run([sys.executable, "-m", "liftgate_hil", *arguments], check=True, timeout=600)
+    subprocess.run(
+        [sys.executable, "-P", "-m", "liftgate_hil", *arguments], check=True, timeout=600
+    )
     content: dict[str, Any] = json.loads(Path(arguments[-1]).read_text())
     return content
 

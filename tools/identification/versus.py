@@ -86,7 +86,7 @@ class Side(NamedTuple):
 def ours(path: Path, result: Path, rounds: int = 5) -> Side:
     """The command as a process of its own on one core, start-up included; the median."""
     command = [
-        sys.executable, "-m", "liftgate_hil", "identify", str(path), "--preset", "thesis-1",
+        sys.executable, "-P", "-m", "liftgate_hil", "identify", str(path), "--preset", "thesis-1",
         "--initial", str(ANGLE_DEG), "--result", str(result), "--quiet",
     ]  # fmt: skip
     core = min(os.sched_getaffinity(0))

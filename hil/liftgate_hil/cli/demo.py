@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.errors import ConfigError
 
@@ -49,10 +50,10 @@ def run(args: argparse.Namespace) -> int:
     """The command."""
     from liftgate_hil.cli.run import report
 
+    stopped = StopSignals()
     folder = _folder(args)
     has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
     args.scenario = args.scenario or "demo"
-    stopped = options.StopSignals()
     shown = run_loop(args, stopped, has_wire, trace=_EVERY)
     _tell(args, shown, folder)
     report(args, shown.summary)
@@ -96,7 +97,7 @@ def _tell(args: argparse.Namespace, shown: Result, folder: Path) -> None:
         print(f"written: {names}")
 
 
-def _judge(args: argparse.Namespace, shown: Result, stopped: options.StopSignals) -> int:
+def _judge(args: argparse.Namespace, shown: Result, stopped: StopSignals) -> int:
     """The exit code: 1 where the whole demo did not show what it is there to show; the signal's where it did not
     come to its end. A part of it, or another scenario, is not judged.
     """

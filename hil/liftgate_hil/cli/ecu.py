@@ -6,16 +6,25 @@ The reference ECU does what the scenario's [[request]] tables ask (default: the 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import sys
 import time
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.config.scenario import Scenario
+    from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.stimuli.requests import Request
+
+
+_PATIENCE_NS = 2_000_000_000  # without a word from the gate, until it says that it waits
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,43 +50,81 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    stop = StopSignals()
     from liftgate_hil import session
-    from liftgate_hil.ecu.find import adapter_for
-    from liftgate_hil.ecu.peer import Peer
-    from liftgate_hil.transport.find import find_way, open_transport
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
+    from liftgate_hil.ecu.find import adapter_for, is_library
+    from liftgate_hil.errors import EcuError
+    from liftgate_plant.compiler import GivenUpError
 
     if args.ecu == "bus":
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
+    if is_library(args.ecu):
+        stop.end_machine_code()
     scenario = session.scenario_from(args.scenario)
     rig = session.rig_of(args.rig, scenario)
+    teller = Teller(args.quiet)
+    try:
+        with (
+            contextlib.suppress(GivenUpError),
+            told_of_compiling(teller, stop),
+            adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter,
+        ):
+            _drive(args, rig, scenario, adapter, stop, teller)
+    except EcuError as error:
+        raise stop.failure(str(error)) from error
+    return 0
+
+
+def _drive(
+    args: argparse.Namespace,
+    rig: Rig,
+    scenario: Scenario,
+    adapter: Adapter,
+    stop: StopSignals,
+    teller: Teller,
+) -> None:
+    """Until it is stopped, or the time is over."""
+    from liftgate_hil.ecu.peer import Peer
+    from liftgate_hil.transport.find import find_way, open_transport
+
     duration = args.duration if args.duration is not None else scenario.duration
     requests = _requests(args.request) if args.request else list(scenario.requests)
-    stop = options.StopSignals()
-    with adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter:
-        transport = open_transport(find_way(options.wire_choice(args), rig))
-        if args.realtime:
-            _ask_for_priority(args)
-        peer = Peer(adapter, transport, requests)
-        start = time.monotonic_ns()
-        told = 0
-        try:
-            while not stop():
-                now = time.monotonic_ns() - start
-                peer.poll(now)
-                # The flag counts from the start, a scenario from when the gate is first heard.
-                spent = peer.elapsed_ns(now) if args.duration is None else now
-                if duration is not None and spent * 1e-9 >= duration:
-                    break
-                for event in adapter.events(told):
-                    if not args.quiet:
-                        text = f"ecu {event.time:7.3f} s  {event.text}"
-                        print(text, file=sys.stderr, flush=True)
-                    told += 1
-                time.sleep(0.001)
-        finally:
-            peer.finish()
-            transport.close()
-    return 0
+    transport = open_transport(find_way(options.wire_choice(args), rig))
+    if args.realtime:
+        _ask_for_priority(args)
+    peer = Peer(adapter, transport, requests)
+    start = time.monotonic_ns()
+    told, waits = 0, False
+    try:
+        while not stop():
+            now = time.monotonic_ns() - start
+            peer.poll(now)
+            # The flag counts from the start, a scenario from when the gate is first heard.
+            spent = peer.elapsed_ns(now) if args.duration is None else now
+            if duration is not None and spent * 1e-9 >= duration:
+                break
+            for event in adapter.events(told):
+                teller.say(f"ecu {event.time:7.3f} s  {event.text}")
+                told += 1
+            if peer.has_heard_the_gate:
+                waits = True
+            elif not waits and now > _PATIENCE_NS:
+                gates = ", ".join(dict.fromkeys(wire.message for wire in rig.outputs))
+                teller.say(f"waits for the gate: {gates}")
+                waits = True
+            time.sleep(0.001)
+    finally:
+        peer.finish()
+        transport.close()
+        faults = [
+            f"{count} {name.replace('_', ' ')}"
+            for name, count in transport.counts()._asdict().items()
+            if count
+        ]
+        if faults:
+            teller.say(f"link: {', '.join(faults)}")
 
 
 def _ask_for_priority(args: argparse.Namespace) -> None:

@@ -7,11 +7,11 @@ import dataclasses
 import json
 import math
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -84,7 +84,9 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
+    from liftgate_hil.compiling import watcher_for
     from liftgate_hil.identify.problem import Problem
+    from liftgate_plant import compiler
 
     measurements = measurements_from(args, vehicle, model != "full")
     angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
@@ -94,7 +96,7 @@ def problem_of(
     ]
     data = _thinned(data, args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
-    tell_of_compiling(args.quiet)
+    compiler.watch(watcher_for(Teller(args.quiet)))
     try:
         problem = Problem(
             vehicle,
@@ -230,15 +232,6 @@ def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
 
 def _measured_kinds(measured: set[str]) -> str:
     return ", ".join(kind for kind, names in KINDS.items() if measured.intersection(names))
-
-
-def tell_of_compiling(quiet: bool) -> None:
-    """The first run on a machine compiles for some seconds: say so."""
-    from liftgate_hil.identify.trajectory import run
-    from liftgate_plant import compiler
-
-    if not quiet and not compiler.is_cached(run):
-        print("compiling the model (once for this version and machine) …", file=sys.stderr)
 
 
 def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:

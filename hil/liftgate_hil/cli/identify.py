@@ -265,6 +265,7 @@ def _deliver(args: argparse.Namespace, result: Identification) -> None:
 
 def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     """The vehicle file with what was found. What could not be told keeps its initial value."""
+    from liftgate_hil.config.settings import settings_of
     from liftgate_hil.config.shipped import find_config
     from liftgate_hil.config.vehicle_file import vehicle_text
     from liftgate_hil.report.json_result import identification_json
@@ -284,7 +285,8 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
         },
     }
     values = {result.parameters[k].name: result.parameters[k].value for k in told}
-    return vehicle_text(find_config("vehicles", args.vehicle), args.settings, values, origin)
+    settings = settings_of(args.settings)
+    return vehicle_text(find_config("vehicles", args.vehicle), settings, values, origin)
 
 
 def _plan(args: argparse.Namespace) -> int:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from liftgate_hil.cli import stopping, streams
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 
@@ -45,6 +48,28 @@ class ShowVersion(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
+    streams.prepare()
+    if argv is None:  # this process is ours
+        signal.signal(signal.SIGINT, stopping.interrupt)
+    try:
+        code = _command(argv)
+        fault = streams.written()
+    except SystemExit as leaving:  # argparse has said why
+        code, fault = int(leaving.code or 0), streams.written()
+    except BrokenPipeError:  # whoever read our output has gone
+        streams.abandon(sys.stdout)
+        return 1
+    except OSError as error:
+        code, fault = 1, streams.written() or _fault_of(error)
+    except MemoryError:
+        code, fault = 1, "not enough memory"
+    if fault:
+        streams.say(f"liftgate-hil: {fault}")
+    return code or int(bool(fault))
+
+
+def _command(argv: Sequence[str] | None) -> int:
+    """Parse and run."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
     try:
@@ -67,18 +92,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(module.run(args))
     except ConfigError as error:
         for fault in error.issues:
-            print(f"liftgate-hil: {as_flags(fault)}", file=sys.stderr)
+            streams.say(f"liftgate-hil: {as_flags(fault)}")
         return 2
     except LiftgateError as error:
         for text in causes(error):
-            print(f"liftgate-hil: {as_flags(text)}", file=sys.stderr)
-        return 1
+            streams.say(f"liftgate-hil: {as_flags(text)}")
+        return error.exit_code if isinstance(error, stopping.StoppedError) else 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
-    except BrokenPipeError:
-        # Whoever read our output has gone; Python would complain again while it flushes.
-        sys.stdout = None
-        return 1
+
+
+def _fault_of(error: OSError) -> str:
+    """What the system refused, on one line."""
+    if error.errno in (errno.EMFILE, errno.ENFILE):  # whichever file it was that came last
+        return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
 
 
 def _overview() -> str:

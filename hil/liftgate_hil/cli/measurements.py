@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -28,17 +29,9 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         "files",
         nargs="+" if required else "*",
         metavar="FILE",
-        help="measurements: .csv, .mf4, or a bus log .log .asc .blf .trc .mf4",
+        help="measurements: .csv (.tsv, .txt), .mf4, or a bus log .log .asc .blf .trc .mf4",
     )
-    parser.add_argument(
-        "--map",
-        dest="maps",
-        action="append",
-        default=[],
-        metavar="OURS=THEIRS[unit]",
-        help="a column under another name, in another unit, e.g. 'left_current_a=Iq[mA]*0.5', "
-        "or a FILE.toml with a table [columns] (repeatable)",
-    )
+    add_map(parser)
     parser.add_argument(
         "--rig",
         default="liftgate",
@@ -73,6 +66,19 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
     )
 
 
+def add_map(parser: argparse.ArgumentParser) -> None:
+    """What their columns are called."""
+    parser.add_argument(
+        "--map",
+        dest="maps",
+        action="append",
+        default=[],
+        metavar="OURS=THEIRS[unit]",
+        help="a column under another name, in another unit, e.g. 'left_voltage_v=U[mV]*0.5', "
+        "or a FILE.toml with a table [columns] (repeatable)",
+    )
+
+
 def measurements_from(
     args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False
 ) -> list[Measurement]:
@@ -89,7 +95,7 @@ def measurements_from(
     mapping = parse_maps(args.maps)
     find_config("rigs", args.rig)
     rig = functools.cache(functools.partial(rig_from, args.rig))
-    paths = [Path(name).resolve() for name in args.files]
+    paths = [os.path.realpath(name) for name in args.files]
     issues = [
         f"{name}: given twice; allowed: each file once, as twice the same says no more than once"
         for k, name in enumerate(args.files)
@@ -145,6 +151,7 @@ def _conditioned(
         measurement = replace(measurement, columns=columns)
     _raise_if_any(checks.check(measurement, expected_of(vehicle)))
     measurement = condition.cut_time(measurement, args.start, args.end)
+    _raise_if_any(checks.check_length(measurement))
     measurement = quality.report_gaps(measurement)
     measurement = quality.report_outliers(measurement, args.drop_outliers, expected_of(vehicle))
     if cut is not None:

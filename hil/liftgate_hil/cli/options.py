@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from liftgate_hil.session import RunOptions, Setup
-    from liftgate_hil.transport.find import WireChoice
+    from liftgate_hil.transport.can_arguments import WireChoice
 
 MAX_RATE = 10_000.0
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
@@ -76,7 +74,7 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
     """What the flags of `add_bus` say."""
-    from liftgate_hil.transport.find import WireChoice
+    from liftgate_hil.transport.can_arguments import WireChoice
 
     return WireChoice(
         bus=args.bus,
@@ -236,27 +234,3 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-
-
-class StopSignals:
-    """Ctrl-C and SIGTERM set a flag; a second one ends the program as usual."""
-
-    def __init__(self) -> None:
-        self.received = 0  # the signal's number
-        self._previous = {
-            number: signal.signal(number, self._set) for number in (signal.SIGINT, signal.SIGTERM)
-        }
-
-    def __call__(self) -> bool:
-        """Whether to stop."""
-        return self.received != 0
-
-    @property
-    def exit_code(self) -> int:
-        """For what was to come to an end, and was stopped before."""
-        return 128 + self.received
-
-    def _set(self, number: int, frame: FrameType | None) -> None:
-        self.received = number
-        for each, handler in self._previous.items():
-            signal.signal(each, handler)

@@ -9,6 +9,7 @@ import json
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    report(args, run_loop(args, options.StopSignals()).summary)
+    report(args, run_loop(args, StopSignals()).summary)
     return 0
 
 

@@ -6,15 +6,27 @@ It starts unlatched and at rest. A sample of the input holds from its time until
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
+    from liftgate_hil.cli.measurements import add_map
+
     options.add_setup(parser)
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
@@ -23,12 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="V",
         help="step of the motor voltage on both drives",
     )
-    source.add_argument("--input", metavar="FILE", help="CSV or MF4 with time_s and input columns")
+    source.add_argument(
+        "--input",
+        metavar="FILE",
+        help=".csv (.tsv, .txt) or .mf4 with time_s and input columns; its first sample is at time 0 here",
+    )
+    add_map(parser)
     parser.add_argument(
         "--duration",
         type=options.bounded(0.0, 1e7, "s"),
         metavar="S",
-        help="default: the scenario's, else to the input's last sample",
+        help="default: the scenario's, else to the input's last sample, of up to an hour",
     )
     parser.add_argument(
         "--step",
@@ -51,27 +68,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
+    from liftgate_hil.measurement.mapping import parse_maps
     from liftgate_hil.recording.rows import check_output, write_rows
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
+    from liftgate_plant.compiler import GivenUpError
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
     check_output(args.output)
-    samples = (
-        read_samples(Path(args.input)) if args.input else constant_voltage(args.voltage or 0.0)
-    )
+    if args.output == "-" and sys.stdout is None:
+        raise ConfigError("`output` -: stdout is closed; allowed: a file")
+    if args.maps and not args.input:
+        raise ConfigError("`map`: allowed with `input`")
+    notes: tuple[str, ...] = ()
+    samples = constant_voltage(args.voltage or 0.0)
+    if args.input:
+        samples, notes = read_samples(Path(args.input), parse_maps(args.maps))
     duration = args.duration if args.duration is not None else scenario.duration
-    if duration is None and args.input:
-        duration = float(samples.times[-1])
     if duration is None:
-        raise ConfigError("--duration: missing; allowed: 0 to 1e+07 s")
+        duration = _length_of(args, samples.times)
+    for note in notes:
+        print(f"{args.input}: {note}", file=sys.stderr)
     plant = plant_of(vehicle)
-    stopped = options.StopSignals()  # a stop between two blocks: what has been simulated is written
     offline = Offline(
         plant=plant,
         sensors=vehicle.sensors,
@@ -84,5 +110,26 @@ def run(args: argparse.Namespace) -> int:
     state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
-    write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
+    with told_of_compiling(Teller(is_quiet=False), stopped), contextlib.suppress(GivenUpError):
+        write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
     return stopped.exit_code if stopped() else 0
+
+
+def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
+    """How long the input lasts [s]. Raises ConfigError where that can hardly be meant: a clock that jumps makes
+    hours and days of it, and fills the disk.
+    """
+    import numpy as np
+
+    if not args.input:
+        raise ConfigError("`duration`: missing; allowed: 0 to 1e+07 s")
+    length = float(times[-1])
+    rows = length / args.step / args.every
+    if length > _MOST_SECONDS or rows > _MOST_ROWS:
+        gaps = np.diff(times)
+        row = int(np.argmax(gaps))
+        raise ConfigError(
+            f"`input` {args.input}: {length:.9g} s, {rows:.6g} rows, the longest gap {gaps[row]:.9g} s after row "
+            f"{row + 1}; allowed: up to {_MOST_SECONDS:g} s and {_MOST_ROWS:g} rows, or as long as `duration` says"
+        )
+    return length

@@ -5,53 +5,73 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
+import ctypes
+import functools
 import re
+import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import ConfigError, EcuError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
-    from liftgate_hil.runs import Job, Result
+    from liftgate_hil.listener import Listener
+    from liftgate_hil.runs import Job, Parts, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
-_EVENT = re.compile(r"^ecu\s+([\d.]+) s  (.*)$")
+_EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
+_LEAVE_S = 5.0  # for its process to end
+_PDEATHSIG = 1  # PR_SET_PDEATHSIG
 
 
 def run_loop(
-    args: argparse.Namespace, stopped: Callable[[], bool], has_wire: bool = True, trace: int = 0
+    args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0
 ) -> Result:
     """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
     it is a second process there. Raises LiftgateError, also for what went wrong in the run.
     """
     from liftgate_hil import runs
 
-    job = _job_of(args, has_wire, trace)
+    teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
+    job = _job_of(args, has_wire, trace, teller)
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
-    if args.ecu == ON_A_BUS or is_here:
-        result = runs.execute(job, stopped, parts)
-    else:
-        with _ecu_process(args, parts.setup.vehicle.drives) as child:
-            result = runs.execute(
-                replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
-            )
-            events = child.end()
-            result = result if result.reason else replace(result, events=events)
+    try:
+        if args.ecu == ON_A_BUS or is_here:
+            result = runs.execute(job, stopped, parts)
+        else:
+            result = _with_process(args, job, parts, stopped)
+    except EcuError as error:  # it could not be made, or its process failed
+        raise stopped.failure(str(error)) from error
+    finally:
+        teller.clear()
     if result.reason:
-        raise LiftgateError(result.reason)
+        raise stopped.failure(result.reason)
     return result
 
 
-def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
+def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
+    """With the ECU in a second process on the same bus. Raises LiftgateError."""
+    from liftgate_hil import runs
+
+    with _ecu_process(args, parts.setup.vehicle.drives, job.listener) as child:
+        result = runs.execute(
+            replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
+        )
+        events = child.end()
+    return result if result.reason else replace(result, events=events)
+
+
+def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
     from liftgate_hil.runs import Job
 
     return Job(
@@ -65,12 +85,12 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
         wire=options.wire_choice(args) if has_wire else None,
         options=options.run_options(args),
         trace=trace,
-        listener=Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}"),
+        listener=teller,
     )
 
 
 @contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
+def _ecu_process(args: argparse.Namespace, drives: int, teller: Listener) -> Iterator[EcuProcess]:
     """`liftgate-hil ecu` on the same bus; ended with this process."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(drives), "--ecu", args.ecu]
@@ -81,7 +101,7 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
     command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = EcuProcess(command, args.quiet, has_to_tell=args.ecu == "reference")
+    child = EcuProcess(command, teller, has_to_tell=args.ecu == "reference")
     try:
         yield child
     finally:
@@ -91,11 +111,17 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
 class EcuProcess:
     """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
-    def __init__(self, command: list[str], is_quiet: bool, has_to_tell: bool) -> None:
+    def __init__(self, command: list[str], teller: Listener, has_to_tell: bool) -> None:
+        prctl = ctypes.CDLL(None).prctl
         self._process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, errors="replace"
+            command,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            # This process may be killed; no thread runs in it yet.
+            preexec_fn=functools.partial(prctl, _PDEATHSIG, signal.SIGTERM, 0, 0, 0),  # noqa: PLW1509
         )
-        self._is_quiet = is_quiet
+        self._teller = teller
         self._has_to_tell = has_to_tell
         self._events: list[Event] = []
         self._others: collections.deque[str] = collections.deque(maxlen=20)
@@ -111,28 +137,30 @@ class EcuProcess:
             match = _EVENT.match(line)
             if match:
                 self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
+                self._teller.say(line.rstrip())
                 continue
             self._others.append(line.strip())
-            if not self._is_quiet:
-                print(line, end="", file=sys.stderr, flush=True)
+            self._teller.say(line.rstrip())
 
     def has_failed(self) -> bool:
         """Whether it ended with an error."""
         return self._process.poll() not in (None, 0)
 
     def end(self) -> list[Event]:
-        """End it; what it told. Raises LiftgateError where it had failed."""
+        """End it; what it told. Raises ConfigError or EcuError where it had failed."""
         code = self._process.poll()
         self._process.terminate()
-        self._process.wait()
-        self._reader.join()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)
+        self.kill()
+        self._reader.join(_LEAVE_S)  # what it has started may hold the pipe
         if code:
             said = "; ".join(self._others)[-300:] or f"exit code {code}"
-            kind = ConfigError if code == _USAGE else LiftgateError
+            kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
         if not self._events and self._has_to_tell:
             said = "; ".join(self._others)[-300:] or "it said nothing"
-            raise LiftgateError(f"the ECU's process did not take part: {said}")
+            raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
 
     def wait(self, timeout: float) -> None:

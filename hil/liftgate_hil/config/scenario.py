@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil.config.files import issue_with
+from liftgate_hil.config.files import is_there, issue_with
+from liftgate_hil.config.settings import Setting, settings_in
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import OBSTACLE, PROFILES
@@ -35,7 +36,7 @@ class Scenario:
     rig: str | None = None
     seed: int = 0
     initial: float | str = "closed"
-    settings: tuple[str, ...] = ()  # KEY=VALUE of the vehicle file
+    settings: tuple[Setting, ...] = ()  # of the vehicle file
     parameters: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -53,7 +54,9 @@ _KEYS = (
 def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Scenario:
     """The scenario of a file, with parameters replaced. Raises ConfigError with all issues of the file."""
     raw = read_toml(path)
-    issues = ConfigIssues(str(path))
+    issues = ConfigIssues(
+        str(path), {f"parameters.{name}": f"`parameters` {name}" for name in replaced or {}}
+    )
     known_keys(issues, "", raw, _KEYS)
     parameters = _parameters(issues, raw, replaced or {})
     raw = {
@@ -83,7 +86,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         "rig": _beside(path, issues, raw, "rig"),
         "seed": _seed(issues, raw.get("seed", 0)),
         "initial": _initial(issues, raw.get("initial", "closed")),
-        "settings": tuple(f"{key}={value!r}" for key, value in _flat(settings)),
+        "settings": tuple(settings_in(settings, f"{path}: set.")),
     }
     issues.raise_if_any()
     return Scenario(
@@ -123,9 +126,12 @@ def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[s
         return [_filled_in(issues, f"{key}[{i}]", each, parameters) for i, each in enumerate(value)]
     if isinstance(value, str) and value.startswith("$"):
         if value[1:] in parameters:
+            if math.isnan(parameters[value[1:]]):  # which is told of the parameter
+                issues.settle(key)
             return parameters[value[1:]]
         allowed = ", ".join(f"${name}" for name in parameters) or "none, there are no [parameters]"
         issues.add(key, f"{show(value)}: no such parameter; allowed: {allowed}")
+        issues.settle(key)
         return math.nan
     return value
 
@@ -135,16 +141,9 @@ def _beside(path: Path, issues: ConfigIssues, raw: Table, key: str) -> str | Non
     if key not in raw:
         return None
     name = text(issues, key, raw[key])
-    return str(path.parent / name) if not issue_with(path.parent / name) else name
-
-
-def _flat(settings: Table, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values; quoted or not, TOML means the same."""
-    for key, value in settings.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
+    beside = path.parent / name
+    is_path = bool(Path(name).suffix) or len(Path(name).parts) > 1
+    return str(beside) if (is_there(beside) if is_path else not issue_with(beside)) else name
 
 
 def _seed(issues: ConfigIssues, value: Any) -> int:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import re
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
-from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_plant import gate as gate_body
 from liftgate_plant.bridge import Bridge
@@ -45,17 +45,16 @@ BODY_TABLES: Mapping[str, type] = {
 SIDES = ("left", "right")
 
 
-def load_vehicle(path: Path, settings: Sequence[str] = ()) -> Vehicle:
-    """The vehicle of a file, with `set` values put over it. Raises ConfigError with all faults."""
+def load_vehicle(path: Path, settings: Sequence[Setting] = ()) -> Vehicle:
+    """The vehicle of a file, with settings put over it. Raises ConfigError with all faults."""
     raw = read_toml(path)
-    for setting in settings:
-        apply_setting(raw, setting)
-    return vehicle_of(raw, str(path))
+    origins = applied(raw, settings)
+    return vehicle_of(raw, str(path), origins)
 
 
-def vehicle_of(raw: Table, source: str) -> Vehicle:
-    """The vehicle of a file's content; `source` names it in messages."""
-    issues = ConfigIssues(source)
+def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
+    """The vehicle of a file's content; `source` names it in messages, `origins` see ConfigIssues."""
+    issues = ConfigIssues(source, origins)
     # Where values were estimated, the file says how; nothing here depends on it.
     known_keys(issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
     drives = raw.get("drives")
@@ -66,7 +65,7 @@ def vehicle_of(raw: Table, source: str) -> Vehicle:
         issues.add("right", "this gate has drives = 1, the left one; allowed: no such table")
     left = _drive_tables(issues, raw, "left")
     # The right drive of a gate that has none gets the left one's constants, and is never stepped.
-    right = _drive_tables(issues, raw, "right") if drives == 2 else left
+    right = left if drives == 1 else _drive_tables(issues, raw, "right")
     parts = {
         name: _fields(issues, name, table(issues, name, raw.get(name, {})), kind)
         for name, kind in BODY_TABLES.items()
@@ -79,34 +78,9 @@ def vehicle_of(raw: Table, source: str) -> Vehicle:
         **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
     )
     _check_geometry(issues, vehicle.gate)
+    _check_inertia(issues, vehicle.gate)
     issues.raise_if_any()
     return vehicle
-
-
-def apply_setting(raw: Table, setting: str) -> None:
-    """Put one `set KEY=VALUE` into a file's content; the value is TOML, as in the file."""
-    import tomllib
-
-    key, equals, value = setting.partition("=")
-    try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
-    except (ValueError, RecursionError):  # TOMLDecodeError is one
-        parsed = _plain_number(value)
-    names = key.strip().split(".")
-    if not equals or not all(names):
-        raise ConfigError(f"`set` {setting}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8")
-    place = raw
-    for name in names[:-1]:
-        inner = place.setdefault(name, {})
-        if not isinstance(inner, dict):
-            raise ConfigError(f"`set` {setting}: {name} is not a table; allowed: a key of one")
-        place = inner
-    place[names[-1]] = parsed
-
-
-def _plain_number(text: str) -> float | str:
-    """`.5` and `5.` are no TOML, but mean what they say."""
-    return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
 def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict[str, Any]]:
@@ -116,12 +90,10 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
         known_keys(issues, side, own, DRIVE_TABLES)
     result = {}
     for name, kind in DRIVE_TABLES.items():
-        shared = table(issues, name, raw.get(name, {})) if side == "left" else raw.get(name, {})
+        # What is wrong with a shared table is the same line for both drives, and so told once.
+        shared = table(issues, name, raw.get(name, {}))
         mine = table(issues, f"{side}.{name}", own.get(name, {}))
-        shared = shared if isinstance(shared, dict) else {}
-        # Faults of the shared table are told once, with the left drive.
-        silent = ConfigIssues(issues.source) if side == "right" and not mine else issues
-        result[name] = _fields(silent, name, {**shared, **mine}, kind, side, mine)
+        result[name] = _fields(issues, name, {**shared, **mine}, kind, side, mine)
     return result
 
 
@@ -182,6 +154,21 @@ def _allowed(quantity: Quantity) -> str:
 def _unit(quantity: Quantity) -> str:
     """As a person reads it; none of a pure number."""
     return "" if quantity.unit == "1" else quantity.unit
+
+
+def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
+    """A gate's inertia about its hinge is m r² of its centre of gravity at least, and no part of the gate is
+    further from the hinge than that and its length; ten times beyond that it is a mistake, no rough estimate.
+    """
+    radius = gate_body.linkage(gate).gravity_radius
+    reach = radius + math.hypot(gate.length, gate.thickness)
+    low, high = 0.1 * gate.mass * radius**2, 10.0 * gate.mass * reach**2
+    if gate.inertia != 0.0 and not low <= gate.inertia <= high:
+        issues.add(
+            "gate.inertia",
+            f"{gate.inertia:g} with this mass, length and gravity_point; allowed: {low:.3g} to {high:.3g} kg m², "
+            "or 0: from mass and plate",
+        )
 
 
 def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:

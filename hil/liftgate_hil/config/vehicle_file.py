@@ -7,16 +7,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from liftgate_hil.config.settings import Setting, apply_setting
 from liftgate_hil.config.toml import read_text, read_toml
-from liftgate_hil.config.vehicle import SIDES, apply_setting
+from liftgate_hil.config.vehicle import SIDES
 
 _COORDINATE = re.compile(r"(.+)\[([01])\]")
 
 
 def vehicle_text(
-    source: Path, settings: Sequence[str], values: Mapping[str, float], origin: Mapping[str, Any]
+    source: Path,
+    settings: Sequence[Setting],
+    values: Mapping[str, float],
+    origin: Mapping[str, Any],
 ) -> str:
-    """The text of `source` with `settings` (as of `set`) and `values` (by their dotted names) put into it, and a
+    """The text of `source` with `settings` and `values` (by their dotted names) put into it, and a
     table `[identification]` that says where they come from.
     """
     import tomlkit

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
+from liftgate_hil.errors import ConfigError, EcuError, text_of
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -54,12 +55,15 @@ def is_library(ecu: Any) -> bool:
 
 
 def _instance_of(name: str) -> Any:
-    """An object of "module:Class"."""
+    """An object of "module:Class". Raises ConfigError, EcuError."""
     module, _, attribute = name.partition(":")
     try:
-        return getattr(importlib.import_module(module), attribute)()
+        with FOREIGN:
+            return getattr(importlib.import_module(module), attribute)()
+    except NoAnswerError:
+        raise EcuError(f"`ecu` {name}: no answer when it was to stop") from None
     except Exception as error:  # what a user's module does is not known
         raise ConfigError(
-            f"`ecu` {name}: {type(error).__name__}: {error}; allowed: MODULE:CLASS that can be imported, of which "
-            "an object can be made without arguments"
+            f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported, "
+            "of which an object can be made without arguments"
         ) from error

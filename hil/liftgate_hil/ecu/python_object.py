@@ -11,9 +11,10 @@ import numpy as np
 
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.errors import ConfigError, shown, text_of
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:
@@ -39,13 +40,15 @@ class PythonEcu(Adapter):
         self._message_of = message_of_fields
         if isinstance(ecu, type) or not callable(getattr(ecu, "step", None)):
             raise ConfigError(
-                f"`ecu` {ecu!r}: allowed: an object with step(now_s, frames) -> frames"
+                f"`ecu` {shown(ecu)}: allowed: an object with step(now_s, frames) -> frames"
             )
         self._request: Callable[[str], object] | None = getattr(ecu, "request", None)
         period = getattr(ecu, "period_s", None)
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
         if not isinstance(seconds, int | float) or not 1e-6 <= seconds <= 60.0:
-            raise ConfigError(f"`ecu` {ecu!r}: period_s {period!r}; allowed: 1e-6 to 60 s")
+            raise ConfigError(
+                f"`ecu` {shown(ecu)}: period_s {shown(period)}; allowed: 1e-6 to 60 s"
+            )
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
         port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
@@ -57,14 +60,17 @@ class PythonEcu(Adapter):
             return self._reason
         if isinstance(self._error, KeyboardInterrupt):
             raise self._error
+        if isinstance(self._error, NoAnswerError):
+            return f"no answer when it was to stop{_place_of(self._error)}"
         if self._error is not None:
-            return f"{type(self._error).__name__}: {self._error}{_place_of(self._error)}"
+            return f"{type(self._error).__name__}: {text_of(self._error)}{_place_of(self._error)}"
         return super().failure()
 
     def _on_request(self, instance: int, action: int) -> int:
         try:
             if self._request is not None and self._error is None:
-                self._request(ACTIONS[action])
+                with FOREIGN:
+                    self._request(ACTIONS[action])
         except BaseException as error:  # told after the episode has ended
             self._error = error
         return 0
@@ -76,25 +82,24 @@ class PythonEcu(Adapter):
             if self._error is not None:
                 return wire.BAD_COUNT
             rows = self.state.port.inbox[:count].tolist()
-            answer = self._ecu.step(
-                now_ns * 1e-9,
-                [
-                    self._message_of(identifier, length, flags, data, now_ns * 1e-9)
-                    for identifier, length, flags, data in rows
-                ],
-            )
+            frames = [
+                self._message_of(identifier, length, flags, data, now_ns * 1e-9)
+                for identifier, length, flags, data in rows
+            ]
+            with FOREIGN:
+                answer = self._ecu.step(now_ns * 1e-9, frames)
             return self._send(answer, capacity)
         except BaseException as error:  # told after the episode has ended
             self._error = error
             return wire.BAD_COUNT
 
     def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
-        from liftgate_hil.transport.messages import fields_of_message
+        from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
         if answer is None:
             return 0
         if not isinstance(answer, list | tuple):
-            self._reason = f"its step gave {answer!r}; allowed: a list of can.Message, or None"
+            self._reason = f"its step gave {shown(answer)}; allowed: a list of can.Message, or None"
             return wire.BAD_COUNT
         if len(answer) > capacity:
             self._reason = f"its step gave {len(answer)} frames; allowed: up to {capacity}"
@@ -102,8 +107,8 @@ class PythonEcu(Adapter):
         outbox = self.state.port.outbox.view(np.ndarray)
         for place, message in enumerate(answer):
             try:
-                identifier, length, flags, data = fields_of_message(message)
-            except EcuError as error:
+                identifier, length, flags, data = fields_of(message)
+            except NotAFrameError as error:
                 self._reason = f"its step gave {error}"
                 return wire.BAD_COUNT
             outbox["id"][place], outbox["length"][place] = identifier, length

@@ -84,18 +84,6 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     )
 
 
-@compilable
-def with_arrays(state: EcuState, owner: EcuState) -> EcuState:
-    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
-    return EcuState(
-        reception=owner.reception,
-        counts=state.counts,
-        memory=owner.memory,
-        values=owner.values,
-        frames=owner.frames,
-    )
-
-
 def _command_rows(rig: Rig) -> list[int]:
     """The messages that an ECU sends; the test bench's are not its own."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))

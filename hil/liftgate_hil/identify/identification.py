@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
 from liftgate_hil.identify.data import applied_voltage
 from liftgate_hil.identify.jitter import jitter_of
@@ -31,6 +32,7 @@ from liftgate_hil.identify.search import (
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
@@ -47,6 +49,7 @@ _HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
 _DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
 _ROUGH_ROUNDS = 6
+_NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
 _TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
@@ -231,8 +234,11 @@ def validate(problem: Problem) -> Validation:
 
 def widened(classic: Floats, robust: Floats) -> Floats:
     """The robust covariance, with no standard deviation less than the classic one's."""
-    scale = np.sqrt(np.maximum(np.diag(classic) / np.maximum(np.diag(robust), 1e-300), 1.0))
+    own, other = np.diag(classic), np.diag(robust)
+    silent = other <= _NO_SCORE * own  # hardly a score: nothing that could be scaled
+    scale = np.sqrt(np.maximum(own / np.where(silent, own, other), 1.0))
     result: Floats = robust * np.outer(scale, scale)
+    result[silent], result[:, silent] = classic[silent], classic[:, silent]
     return result
 
 
@@ -286,6 +292,7 @@ def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> li
     experiments = []
     for number, data in enumerate(problem.data):
         states = problem.states(point, number)
+        _check_sound(data.times, states, data.name)
         earlier = None if before is None else problem.states(before, number)
         voltage = applied_voltage(data, problem.vehicle.supply.voltage)
         frame = Frame(data.times, voltage, phases_of(plant, data.times, voltage, states))
@@ -303,6 +310,17 @@ def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> li
                 series.append(speed_series(speed, frame, measured, simulated, was))
         experiments.append(Experiment(data.name, data.times, voltage, tuple(series)))
     return experiments
+
+
+def _check_sound(times: Floats, states: Floats, name: str) -> None:
+    """Raises PlantDivergedError where what is to be shown (n, 7) is no motion of a gate."""
+    catalogue = signals_of(Truth)
+    limits = [catalogue[each].high for each in OUTPUTS]
+    off = np.flatnonzero(~np.all(np.abs(states) <= limits, axis=1))
+    if len(off):
+        raise PlantDivergedError(
+            f"{name}: the model diverged at {times[off[0]]:.6g} s; allowed: a shorter `step`, a saner vehicle"
+        )
 
 
 def _estimates(

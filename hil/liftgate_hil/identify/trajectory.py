@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
 from liftgate_plant import dynamics, gate, integrate
-from liftgate_plant.compiler import compilable, compiled
+from liftgate_plant.compiler import compilable, compiled, fill, picked
 from liftgate_plant.dynamics import DriveState, Load, Plant, State
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
@@ -34,6 +34,13 @@ OUTPUTS = (
 )
 
 
+# A stretch ends after so many steps, and keeps what the next one begins with: the row (-1: none yet), the steps
+# done after it, the currents shown, the state.
+_STRETCH = 100_000
+_ROW, _STEPS, _SHOWN = 0, 1, 2
+_AT_LEFT, _AT_RIGHT, _ANGLE, _RATE, _LATCHED, _KEPT = 4, 9, 14, 15, 16, 17
+_LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
+_RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
 
 
@@ -111,6 +118,23 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
 
 
 @compilable
+def keep(kept: Floats, state: State, left: float, right: float) -> None:
+    """Put a state, and the currents that the sensors show, where the next stretch finds them."""
+    fill(kept, _AT_LEFT, state.left)
+    fill(kept, _AT_RIGHT, state.right)
+    kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
+    kept[_SHOWN], kept[_SHOWN + 1] = left, right
+
+
+@compilable
+def state_in(kept: Floats) -> State:
+    """The state that was kept."""
+    return State(
+        picked(kept, _LEFT), picked(kept, _RIGHT), kept[_ANGLE], kept[_RATE], kept[_LATCHED]
+    )
+
+
+@compilable
 def run(
     plant: Plant,
     sensors: Sensors,
@@ -121,26 +145,36 @@ def run(
     rows: Floats,
     longest: float,
     out: Floats,
+    kept: Floats,
 ) -> None:
     """Fill `out` (n, 7) with OUTPUTS at `times`; the currents as a sensor of that filter, gain and offset shows
-    them. Gives no tuple back: numba crashes where an interrupt comes while it makes one for Python.
+    them. It returns after so many steps, to be called again until `kept` says that it is through: nobody can stop
+    it within. Gives no tuple back: numba crashes where an interrupt comes while it makes one for Python.
     """
     degrees = 180.0 / math.pi
-    state = state_at(plant, inputs_of(rows[0], base).load, start, model)
-    left, right = state.left.current, state.right.current
+    k, done, room = int(kept[_ROW]), int(kept[_STEPS]), _STRETCH
+    if k < 0:
+        k = 0
+        state = state_at(plant, inputs_of(rows[0], base).load, start, model)
+        left, right = state.left.current, state.right.current
+    else:
+        state = state_in(kept)
+        left, right = kept[_SHOWN], kept[_SHOWN + 1]
     last = len(times) - 1
-    for k in range(last + 1):
-        out[k, 0] = sensors.current_gain * left + sensors.current_offset
-        out[k, 1] = sensors.current_gain * right + sensors.current_offset
-        out[k, 2] = state.left.speed
-        out[k, 3] = state.right.speed
-        out[k, 4] = state.left.position
-        out[k, 5] = state.right.position
-        angle = state.gate_angle
-        if model != 0:
-            angle = rigid.angle_at(plant.link, plant.left.travel * state.left.position)
-        out[k, 6] = (angle + sensors.angle_offset) * degrees
+    while k <= last and room > 0:
+        if done == 0:
+            out[k, 0] = sensors.current_gain * left + sensors.current_offset
+            out[k, 1] = sensors.current_gain * right + sensors.current_offset
+            out[k, 2] = state.left.speed
+            out[k, 3] = state.right.speed
+            out[k, 4] = state.left.position
+            out[k, 5] = state.right.position
+            angle = state.gate_angle
+            if model != 0:
+                angle = rigid.angle_at(plant.link, plant.left.travel * state.left.position)
+            out[k, 6] = (angle + sensors.angle_offset) * degrees
         if k == last:
+            k += 1
             break
         interval = times[k + 1] - times[k]
         count = max(1, math.ceil(interval / longest - 1e-6))
@@ -149,13 +183,20 @@ def run(
         if sensors.current_filter > 0.0:
             follow = 1.0 - math.exp(-step / sensors.current_filter)
         inputs = inputs_of(rows[k], base)
-        for _ in range(count):
+        more = min(count - done, room)
+        for _ in range(more):
             if model == 0:
                 state = integrate.step(plant, state, inputs, step)
             else:
                 state = rigid.step_rigid(plant, state, inputs, step, model)
             left += (state.left.current - left) * follow
             right += (state.right.current - right) * follow
+        done += more
+        room -= more
+        if done == count:
+            k, done = k + 1, 0
+    keep(kept, state, left, right)
+    kept[_ROW], kept[_STEPS] = float(k), float(done)
 
 
 def trajectory(
@@ -173,5 +214,8 @@ def trajectory(
     # Machine code tells 0 from 0.0, and an array from every other sample of one: each would be compiled anew.
     start = Start(*(float(value) for value in start))
     times, rows = (np.require(each, np.float64, ("C", "W")) for each in (times, rows))
-    compiled(run)(plant, sensors, base, start, model, times, rows, longest, out)
+    kept = np.zeros(_KEPT)
+    kept[_ROW] = -1.0
+    while kept[_ROW] < len(times):
+        compiled(run)(plant, sensors, base, start, model, times, rows, longest, out, kept)
     return out

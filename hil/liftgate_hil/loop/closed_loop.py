@@ -15,11 +15,13 @@ from liftgate_hil.errors import EcuError, PlantDivergedError
 from liftgate_hil.loop.episode import (
     BAD_ECU,
     DIVERGED,
+    DONE,
     Script,
     Stretch,
     most_frames,
     run_stretch,
 )
+from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.recorder import Recorder, Taker
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -85,6 +87,7 @@ class Episode:
         )
         self._now = Stretch(loop=state, node=adapter.state, asked=-1, pending=0, outcome=0)
         self._run = compiled(run_stretch)
+        self.lookout: Lookout | None = None
         self.bits = 0
 
     @property
@@ -157,6 +160,9 @@ class Episode:
         frames = self.memory.shared.frames[: control.frames]
         for taker in self._takers:
             taker.take(rows, frames)
+        if self.lookout is not None and len(rows):
+            moment = Moment(self.state.tick, rows[-1], int(control.sent), 0)
+            self.lookout.look(moment, is_last=self._now.outcome != DONE)
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0
 

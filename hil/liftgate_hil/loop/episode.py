@@ -11,16 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.ecu import reference
 from liftgate_hil.ecu.node import Node, NodeState, ask, outgoing, turn
 from liftgate_hil.ecu.wire import CAPACITY
 from liftgate_hil.loop.rings import Shared, count_bits, note_frames, note_row
 from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
-from liftgate_plant.compiler import borrowed, compilable
+from liftgate_plant.compiler import compilable
 
 # How a stretch of an episode ended.
 DONE, DIVERGED, BAD_ECU = 0, 1, 2
@@ -60,12 +59,10 @@ def run_stretch(
     """Run on from where the last stretch ended: until `script.ticks`, until a ring of `shared` could overflow, or
     until its `stop` is set.
     """
-    config, node, script, shared = borrowed((config, node, script, shared))
-    loop, state = borrowed((start.loop, start.node))
+    loop, state = start.loop, start.node
     asked, to_gate = start.asked, outgoing(node, state, start.pending)
     control = shared.control[0]
-    stamps = np.zeros(most_frames(config), dtype=np.int64)
-    room = len(shared.frames) - 2 * len(stamps) - control.frames
+    room = len(shared.frames) - 2 * most_frames(config) - control.frames
     rows = len(shared.rows) - control.rows
     outcome = DONE
     if asked < 0:
@@ -90,8 +87,8 @@ def run_stretch(
             count_bits(shared, given)
             count_bits(shared, replies)
             if script.is_recorded:
-                note_frames(shared, given, stamps, 0, now_ns, 0)
-                note_frames(shared, replies, stamps, 0, now_ns, 1)
+                note_frames(shared, given, now_ns, 0)
+                note_frames(shared, replies, now_ns, 1)
                 room -= given.count + replies.count
         control.sent += replies.count
         control.tick = loop.tick
@@ -103,10 +100,8 @@ def run_stretch(
             if not is_fine:
                 outcome = BAD_ECU
     return Stretch(
-        loop=with_arrays(loop, start.loop),
-        node=NodeState(
-            reference.with_arrays(state.reference, start.node.reference), start.node.port
-        ),
+        loop=loop,
+        node=state,
         asked=asked,
         pending=to_gate.count,
         outcome=outcome,

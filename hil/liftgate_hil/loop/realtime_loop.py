@@ -20,15 +20,16 @@ from liftgate_hil.loop.rings import (
     LATENESS,
     Shared,
     count_bits,
+    note_arrivals,
     note_frames,
     note_row,
 )
 from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick, with_arrays
+from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
-from liftgate_plant.compiler import System, borrowed, compilable
+from liftgate_plant.compiler import System, compilable
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
@@ -225,47 +226,21 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 
 @compilable
-def catch_up(
-    config: LoopConfig,
-    state: LoopState,
-    params: RunParams,
-    shared: Shared,
-    frames: Frames,
-    missed: int,
-) -> LoopState:
-    """The ticks that were missed: they are made up at once, each with its row, and send nothing. The frames that
-    have come are taken in the first of them.
-    """
-    for k in range(missed):
-        number = shared.control[0].overruns + 1
-        outside = outside_at(
-            params.timeline, params.held, state.tick * config.step, number, True, False
-        )
-        given = frames if k == 0 else config.nothing
-        state, _, truth, sensed = tick(config, state, given, outside)
-        note_row(shared, truth, sensed)
-        shared.control[0].overruns = number
-    return state
-
-
-@compilable
 def run_realtime(
-    config: LoopConfig, start: LoopState, params: RunParams, shared: Shared, room: Room
+    config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
 
-    The state, and ENDED, OVERRUN or DIVERGED.
+    Ticks that were missed are made up at once, each with its row, and send nothing; frames that have come are
+    taken in the first of them. The state, and ENDED, OVERRUN or DIVERGED.
     """
-    config, params, shared, room = borrowed((config, params, shared, room))
-    state = borrowed(start)
     control = shared.control[0]
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
-    now_stamps = np.zeros(len(config.outputs.messages), dtype=np.int64)
     none = Frames(0, room.identifiers, room.lengths, room.data)
     # Model time 0 is now: taken here, where no interpreter lock can hold up what follows.
-    start_ns = clock_ns(_MONOTONIC, room) - start.tick * config.step_ns
-    control.epoch_ns = clock_ns(_REALTIME, room) - start.tick * config.step_ns
+    start_ns = clock_ns(_MONOTONIC, room) - state.tick * config.step_ns
+    control.epoch_ns = clock_ns(_REALTIME, room) - state.tick * config.step_ns
     room.drained[0] = start_ns
     stopping = False
     while not stopping:
@@ -285,20 +260,20 @@ def run_realtime(
 
         accepted = state.counts.accepted
         take_letters(shared.box, params.held)
-        state = catch_up(config, state, params, shared, frames, missed)
-        outside = outside_at(
-            params.timeline,
-            params.held,
-            state.tick * config.step,
-            control.overruns,
-            False,
-            stopping,
-        )
-        given = frames if missed == 0 else none
-        state, replies, truth, sensed = tick(config, state, given, outside)
+        given = frames
+        for left in range(missed, -1, -1):  # one tick in the source, as each is compiled anew
+            control.overruns += int(left > 0)
+            now = state.tick * config.step
+            outside = outside_at(
+                params.timeline, params.held, now, control.overruns, left > 0, stopping
+            )
+            state, replies, truth, sensed = tick(config, state, given, outside)
+            given = none
+            if left > 0:
+                note_row(shared, truth, sensed)
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, params.command)
-        note_frames(shared, frames, room.stamps, start_ns, woken, 0)
+        note_arrivals(shared, frames, room.stamps, start_ns)
         count_bits(shared, frames)
         unsent = answer(shared, params, room, replies, stopping)
         done = clock_ns(_MONOTONIC, room)
@@ -306,7 +281,7 @@ def run_realtime(
             note(shared.histograms[DELAY], done - waiting_since)
             waiting_since = 0
 
-        note_frames(shared, replies, now_stamps, start_ns, done, 1)
+        note_frames(shared, replies, done - start_ns, 1)
         count_bits(shared, replies)
         note_row(shared, truth, sensed)
         control.tick = state.tick
@@ -314,4 +289,4 @@ def run_realtime(
             note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
         if not is_sound(truth):
             outcome = DIVERGED
-    return with_arrays(state, start), outcome
+    return state, outcome

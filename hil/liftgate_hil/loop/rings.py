@@ -65,29 +65,33 @@ def count_bits(shared: Shared, frames: Frames) -> None:
 
 
 @compilable
-def note_frames(
-    shared: Shared,
-    frames: Frames,
-    stamps: NDArray[np.int64],
-    start_ns: int,
-    now_ns: int,
-    is_sent: int,
-) -> None:
-    """Put frames into the ring, 1: sent by the gate; `stamps` are on the monotonic clock, 0: now."""
-    control = shared.control[0]
+def note_frame(shared: Shared, frames: Frames, i: int, time_ns: int, is_sent: int) -> None:
+    """Put a frame into the ring, but not yet into its count."""
     ring = shared.frames
-    at = control.frames
+    row = ring[(shared.control[0].frames + i) % len(ring)]
+    length = int(frames.lengths[i])
+    row.time_ns = time_ns
+    row.identifier = frames.identifiers[i]
+    row.length = length
+    row.is_sent = is_sent
+    for k in range(length):
+        row.payload[k] = frames.data[i, k]
+
+
+@compilable
+def note_frames(shared: Shared, frames: Frames, time_ns: int, is_sent: int) -> None:
+    """Put frames into the ring, all of one time since the start; 1: sent by the gate."""
     for i in range(frames.count):
-        row = ring[at % len(ring)]
-        length = int(frames.lengths[i])
-        row.time_ns = (stamps[i] if stamps[i] != 0 else now_ns) - start_ns
-        row.identifier = frames.identifiers[i]
-        row.length = length
-        row.is_sent = is_sent
-        for k in range(length):
-            row.payload[k] = frames.data[i, k]
-        at += 1
-    control.frames = at
+        note_frame(shared, frames, i, time_ns, is_sent)
+    shared.control[0].frames += frames.count
+
+
+@compilable
+def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int) -> None:
+    """Put frames into the ring that have come to the gate, `stamps` and start on the monotonic clock."""
+    for i in range(frames.count):
+        note_frame(shared, frames, i, int(stamps[i] - start_ns), 0)
+    shared.control[0].frames += frames.count
 
 
 @compilable

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.signals import COLUMN_ROWS
 from liftgate_plant.compiler import all_finite, compilable, fill
-from liftgate_plant.signals import Sensed, Truth
+from liftgate_plant.signals import CURRENT, GATE_ANGLE, GATE_RATE, POSITION, SPEED, Sensed, Truth
+
+_MOST_CURRENT, _MOST_SPEED, _MOST_TURNS = CURRENT.high, SPEED.high, POSITION.high
+_MOST_RATE, _MOST_ANGLE = GATE_RATE.high, GATE_ANGLE.high
 
 
 @compilable
@@ -19,5 +22,14 @@ def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed) -> None:
 
 @compilable
 def is_sound(truth: Truth) -> bool:
-    """Whether the plant still gives numbers."""
-    return all_finite(truth)
+    """Whether the plant still gives numbers, and such as the catalogue lets currents and motions be: a plant that
+    diverges passes that long before it passes what a number can hold.
+    """
+    return (
+        all_finite(truth)
+        and max(abs(truth.left_current_a), abs(truth.right_current_a)) <= _MOST_CURRENT
+        and max(abs(truth.left_speed_rps), abs(truth.right_speed_rps)) <= _MOST_SPEED
+        and max(abs(truth.left_position_rev), abs(truth.right_position_rev)) <= _MOST_TURNS
+        and abs(truth.gate_rate_degps) <= _MOST_RATE
+        and abs(truth.gate_angle_deg) <= _MOST_ANGLE
+    )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
-from liftgate_hil.loop.row import write_row
+from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
@@ -22,7 +22,7 @@ from liftgate_plant.sensors import Sensors, SensorState
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 20_000
+_BLOCK = 2000  # steps, some milliseconds: nobody can stop it within
 
 
 class Offline(NamedTuple):
@@ -60,9 +60,12 @@ def inputs_at(
 @compilable
 def block(
     offline: Offline, start: OfflineState, rows: Floats, out: Floats
-) -> tuple[OfflineState, int]:
-    """Step through input rows (n, inputs), writing states before their step to `out`; how many were written."""
+) -> tuple[OfflineState, int, bool]:
+    """Step through input rows (n, inputs), writing states before their step to `out`: how many were written, and
+    whether all states were sound. It ends before one that is not.
+    """
     written = 0
+    sound = True
     state, memory, arming, done = start.plant, start.sensors, start.arming, start.done
     for k in range(rows.shape[0]):
         time = done * offline.step
@@ -72,12 +75,16 @@ def block(
             offline.sensors, offline.plant, state, inputs, shown, memory,
             offline.seed, done, offline.step,
         )  # fmt: skip
+        truth = truth_of(offline.sensors, time, state, inputs, shown)
+        sound = is_sound(truth)
+        if not sound:
+            break
         if done % offline.every == 0:
-            write_row(out[written], truth_of(offline.sensors, time, state, inputs, shown), sensed)
+            write_row(out[written], truth, sensed)
             written += 1
         state = integrate.step(offline.plant, state, inputs, offline.step)
         done += 1
-    return OfflineState(plant=state, sensors=memory, arming=arming, done=done), written
+    return OfflineState(plant=state, sensors=memory, arming=arming, done=done), written, sound
 
 
 def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Floats]:
@@ -93,10 +100,10 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
         # A sample holds from its time on: half a nanosecond of slack for times like 3 * 0.001.
         times = (first + np.arange(count, dtype=np.float64)) * np.float64(offline.step) + 0.5e-9
         out = np.empty((count // offline.every + 1, ROW_WIDTH))
-        now, written = run(offline, now, samples.rows_at(times), out)
-        if not np.all(np.isfinite(out[:written])):
-            bad = int(np.argmin(np.isfinite(out[:written]).all(axis=1)))
-            raise PlantDivergedError(
-                f"the plant diverged at {out[bad, 0]:.6g} s; allowed: a shorter `step`, a saner vehicle"
-            )
+        now, written, sound = run(offline, now, samples.rows_at(times), out)
         yield out[:written]
+        if not sound:
+            raise PlantDivergedError(
+                f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, a "
+                "saner vehicle"
+            )

@@ -21,8 +21,10 @@ class BusLoad:
 
     def add(self, frames: Frames) -> None:
         """Count frames, either way."""
-        for row in range(frames.count):
-            self.bits += bits_of(int(frames.identifiers[row]), int(frames.lengths[row]))
+        count = frames.count
+        self.bits += sum(
+            map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist())
+        )
 
     def percent(self, bitrate: float, seconds: float) -> float:
         """Share of the bus's time, in %."""

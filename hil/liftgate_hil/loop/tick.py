@@ -101,21 +101,6 @@ def copied(state: Tree) -> Tree:
     return state
 
 
-@compilable
-def with_arrays(state: LoopState, owner: LoopState) -> LoopState:
-    """The same state with the arrays that `owner` has: the very same, where they were only borrowed."""
-    return LoopState(
-        plant=state.plant,
-        sensors=state.sensors,
-        arming=state.arming,
-        reception=owner.reception,
-        counts=state.counts,
-        transmission=owner.transmission,
-        tick=state.tick,
-        timeouts=state.timeouts,
-    )
-
-
 def no_frames() -> Frames:
     """What a tick gets when nothing has come."""
     return empty_frames(0)

@@ -36,6 +36,7 @@ _SENSED = {
 _COMMANDS = Command._fields
 _SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
+_LONGEST_S = 1e9  # 32 years: whatever is more is no log
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,10 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     seconds, frames = read_frames(path, messages, rig)
     if frames.count == 0:
         raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
+    if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # nor NaN
+        raise ConfigError(
+            f"{path}: times that are none; allowed: within {_LONGEST_S:g} s of the first frame"
+        )
     # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)

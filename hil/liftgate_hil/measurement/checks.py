@@ -15,7 +15,9 @@ _MAX_CURRENT = 1000.0  # A
 _LEAST_CURRENT = (
     100.0  # A: what may well be amperes, however large the resistance that a search begins with
 )
-_SLOWEST = 0.5  # s between rows
+_FASTEST, _SLOWEST = 1e-6, 0.5  # s between rows, usually
+_LONGEST_GAP = 60.0  # s between two rows
+_LONGEST = 86_400.0  # s altogether
 _TOLD_DEG = 5.0  # a way of the gate that tells something
 # The ratio of a speed to the slope of its position, and the unit that it betrays.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
@@ -52,6 +54,24 @@ def check(measurement: Measurement, expected: Expected | None = None) -> list[st
     return [f"{measurement.source}: {fault}" for fault in issues]
 
 
+def check_length(measurement: Measurement) -> list[str]:
+    """What hours of simulation would come of, a line each: a clock that jumps, or was set after the first row."""
+    times = measurement.times
+    gaps = np.diff(times)
+    row = int(np.argmax(gaps)) if len(gaps) else 0
+    cut = "`from` and `to` leave out rows"
+    if len(gaps) and not gaps[row] <= _LONGEST_GAP:
+        return [
+            f"{measurement.source}: time_s: {gaps[row]:.6g} s from row {row + 1} ({times[row]:.9g} s) to the "
+            f"next; allowed: up to {_LONGEST_GAP:g} s; {cut}"
+        ]
+    if len(gaps) and not times[-1] - times[0] <= _LONGEST:
+        return [
+            f"{measurement.source}: time_s: {times[-1] - times[0]:.6g} s; allowed: up to {_LONGEST:g} s; {cut}"
+        ]
+    return []
+
+
 def _soundness(measurement: Measurement) -> list[str]:
     """What the reader should have seen to; conditioning may leave less."""
     issues = []
@@ -77,9 +97,10 @@ def _soundness(measurement: Measurement) -> list[str]:
 
 def _raster(measurement: Measurement) -> list[str]:
     usual = float(np.median(np.diff(measurement.times)))
-    if usual <= _SLOWEST:
+    if _FASTEST <= usual <= _SLOWEST:
         return []
-    return [f"time_s: {usual:.4g} s between rows: is it ms? allowed: up to {_SLOWEST:g} s"]
+    rather = "is it ms? " if usual > _SLOWEST else ""
+    return [f"time_s: {usual:.4g} s between rows: {rather}allowed: {_FASTEST:g} to {_SLOWEST:g} s"]
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:

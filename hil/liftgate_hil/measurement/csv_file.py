@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import functools
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.files import read_bytes
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_hil.measurement.series import Series
@@ -29,6 +32,10 @@ class CsvFile:
     lines: Sequence[str]  # without the header and without blank ones
     sample: str = "row"
 
+    @functools.cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.names)}
+
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """See Columns."""
         if not self.lines:
@@ -44,7 +51,7 @@ class CsvFile:
         commas = len(self.names) - 1
         if any(line.count(self.delimiter) != commas or '"' in line for line in self.lines):
             return None
-        places = [self.names.index(name) for name in wanted]
+        places = [self._places[name] for name in wanted]
         try:
             numbers = np.loadtxt(
                 self.lines, delimiter=self.delimiter, comments=None, usecols=places, ndmin=2
@@ -73,7 +80,7 @@ class CsvFile:
                 return {}
         result = {}
         for name in wanted:
-            place = self.names.index(name)
+            place = self._places[name]
             values = np.array([_number(row[place]) for row in rows])
             bad = np.flatnonzero(np.isinf(values))
             if len(bad):
@@ -86,9 +93,7 @@ class CsvFile:
 def open_csv(path: Path) -> CsvFile:
     """The file's header and lines. Raises ConfigError where it cannot be read."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: cannot be read: not UTF-8 at byte {error.start}") from error
     if "\0" in text:
@@ -100,7 +105,7 @@ def open_csv(path: Path) -> CsvFile:
     names = [name.strip() for name in next(csv.reader(lines[:1], delimiter=delimiter))]
     if all(_NUMBER.fullmatch(name) for name in names):
         raise ConfigError(f"{path}: no header; allowed: the columns' names in the first row")
-    twice = sorted({name for name in names if name and names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
     if twice:
         raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
     return CsvFile(path, names, delimiter, lines[1:])

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.config.files import check_file
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
+
+_MOST_BYTES = 64  # of a frame
 
 
 def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats, Frames]:
@@ -33,6 +36,7 @@ def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats
 def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]:
     from liftgate_hil.python_can import can
 
+    check_file(path)
     times: list[float] = []
     rows: list[tuple[int, bytes]] = []
     try:
@@ -44,6 +48,11 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]
                     continue
                 identifier |= REMOTE if message.is_remote_frame else 0
                 identifier |= FD if message.is_fd else 0
+                if len(message.data) > _MOST_BYTES:
+                    raise ValueError(
+                        f"{len(message.data)} bytes in a frame at {message.timestamp} s; "
+                        f"allowed: up to {_MOST_BYTES}"
+                    )
                 times.append(message.timestamp)
                 rows.append((identifier, bytes(message.data)))
     except OSError as error:

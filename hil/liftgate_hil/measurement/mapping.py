@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
@@ -40,7 +41,7 @@ def parse_maps(given: Sequence[str]) -> ColumnMap:
     result: ColumnMap = {}
     lines: list[str] = []
     for value in given:
-        is_file = value.endswith(".toml") and (Path(value).is_file() or "=" not in value)
+        is_file = value.endswith(".toml") and ("=" not in value or is_there(Path(value)))
         issues = ConfigIssues(value if is_file else f"`map` {value}")
         try:
             found = _from_file(Path(value), issues) if is_file else _from_text(value, issues)
@@ -75,6 +76,7 @@ def _from_text(value: str, issues: ConfigIssues) -> ColumnMap:
 
 
 def _from_file(path: Path, issues: ConfigIssues) -> ColumnMap:
+    check_file(path, f"`map` {path}")
     raw = read_toml(path)
     known_keys(issues, "", raw, ("columns",))
     result: ColumnMap = {}

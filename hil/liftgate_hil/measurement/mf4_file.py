@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_hil.measurement.series import Series
@@ -118,10 +119,9 @@ def _opened(path: Path) -> Iterator[Any]:
         from asammdf import MDF
     except ImportError as error:
         raise ConfigError(
-            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+            f"{path}: MF4 needs asammdf; allowed after: pip install asammdf"
         ) from error
-    if not path.is_file():
-        raise ConfigError(f"{path}: cannot be read: No such file or directory")
+    check_file(path)
     try:
         with MDF(path) as measurement:
             yield measurement

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.csv_file import open_csv
 from liftgate_hil.measurement.mapping import ColumnMap
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
 BUS_LOGS = (".log", ".asc", ".blf", ".trc")
-SUFFIXES = (".csv", ".mf4", *BUS_LOGS)
+TABLES = (".csv", ".tsv", ".txt", ".mf4")
+SUFFIXES = (*TABLES, *BUS_LOGS)
 
 
 def read_measurement(
@@ -35,19 +37,20 @@ def read_measurement(
         from liftgate_hil.measurement.bus_log import read_bus_log
 
         return read_bus_log(path, rig() if callable(rig) else rig, before or {})
-    return read_table(path, open_columns(path), mapping)
+    return read_table(path, open_columns(path, SUFFIXES), mapping)
 
 
-def open_columns(path: Path) -> Columns:
-    """The file of columns. Raises ConfigError where it cannot be read."""
+def open_columns(path: Path, allowed: Sequence[str] = TABLES) -> Columns:
+    """The file of columns. Raises ConfigError where it cannot be read; `allowed` are the formats that it names."""
     kind = path.suffix.lower()
+    check_file(path)
     if kind == ".mf4":
         from liftgate_hil.measurement.mf4_file import open_mf4
 
         return open_mf4(path)
-    if kind in (".csv", ".tsv", ".txt"):
+    if kind in TABLES:
         return open_csv(path)
-    raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(SUFFIXES)}")
+    raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
 
 
 def is_bus_log(path: Path, mapping: ColumnMap) -> bool:

@@ -15,9 +15,12 @@ from liftgate_hil.measurement.series import Columns, Series
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
 SIDES = ("left", "right")
-_KINDS = (("input", ("voltage_v", *INPUTS)), ("output", tuple(OUTPUTS)))
+Kinds = tuple[tuple[str, tuple[str, ...]], ...]
+INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
+_KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))
 # What only a recording of the emulator has; there the voltages come from duty and supply.
 RECORDED = ("left_coast", "latched")
+RECORDED_NOTE = "a recording of the emulator: each input taken from the row after"
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
 # One of them says what drives the motors.
 DRIVES = (
@@ -29,7 +32,7 @@ _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
 
 @dataclass
-class _Reading:
+class Reading:
     """One file on its way to a measurement."""
 
     path: Path
@@ -41,7 +44,24 @@ class _Reading:
 
 def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     """The measurement in a file of columns. Raises ConfigError with all faults."""
-    reading = _resolve(path, file, mapping)
+    reading, series, shared = read_series(path, file, mapping, _KINDS)
+    own = {name: _own_samples(each, shared) for name, each in series.items()}
+    own = {name: each for name, each in own.items() if len(each[0])}
+    times = shared
+    if times is None:  # to the nanosecond: channels of one raster differ by rounding
+        times = np.unique(
+            np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())])
+        )
+    return _measurement(reading, times, own, shared is not None)
+
+
+def read_series(
+    path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds
+) -> tuple[Reading, dict[str, Series], Floats | None]:
+    """The columns of these kinds in our units, and the times of the file's rows (None: each column has its own).
+    Raises ConfigError with all faults.
+    """
+    reading = _resolve(path, file, mapping, kinds)
     issues = reading.issues
     wanted = list(dict.fromkeys(reading.names.values()))
     raw = file.read(wanted, issues)
@@ -56,35 +76,27 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
     if issues:
         raise ConfigError(issues)
     series.pop("time_s", None)
-    own = {name: _own_samples(each, shared) for name, each in series.items()}
-    own = {name: each for name, each in own.items() if len(each[0])}
-    times = shared
-    if times is None:  # to the nanosecond: channels of one raster differ by rounding
-        times = np.unique(
-            np.concatenate([np.zeros(0), *(np.round(at, 9) for at, _ in own.values())])
-        )
-    return _measurement(reading, times, own, shared is not None)
+    return reading, series, shared
 
 
-def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
+def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Reading:
     """Which column is which."""
-    issues: list[str] = []
-    names: dict[str, str] = {}
-    for ours, theirs in mapping.items():
-        found = theirs.found_in(file.names)
-        if found is None:
-            known = ", ".join([name for name in file.names if name][:20])
-            issues.append(f"{path}: {ours}: no column {theirs.name!r}; allowed: {known}")
-        else:
-            names[ours] = found
-    for name in KNOWN:
-        if name in file.names and name not in mapping:
-            names[name] = name
+    known = ("time_s", *(name for _, columns in kinds for name in columns))
+    mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
+    names = {ours: theirs.found_in(file.names) or "" for ours, theirs in mapping.items()}
+    there = ", ".join([name for name in file.names if name][:20])
+    issues = [
+        f"{path}: {ours}: no column {mapping[ours].name!r}; allowed: {there}"
+        for ours, found in names.items()
+        if not found
+    ]
+    names = {ours: found for ours, found in names.items() if found}
+    names |= {name: name for name in known if name in file.names and name not in mapping}
     recorded = all(name in file.names for name in RECORDED)
     if recorded:
-        names = {ours: theirs for ours, theirs in names.items() if ours not in _VOLTAGES}
         names.setdefault("latch_released", "latched")
-    issues += _other_units(file, names, path)
+    _choose(names, mapping, recorded)
+    issues += _other_units(file, names, path, known)
     by_rows = file.sample == "row"
     if not by_rows:
         names.pop("time_s", "")
@@ -92,27 +104,51 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap) -> _Reading:
         issues.append(f"{path}: time_s: mapped; allowed: no such map, MF4 channels have times")
     if "time_s" not in (*names, *mapping) and by_rows:
         issues.append(f"{path}: time_s: missing; allowed: a column of seconds, or `map` time_s=...")
-    for what, columns in _KINDS:
+    for what, columns in kinds:
         if not any(column in (*names, *mapping) for column in columns):
             issues.append(
                 f"{path}: no {what} column; allowed: {', '.join(columns)}, others by `map`"
             )
     told = {*names, *mapping}
-    if told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
+    if kinds is _KINDS and told.isdisjoint(DRIVES) and not told.isdisjoint(INPUTS):
         issues.append(
             f"{path}: nothing says what drives the motors; allowed: {', '.join(DRIVES)} (0 where they are off), "
             "others by `map`"
         )
     issues += _clashes(path, names)
-    return _Reading(path, file, names, recorded, issues)
+    return Reading(path, file, names, recorded, issues)
 
 
-def _other_units(file: Columns, names: dict[str, str], path: Path) -> list[str]:
+def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
+    """Of the columns that drive a motor those that are mapped win over those that only have our name, and a
+    recording's duties over its voltages.
+    """
+    if recorded:
+        for name in _VOLTAGES:
+            if name not in mapping:
+                names.pop(name, None)
+    chosen = [
+        [name for name in _driving(side) if name in mapping and name in names] for side in SIDES
+    ]
+    for side, own in zip(SIDES, chosen, strict=True):
+        for name in _driving(side):
+            # What drives both goes only where each has something else.
+            if own and name not in mapping and (name != "voltage_v" or all(chosen)):
+                names.pop(name, None)
+
+
+def _driving(side: str) -> tuple[str, ...]:
+    return ("voltage_v", f"{side}_voltage_v", f"{side}_duty")
+
+
+def _other_units(
+    file: Columns, names: dict[str, str], path: Path, known: tuple[str, ...]
+) -> list[str]:
     """Headers like left_current_ma; each counts as its column, so that it is told once only."""
     issues = []
     for name in file.names:
         meant = near_miss(name)
-        if meant is None or meant[0] in names or name in names.values():
+        if meant is None or meant[0] not in known or meant[0] in names or name in names.values():
             continue
         ours, unit = meant
         if ours != "time_s" or file.sample == "row":
@@ -125,15 +161,16 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
     """Drives that are said to get two things at once."""
     issues = []
     for side in SIDES:
-        given = [
-            name for name in ("voltage_v", f"{side}_voltage_v", f"{side}_duty") if name in names
-        ]
+        given = [name for name in _driving(side) if name in names]
         if len(given) > 1:
-            issues.append(f"{path}: {' and '.join(given)}: allowed: one of them")
+            issues.append(
+                f"{path}: {' and '.join(given)}: allowed: one of them, chosen by `map` "
+                f"{given[-1]}={names[given[-1]]}"
+            )
     return issues
 
 
-def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
+def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
     """In our unit."""
     theirs = mapping.get(ours)
     scale, offset, unit = 1.0, 0.0, series.unit
@@ -154,7 +191,7 @@ def _converted(reading: _Reading, ours: str, series: Series, mapping: ColumnMap)
     return replace(series, values=factors[0] * (scale * series.values + offset) + factors[1])
 
 
-def _check_range(reading: _Reading, ours: str, series: Series) -> None:
+def _check_range(reading: Reading, ours: str, series: Series) -> None:
     if ours == "time_s":
         return
     low, high = KNOWN[ours].low, KNOWN[ours].high
@@ -176,7 +213,7 @@ def _check_range(reading: _Reading, ours: str, series: Series) -> None:
         )
 
 
-def _shared_times(reading: _Reading, series: Mapping[str, Series]) -> Floats | None:
+def _shared_times(reading: Reading, series: Mapping[str, Series]) -> Floats | None:
     """The file's rows' times; None where each column has its own."""
     if reading.file.sample != "row":
         return None
@@ -214,7 +251,7 @@ def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]
 
 
 def _measurement(
-    reading: _Reading,
+    reading: Reading,
     times: Floats,
     own: Mapping[str, tuple[Floats, Floats]],
     by_rows: bool,
@@ -248,8 +285,8 @@ def _measurement(
     if reading.issues:
         raise ConfigError(reading.issues)
     if reading.recorded:
-        _shift_inputs(columns)
-        notes.append("a recording of the emulator: each input taken from the row after")
+        shift_inputs(columns)
+        notes.append(RECORDED_NOTE)
     if "voltage_v" in columns:
         both = columns.pop("voltage_v")
         columns |= {f"{side}_voltage_v": both.copy() for side in SIDES}
@@ -273,7 +310,7 @@ def _is_slower_raster(times: Floats, at: Floats) -> bool:
     return bool(max(float(spacing.max()), ends) <= longest)
 
 
-def _shift_inputs(columns: dict[str, Floats]) -> None:
+def shift_inputs(columns: dict[str, Floats]) -> None:
     """From "led to its row" to "holds from its row"; after the last row nothing is known, or needed."""
     for name, values in columns.items():
         if name in INPUTS:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
 from liftgate_hil.codec.receive import (
-    ACCEPTED,
     NO_COUNTS,
     Counts,
     Reception,
@@ -17,6 +16,7 @@ from liftgate_hil.codec.receive import (
     nothing_received,
     take,
 )
+from liftgate_hil.codec.refusals import ACCEPTED
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_plant.compiler import compilable, compiled
@@ -37,8 +37,9 @@ def events_in(
         room += 2 * int(message["count"]) * int(np.sum(identifiers == message["identifier"]))
     at, which = np.zeros(room, dtype=np.int64), np.zeros(room, dtype=np.int64)
     values = np.zeros(room)
+    read = np.empty(len(layout.signals))
     reception = nothing_received(layout, quantities)
-    used, counts = compiled(walk)(layout, reception, frames, times, at, which, values)
+    used, counts = compiled(walk)(layout, reception, frames, times, at, which, values, read)
     order = np.argsort(at[:used], kind="stable")
     return at[:used][order], which[:used][order], values[:used][order], counts
 
@@ -52,9 +53,11 @@ def walk(
     at: Integers,
     which: Integers,
     values: Floats,
+    read: Floats,
 ) -> tuple[int, Counts]:
-    """Fill the events; how many there are, and the counts. `current` is changed."""
-    read = np.empty(len(layout.signals))
+    """Fill the events; how many there are, and the counts. `current` is changed; `read` (signals,) is room to
+    work in.
+    """
     counts = NO_COUNTS
     used = 0
     for frame in range(frames.count):

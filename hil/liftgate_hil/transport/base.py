@@ -16,6 +16,8 @@ class LinkCounts(NamedTuple):
     dropped: int = 0  # frames that came but were dropped before they were read
     losses: int = 0  # times the link was lost
     bus_offs: int = 0  # of these, because the controller went off the bus
+    unreadable_frames: int = 0  # what came of a bus and is no frame
+    refused_frames: int = 0  # of other machines, where the bus is to reach this one only
     # Frames of a serial line that were no good, by cause (see liftgate_hil.transport.cobs.BadFrames).
     cut_frames: int = 0
     long_frames: int = 0
@@ -58,7 +60,7 @@ class Line(Protocol):
 
     def watch(self, control: Any) -> str | None:
         """Look after the wire; called every 20 ms or so. What changed, if anything did. `control` is what the
-        loop has seen of it (a row of `loop.rings.CONTROL`).
+        loop has seen of it (a row of `loop.rings.CONTROL`). Raises TransportError where it serves no more.
         """
 
     def counts(self) -> LinkCounts:

@@ -8,24 +8,8 @@ from typing import Any, NamedTuple
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.transport.base import Line, Transport
-from liftgate_hil.transport.can_bus import CanTransport, parse_bus
+from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
 from liftgate_hil.transport.serial_open import parse_serial
-
-_MISSING = (
-    "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
-    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT"
-)
-
-
-class WireChoice(NamedTuple):
-    """What the user said of the wire: a bus by one text or by python-can's own words, or a serial port."""
-
-    bus: str | None = None  # INTERFACE:CHANNEL[@BITRATE]
-    serial: str | None = None  # PORT[@BAUD]
-    interface: str | None = None
-    channel: str | None = None
-    bitrate: int | None = None  # bit/s
-    is_fd: bool = False
 
 
 class Way(NamedTuple):
@@ -38,6 +22,16 @@ class Way(NamedTuple):
     def is_interface(self, name: str) -> bool:
         """Whether it is that interface of python-can's."""
         return self.can is not None and self.can["interface"] == name
+
+    @property
+    def reach(self) -> str:
+        """In words, who can reach it, where that is not plain."""
+        if not self.is_interface("udp_multicast"):
+            return ""
+        from liftgate_hil.transport import multicast
+
+        assert self.can is not None
+        return multicast.reach(self.can)
 
     def bitrate(self, rig: Rig) -> float:
         """Of the CAN bus [bit/s]; NaN on a serial line, where frames have other sizes."""
@@ -60,6 +54,8 @@ def open_transport(way: Way) -> Transport:
         from liftgate_hil.transport.serial_port import SerialTransport
 
         return SerialTransport(*way.serial)
+    from liftgate_hil.transport.can_bus import CanTransport
+
     assert way.can is not None
     return CanTransport(way.can, way.is_fd)
 
@@ -86,32 +82,3 @@ def check_serial(rig: Rig) -> None:
     ]
     if issues:
         raise ConfigError(issues)
-
-
-def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
-    """python-can's arguments, from `bus`, from its own words, or from its own configuration.
-
-    Raises ConfigError.
-    """
-    bus, interface, channel, bitrate = (
-        choice.bus, choice.interface, choice.channel, choice.bitrate,
-    )  # fmt: skip
-    if bus is not None:
-        if interface is not None or channel is not None:
-            raise ConfigError("`bus` and -i/-c: allowed: one or the other")
-        return parse_bus(bus, bitrate or rig.bitrate)
-    from liftgate_hil.python_can import can
-
-    given: dict[str, Any] = {"interface": interface, "channel": channel, "bitrate": bitrate}
-    try:
-        found = can.util.load_config(
-            config={key: value for key, value in given.items() if value is not None}
-        )
-    except (can.CanError, ValueError, OSError) as error:
-        named = f" (python-can says: {error})" if interface is not None else ""
-        raise ConfigError(_MISSING + named) from error
-    if not found.get("interface") or found.get("channel") is None:
-        raise ConfigError(_MISSING)
-    if found["interface"] == "udp_multicast":
-        found.setdefault("hop_limit", 0)
-    return dict(found)

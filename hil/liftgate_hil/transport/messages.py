@@ -1,21 +1,82 @@
-"""Frames as python-can has them."""
+"""Frames as python-can has them: what is one, and both ways between them and ours."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import operator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
-from liftgate_hil.errors import EcuError
+import numpy as np
+
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE, Frames
+from liftgate_hil.errors import shown
 from liftgate_hil.python_can import can as _can
 
 if TYPE_CHECKING:
     import can
 
-_FD = 1  # flag of the C interface
+_FD_FLAG = 1  # flag of the C interface
+_CLASSIC_BYTES = 8
+
+
+class NotAFrameError(ValueError):
+    """A message of python-can's that no CAN frame can be; its text says what is allowed."""
+
+
+class Fields(NamedTuple):
+    """A frame as `struct liftgate_frame` has it."""
+
+    identifier: int  # with SocketCAN's flags
+    length: int  # of the payload; of a remote frame: that it asks for
+    flags: int  # 1: CAN FD
+    data: bytes
+
+
+def fields_of(message: object) -> Fields:
+    """The fields of a message, each of which may be anything: python-can's own check lets pass what compares
+    false with everything, such as NaN, and numbers with a fraction. Raises NotAFrameError.
+    """
+    if not isinstance(message, _can.Message):
+        raise NotAFrameError(f"{shown(message)}; allowed: a list of can.Message")
+    try:
+        number = _whole(message.arbitration_id)
+        data = b"" if message.is_remote_frame else bytes(memoryview(message.data))
+        length = _whole(message.dlc) if message.is_remote_frame else len(data)
+    except TypeError as error:
+        raise NotAFrameError(
+            f"{shown(message)}; allowed: whole numbers for arbitration_id and dlc, and bytes"
+        ) from error
+    # An error frame's identifier is its class, which may have 29 bits, whatever its format.
+    is_wide = message.is_extended_id or message.is_error_frame
+    if not 0 <= number < 1 << (29 if is_wide else 11):
+        raise NotAFrameError(
+            f"{shown(message)}; allowed: identifiers of 11 bits, extended ones of 29"
+        )
+    if not 0 <= length <= (MAX_BYTES if message.is_fd else _CLASSIC_BYTES):
+        raise NotAFrameError(f"{shown(message)}; allowed: up to 8 bytes, with CAN FD 64")
+    if message.is_remote_frame and message.is_fd:
+        raise NotAFrameError(f"{shown(message)}; allowed: remote frames without CAN FD")
+    number |= EXTENDED if message.is_extended_id else 0
+    number |= REMOTE if message.is_remote_frame else 0
+    number |= ERROR if message.is_error_frame else 0
+    return Fields(number, length, _FD_FLAG if message.is_fd else 0, data)
+
+
+def put(fields: Fields, frames: Frames, row: int) -> None:
+    """Put a frame into a row."""
+    frames.identifiers[row] = fields.identifier | (FD if fields.flags & _FD_FLAG else 0)
+    frames.lengths[row] = fields.length
+    frames.data[row, : len(fields.data)] = np.frombuffer(fields.data, dtype=np.uint8)
+
+
+def message_of(frames: Frames, row: int) -> can.Message:
+    """A row as a message."""
+    identifier, length = int(frames.identifiers[row]), int(frames.lengths[row])
+    flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
+    return message_of_fields(identifier, length, flags, frames.data[row, :length].tobytes(), 0.0)
 
 
 def message_of_fields(
-    identifier: int, length: int, flags: int, data: list[int], time_s: float
+    identifier: int, length: int, flags: int, data: bytes | list[int], time_s: float
 ) -> can.Message:
     """The message of a `struct liftgate_frame`."""
     is_remote = bool(identifier & REMOTE)
@@ -25,25 +86,14 @@ def message_of_fields(
         is_extended_id=bool(identifier & EXTENDED),
         is_remote_frame=is_remote,
         is_error_frame=bool(identifier & ERROR),
-        is_fd=bool(flags & _FD),
+        is_fd=bool(flags & _FD_FLAG),
         dlc=length,
         data=None if is_remote else bytes(data[:length]),
         check=False,
     )
 
 
-def fields_of_message(message: object) -> tuple[int, int, int, bytes]:
-    """(identifier with flags, length, flags, payload) of a message that an ECU wants to send. Raises EcuError."""
-    if not isinstance(message, _can.Message):
-        raise EcuError(f"{message!r}; allowed: a list of can.Message")
-    identifier = message.arbitration_id
-    identifier |= EXTENDED if message.is_extended_id else 0
-    identifier |= REMOTE if message.is_remote_frame else 0
-    identifier |= ERROR if message.is_error_frame else 0
-    data = b"" if message.is_remote_frame else bytes(message.data)
-    length = message.dlc if message.is_remote_frame else len(data)
-    if max(len(data), length) > (64 if message.is_fd else 8):
-        raise EcuError(f"{message!r}; allowed: up to 8 bytes, with CAN FD 64")
-    if not 0 <= message.arbitration_id < 1 << (29 if message.is_extended_id else 11):
-        raise EcuError(f"{message!r}; allowed: identifiers of 11 bits, extended ones of 29")
-    return identifier, length, int(message.is_fd), data
+def _whole(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError(value)
+    return operator.index(value)

@@ -7,11 +7,13 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.transport.base import LinkCounts, Transport
 
 # struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
@@ -36,15 +38,23 @@ class Pump:
         self.descriptor = theirs.fileno()
         self._stopping = False
         self._was_up = True
+        self._failure: BaseException | None = None  # that ended a thread
         self._threads = [
-            threading.Thread(target=target, name=f"{self.name} {way}", daemon=True)
-            for way, target in (("in", self._inwards), ("out", self._outwards))
+            threading.Thread(target=self._guarded, args=(way,), name=name, daemon=True)
+            for name, way in (
+                (f"{self.name} in", self._inwards),
+                (f"{self.name} out", self._outwards),
+            )
         ]
         for thread in self._threads:
             thread.start()
 
     def watch(self, control: Any) -> str | None:
         """See Line."""
+        if self._failure is not None:
+            raise TransportError(
+                f"{self.name}: the thread that carries its frames has ended: {words_of(self._failure)}"
+            ) from self._failure
         is_up = self._transport.is_up
         if is_up == self._was_up:
             return None
@@ -72,6 +82,13 @@ class Pump:
             return self._ours.recv(_ROW.size)
         except OSError:  # closed while the driver held this thread up
             return b""
+
+    def _guarded(self, way: Callable[[], None]) -> None:
+        """Carry frames one way; what ends that is told by `watch`, since a run without frames is none."""
+        try:
+            way()
+        except BaseException as error:
+            self._failure = error
 
     def _inwards(self) -> None:
         while not self._stopping:

@@ -8,18 +8,15 @@ from typing import Any
 import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
-from numba.core.datamodel import models
-from numba.extending import box, intrinsic, lower_cast, overload, register_model, typeof_impl
+from numba.extending import intrinsic, overload, typeof_impl
 from numba.np.arrayobj import load_item, store_item
 
-from liftgate_plant.compiler import borrowed
 from liftgate_plant.compiler.calls import System, call_long_int, call_step, last_error
 from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
 
 types: Any = numba.types
-_carray: Any = numba.carray  # type: ignore[attr-defined]
 _KINDS = {"i": types.int32, "l": types.int64}
-_errno_address = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
+_ERRNO = "__errno_location"  # of the C library: int *(void)
 
 
 @typeof_impl.register(System)
@@ -28,9 +25,24 @@ def _type_of_system(value: System, context: Any) -> Any:
     return types.ExternalFunction(value.name, _KINDS[value.result](*arguments))
 
 
+def _read_errno(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    kind = ir.FunctionType(ir.IntType(32).as_pointer(), [])
+    return builder.load(
+        builder.call(cgutils.get_or_insert_function(builder.module, kind, _ERRNO), [])
+    )
+
+
+@intrinsic
+def _errno(typing_context: Any) -> Any:
+    return types.int32(), _read_errno
+
+
 @overload(last_error)
 def _last_error() -> Any:
-    return lambda: _carray(_errno_address(), 1)[0]
+    def implementation() -> Any:
+        return _errno()  # type: ignore[call-arg]
+
+    return implementation
 
 
 def _call_address(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -62,78 +74,6 @@ def _step(typing_context: Any, address: Any, a: Any, b: Any, c: Any, d: Any, e: 
 def _call_step(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
     def implementation(address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any) -> Any:
         return _step(address, a, b, c, d, e, f)  # type: ignore[call-arg]
-
-    return implementation
-
-
-class Borrowed(types.Array):  # type: ignore[misc]
-    """An array without an owner: the type says that nothing counts its references, so none of it is generated."""
-
-    def __init__(self, owned: Any) -> None:
-        super().__init__(
-            owned.dtype, owned.ndim, owned.layout, readonly=not owned.mutable, aligned=owned.aligned
-        )
-        self.name: str = f"borrowed {self.name}"
-
-
-@register_model(Borrowed)
-class _BorrowedModel(models.ArrayModel):
-    """Laid out as an array is; what would be its owner is a mere address."""
-
-    def __init__(self, manager: Any, kind: Any) -> None:
-        array = manager.lookup(types.Array(kind.dtype, kind.ndim, kind.layout))
-        members = [
-            (name, types.voidptr if name == "meminfo" else array.get_type(name))
-            for name in array._fields
-        ]
-        models.StructModel.__init__(self, manager, kind, members)
-
-
-@lower_cast(Borrowed, types.Array)
-def _as_array(context: Any, builder: Any, kind: Any, wanted: Any, value: Any) -> Any:
-    return value
-
-
-@box(Borrowed)
-def _never_to_python(kind: Any, value: Any, c: Any) -> Any:
-    raise numba.core.errors.TypingError(
-        "compiled code returns borrowed arrays; allowed: those of its arguments as they came"
-    )
-
-
-def _borrowed_type(kind: Any) -> Any:
-    if type(kind) is types.Array:
-        return Borrowed(kind)
-    if isinstance(kind, types.BaseTuple):
-        parts = [_borrowed_type(each) for each in kind]
-        return types.BaseTuple.from_types(parts, getattr(kind, "instance_class", None))
-    return kind
-
-
-def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if type(kind) is types.Array:
-        array = context.make_array(kind)(context, builder, value=value)
-        array.meminfo = cgutils.get_null_value(array.meminfo.type)
-        return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        for place, each in enumerate(kind):
-            part = _without_owner(context, builder, each, builder.extract_value(value, place))
-            value = builder.insert_value(value, part, place)
-    return value
-
-
-@intrinsic
-def _borrow(typing_context: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _without_owner(context, builder, signature.args[0], arguments[0])
-
-    return _borrowed_type(value)(value), generate
-
-
-@overload(borrowed)
-def _borrowed(value: Any) -> Any:
-    def implementation(value: Any) -> Any:
-        return _borrow(value)  # type: ignore[call-arg]
 
     return implementation
 

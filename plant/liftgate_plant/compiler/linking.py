@@ -8,18 +8,15 @@ This needs numba's inside; `is_possible` says whether that is as it was when thi
 
 from __future__ import annotations
 
-import functools
-import gc
 import inspect
 from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numba
-from numba.core import codegen
+from numba.core import codegen, typed_passes, untyped_passes
 from numba.core.compiler import Compiler
-from numba.core.environment import lookup_environment
-from numba.core.runtime.context import NRTContext
+from numba.core.compiler_machinery import PassManager
 
 _TRIED = (0, 63), (0, 68)
 _NEEDED: dict[type, tuple[str, ...]] = {
@@ -27,7 +24,6 @@ _NEEDED: dict[type, tuple[str, ...]] = {
         "_finalize_dynamic_globals", "_finalize_specific", "_finalized", "_get_module_for_linking",
         "_optimize_functions", "_raise_if_finalized", "_verify_declare_only_symbols", "finalize",
     ),
-    NRTContext: ("get_meminfos",),
     Compiler: ("compile_extra",),
 }  # fmt: skip
 
@@ -88,30 +84,25 @@ class HelperLibrary(_Library):
         return self._whole
 
 
-class EntryLibrary(_Library):
-    """An entry point with all helpers below it."""
+class ExportLibrary(_Library):
+    """The function that is called from outside, with all helpers below it."""
 
-    def finalize(self) -> None:
-        """Link, optimise, and make machine code."""
+    def emitted(self) -> bytes:
+        """Linked, optimised, as an object file."""
+        self._raise_if_finalized()
         _link(self, self._final_module)
-        for library in self._linking_libraries:
-            self._reload_init.update(library._reload_init)
-        self._linking_libraries = []
-        super().finalize()
+        self._optimize_final_module()
+        self._final_module.verify()
+        self._finalized = True
+        return bytes(self._codegen._tm.emit_object(self._final_module))
 
-    def _verify_declare_only_symbols(self) -> None:
-        # Where the symbol is not found at run time, LLVM ends the process.
-        for function in self._final_module.functions:
-            if function.is_declaration and function.name.startswith("_Z"):
-                raise AssertionError(f"{function.name} was not linked into {self.name}")
-
-    def _finalize_specific(self) -> None:
-        super()._finalize_specific()
-        # A helper has no address where numba could have put its environment, before it was linked here.
-        for each in self._final_module.global_variables:
-            environment = lookup_environment(each.name)
-            if environment is not None:
-                self.codegen.set_env(each.name, environment)
+    def asked_for(self) -> list[str]:
+        """The functions that others are to have."""
+        return [
+            function.name
+            for function in self._final_module.functions
+            if function.is_declaration and not function.name.startswith("llvm.")
+        ]
 
 
 class _WithoutAddresses:
@@ -156,59 +147,46 @@ def _below(library: Any) -> list[Any]:
     return order[::-1]
 
 
-class _References(NRTContext):
-    """Looks for references only where a type has some: by itself numba takes all fields of every tuple apart."""
+class _Passes(PassManager):
+    """Runs each pass and no more. Numba's own analyses the function again after each, and describes the pass to
+    listeners, for a fifth of a compilation; the passes below analyse it where they need that.
+    """
 
-    def get_meminfos(self, builder: Any, ty: Any, val: Any) -> list[tuple[Any, Any]]:
-        models = self._context.data_model_manager
-        if not _has_references(models, ty):
-            return []
-        model = models[ty]
-        found = [(ty, model.get_nrt_meminfo(builder, val))] if model.has_nrt_meminfo() else []
-        for part, getter in model.traverse(builder):
-            if _has_references(models, part):
-                found.extend(self.get_meminfos(builder, part, getter(val)))
-        return found
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
+        pss.analysis = self._analysis
+        for run in (pss.run_initialization, pss.run_pass, pss.run_finalizer):
+            run(internal_state)
 
 
-@functools.cache
-def _has_references(models: Any, kind: Any) -> bool:
-    return bool(models[kind].contains_nrt_meminfo())
+_PASSES: tuple[Any, ...] = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.RewriteSemanticConstants,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.GenericRewrites,
+    untyped_passes.ReconstructSSA,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.IRLegalization,
+    typed_passes.AnnotateTypes,
+    typed_passes.NativeLowering,
+    typed_passes.NoPythonBackend,
+)
 
 
 class HelperCompiler(Compiler):
-    """Compiles what an entry point calls."""
+    """Compiles what an entry point calls. No closures, no parallel loops, no array expressions: there are none."""
+
+    def define_pipelines(self) -> list[Any]:
+        """See CompilerBase."""
+        manager = _Passes("liftgate")
+        for each in _PASSES:
+            manager.add_pass(each, each.__name__)
+        manager.finalize()
+        return [manager]
 
     def compile_extra(self, func: Any) -> Any:
         """Compile it, into a library that is linked only."""
-        _prepare(self.state, HelperLibrary, func)
+        self.state.library = HelperLibrary(self.state.targetctx.codegen(), func.__qualname__)
         return super().compile_extra(func)
-
-
-def entry_compiler(before: Callable[[], None]) -> type[Compiler]:
-    """A compiler of an entry point that calls `before` first."""
-
-    class EntryCompiler(Compiler):
-        def __init__(self, *arguments: Any) -> None:
-            before()
-            super().__init__(*arguments)  # takes in what numba was told
-
-        def compile_extra(self, func: Any) -> Any:
-            _prepare(self.state, EntryLibrary, func)
-            self.state.library.enable_object_caching()
-            # Little of what is made can be freed before the end; looking for it takes a tenth of the time.
-            was_enabled = gc.isenabled()
-            gc.disable()
-            try:
-                return super().compile_extra(func)
-            finally:
-                if was_enabled:
-                    gc.enable()
-
-    return EntryCompiler
-
-
-def _prepare(state: Any, kind: type[_Library], function: Callable[..., Any]) -> None:
-    context = state.targetctx
-    context.nrt = _References(context, context.enable_nrt)
-    state.library = kind(context.codegen(), function.__qualname__)

@@ -1,103 +1,122 @@
-# mypy: allow-untyped-calls
-"""Machine code on disk: a file for each signature of an entry point, in the entry point's own folder."""
+"""Machine code on disk: a file for each entry point and kinds of its arguments, in the entry point's own folder.
+
+Nothing is read that another user could have written: it would be run.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import hashlib
+import json
 import os
-import pickle
+import stat
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import NamedTuple
 
-import numba
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
+from liftgate_plant.compiler.kinds import Kind, from_plain, plain
 
 SUFFIX = ".code"
 _DIGEST_BYTES = hashlib.sha256().digest_size
-
-types: Any = numba.types
-
-
-def keep(machine_code: Any, folder: Path) -> None:
-    """Let numba keep the machine code of an entry point in `folder`, which is its own.
-
-    What cannot be read, or not be kept, is compiled afresh.
-    """
-    cache = _EntryCache(folder)
-    compile_here = machine_code.compile
-
-    def compile_in_turn(signature: Any) -> Any:
-        try:
-            return compile_here(signature)
-        finally:
-            cache.release()
-
-    machine_code._cache = cache
-    machine_code.compile = compile_in_turn
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
-class _EntryCache:
-    """In the place of numba's, which may fall back to other folders, looks at less than our key does, and has what
-    is wrong with a file end the run. One process at a time compiles; others wait, and load.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.cache_path = str(folder)
-        self._folder = folder
-        self._lock: IO[bytes] | None = None
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What is kept for the signature; where there is None it is this process's turn to compile."""
-        target_context.refresh()
-        found = self._load(sig, target_context)
-        if found is None and self._lock is None:
-            # Without locks, or in a folder that this user may not write to, each compiles by itself.
-            with contextlib.suppress(OSError):
-                self._folder.mkdir(parents=True, exist_ok=True)
-                self._lock = (self._folder / "lock").open("ab")
-                fcntl.flock(self._lock, fcntl.LOCK_EX)
-                found = self._load(sig, target_context)
-        return found
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep it, whole or not at all; a full disk costs the next start its time, but this one goes on."""
-        content = dumps(data._reduce())
-        path = self._path(sig)
-        draft = path.with_suffix(f".{os.getpid()}")
-        try:
-            draft.write_bytes(hashlib.sha256(content).digest() + content)
-            draft.replace(path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                draft.unlink()
-
-    def release(self) -> None:
-        """Let another process have its turn."""
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
-
-    def _load(self, sig: Any, context: Any) -> Any:
-        try:
-            content = self._path(sig).read_bytes()
-        except OSError:
-            return None
-        digest, content = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
-        if hashlib.sha256(content).digest() != digest:  # cut short, or not ours
-            return None
-        return CompileResult._rebuild(context, *pickle.loads(content))
-
-    def _path(self, sig: Any) -> Path:
-        # To numba a NamedTuple with the same types of fields is the same, whatever their names.
-        fields = tuple(_fields_of(kind) for kind in getattr(sig, "args", sig))
-        name = hashlib.sha256(f"{sig} {fields}".encode()).hexdigest()[:16]
-        return self._folder / (name + SUFFIX)
+class NotOursError(OSError):
+    """Others could have written there."""
 
 
-def _fields_of(kind: Any) -> Any:
-    if isinstance(kind, types.BaseTuple):
-        return (*getattr(kind, "fields", ()), *(_fields_of(each) for each in kind))
+class Stored(NamedTuple):
+    """What a file holds."""
+
+    code: bytes
+    result: Kind
+
+
+def root() -> Path:
+    """Where machine code of this user is kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache") / "liftgate-hil"
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError:  # a user without one, as in containers: nothing can be kept there
+        return Path(os.devnull)
+
+
+def path_of(folder: Path, kinds: str) -> Path:
+    """The file for arguments of these kinds."""
+    return folder / (hashlib.sha256(kinds.encode()).hexdigest()[:16] + SUFFIX)
+
+
+def read(path: Path) -> Stored | None:
+    """What was kept; None where there is nothing, or nothing whole. Raises OSError, NotOursError among them."""
+    try:
+        check_ours(path.parent.parent)
+        check_ours(path.parent)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
+    with os.fdopen(descriptor, "rb") as stream:
+        _check(os.fstat(descriptor), path)
+        content = stream.read()
+    digest, content = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    head, _, code = content.partition(b"\n")
+    with contextlib.suppress(ValueError, LookupError, ImportError, AttributeError):
+        return Stored(code, from_plain(json.loads(head)))
     return None
+
+
+def keep(path: Path, stored: Stored) -> None:
+    """Keep it, whole or not at all. Raises OSError."""
+    content = json.dumps(plain(stored.result)).encode() + b"\n" + stored.code
+    draft = path.with_suffix(f".{os.getpid()}")
+    try:
+        draft.write_bytes(hashlib.sha256(content).digest() + content)
+        draft.chmod(0o600)
+        draft.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            draft.unlink()
+        raise
+
+
+def check_ours(folder: Path) -> None:
+    """Raises NotOursError, FileNotFoundError."""
+    _check(folder.stat(), folder)
+
+
+def _check(status: os.stat_result, path: Path) -> None:
+    if status.st_uid != os.geteuid():
+        raise NotOursError(f"{path} belongs to another user")
+    if status.st_mode & _OTHERS_WRITE:
+        raise NotOursError(f"others may write to {path}")
+
+
+@contextlib.contextmanager
+def turn(folder: Path) -> Iterator[Turn]:
+    """One process at a time compiles; others wait, and read what it has kept. Raises OSError."""
+    root().mkdir(parents=True, exist_ok=True, mode=0o700)
+    folder.mkdir(exist_ok=True, mode=0o700)
+    check_ours(folder.parent)
+    check_ours(folder)
+    with (folder / "lock").open("ab") as stream:
+        yield Turn(stream.fileno())
+
+
+class Turn:
+    """A process's turn to compile."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+
+    def taken(self) -> bool:
+        """Whether it is this process's turn now."""
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True

@@ -82,10 +82,7 @@ def test_faults_of_all_files_come_at_once(drive: Path, tmp_path: Path) -> None:
         measure(few, drive, bad, tmp_path / "none.blf")
     assert caught.value.issues[0] == f"{few}: 2 rows; allowed: 20 or more"
     assert caught.value.issues[1].startswith(f"{bad}: no output column; allowed: left_current_a, ")
-    assert (
-        caught.value.issues[2]
-        == f"{tmp_path / 'none.blf'}: cannot be read: No such file or directory"
-    )
+    assert caught.value.issues[2] == f"{tmp_path / 'none.blf'}: no such file"
     assert len(caught.value.issues) == 3
 
 
@@ -135,3 +132,54 @@ def test_the_angle_of_a_position_is_the_plants() -> None:
         state = initial_state(plant_of(vehicle), np.radians(degrees))
         assert angle(state.left.position) == pytest.approx(degrees, abs=1e-6)
     assert np.isnan(angle(1e6))
+
+
+def moved(drive: Path, row: int, change: str) -> Path:
+    """The same with the times from a row on, or up to it, changed."""
+    lines = drive.read_text().splitlines()
+    for k in range(1, len(lines)):
+        if k > row:
+            time, _, rest = lines[k].partition(",")
+            lines[k] = f"{eval(change, {}, {'t': float(time)})!r},{rest}"
+    path = drive.with_name("moved.csv")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("row", "change"),
+    [
+        (COUNT - 1, "t + 36_000.0"),  # the last row ten hours later
+        (1, "t + 1.7e9"),  # a clock that was set after the first row
+        (1500, "t + 61.0"),
+        (COUNT - 1, "1e306"),
+        (COUNT - 1, "1.7e308"),
+    ],
+)
+def test_a_clock_that_jumps_is_told_and_can_be_cut(drive: Path, row: int, change: str) -> None:
+    path = moved(drive, row, change)
+    with pytest.raises(ConfigError, match=rf"time_s: .* from row {row} .*; allowed: up to 60 s"):
+        measure(path)
+    flags = ("--from", 1e9) if row == 1 else ("--to", 2.9)
+    assert len(measure(path, *flags)) == 1
+
+
+@pytest.mark.parametrize("change", ["t * 5e-324", "t * 1e-300", "t * 1e300", "t * 5e307"])
+def test_times_at_the_ends_of_what_a_number_holds_are_told(drive: Path, change: str) -> None:
+    with pytest.raises(ConfigError, match="time_s"):
+        measure(moved(drive, 0, change))
+
+
+def test_seconds_since_1970_are_as_good_as_any(drive: Path) -> None:
+    assert len(measure(moved(drive, 0, "t + 1.7e9"))) == 1
+
+
+def test_a_day_and_more_is_told(tmp_path: Path) -> None:
+    # Nobody's median distance is a minute: half of the rows are close together.
+    times = np.cumsum(np.where(np.arange(4000) % 2, 0.4, 55.0))
+    path = tmp_path / "long.csv"
+    table = np.column_stack([times, np.full(4000, 9.0), np.arange(4000) % 3])
+    header = "time_s,voltage_v,left_current_a"
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+    with pytest.raises(ConfigError, match="allowed: up to 86400 s"):
+        measure(path)

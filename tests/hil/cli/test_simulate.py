@@ -161,7 +161,7 @@ def test_mf4_holds_the_same_numbers_both_ways(tmp_path: Path) -> None:
         ("time_s,voltage_v\n0,nan\n", "voltage_v: nan in row 1"),
         ("time_s,voltage_v\n0,x\n", "voltage_v: 'x' in row 1; allowed: a number"),
         ("time_s,left_duty\n0,1.5\n", "left_duty"),
-        ("time_s,voltage_v,left_duty\n0,1,1\n", "allowed: one or the other"),
+        ("time_s,voltage_v,left_duty\n0,1,1\n", "allowed: one of them, chosen by --map"),
         ("time_s,voltage_v\n", "no rows"),
         ("", "empty"),
     ],
@@ -186,6 +186,7 @@ def test_a_bad_input_file_is_refused_with_what_is_allowed(
         ["--voltage", "12", "--duration", "1", "--output", "nowhere/out.csv"],
         ["--voltage", "12", "--duration", "1", "--set", "motor.resistence=1"],
         ["--input", "missing.csv"],
+        ["--voltage", "12", "--duration", "1", "--map", "voltage_v=U"],
     ],
 )
 def test_bad_flags_are_refused(
@@ -197,7 +198,7 @@ def test_bad_flags_are_refused(
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", *arguments]) == 2
     said = capsys.readouterr().err
-    assert "allowed" in said or "cannot be read: No such file" in said
+    assert "allowed" in said or "missing.csv: no such file" in said
     assert list(tmp_path.iterdir()) == []
 
 
@@ -226,3 +227,64 @@ def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
     rows = target.read_text().splitlines()
     assert len(rows) > 20
     assert len({row.count(",") for row in rows}) == 1
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [0.0, 0.5, 36_000.0],  # a row ten hours later
+        [0.0, 1.7e9, 1.7e9 + 1.0],  # a clock that was set after the first row
+        [0.0, 1e306],
+        [0.0, 1e300, 1.7e308],
+    ],
+)
+def test_an_input_that_would_run_for_hours_wants_a_duration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], times: list[float]
+) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,voltage_v\n" + "".join(f"{time!r},1\n" for time in times))
+    target = tmp_path / "out.csv"
+    assert main(["simulate", "--input", str(source), "--output", str(target)]) == 2
+    assert "or as long as --duration says" in capsys.readouterr().err
+    assert not target.exists()
+    assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
+
+
+def test_an_input_of_no_length_is_one_row(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,voltage_v\n0,1\n5e-324,2\n")
+    assert len(simulate(tmp_path, "--input", str(source))["time_s"]) == 1
+
+
+def test_an_input_in_seconds_since_1970_lasts_as_long_as_it_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,voltage_v\n1700000000,1\n1700000000.5,2\n")
+    assert len(simulate(tmp_path, "--input", str(source))["time_s"]) == 501
+    assert "begins at 1.7e+09 s, which is time 0 here" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("every", ["1", "100000"])
+def test_a_plant_that_diverges_is_told_whichever_rows_are_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], every: str
+) -> None:
+    target = tmp_path / "out.csv"
+    arguments = ["--voltage", "12", "--duration", "0.3", "--every", every, "--output", str(target)]
+    wild = ["--set", "motor.rotor_inertia=1e-9"]  # 1e43 rev/s after 0.3 s
+    assert main(["simulate", *wild, *arguments]) == 1
+    assert "the plant diverged at 0.0" in capsys.readouterr().err
+    rows = np.loadtxt(target, delimiter=",", skiprows=1, ndmin=2)
+    assert len(rows) >= 1
+    assert np.all(np.abs(rows) < 1e9)
+
+
+def test_a_demos_recording_drives_the_same_motion(tmp_path: Path) -> None:
+    recording = tmp_path / "demo.csv"
+    arguments = ["demo", "--clock", "free", "--duration", "3", "--output", str(tmp_path)]
+    assert main([*arguments, "--quiet"]) == 0
+    shown = np.genfromtxt(recording, delimiter=",", names=True)
+    columns = simulate(tmp_path, "--input", str(recording))
+    assert shown["gate_angle_deg"][-1] > 20.0
+    # It starts unlatched, so that the seal has pushed it open by some tenths of a degree.
+    assert columns["gate_angle_deg"][-1] == pytest.approx(shown["gate_angle_deg"][-1], abs=1.0)

@@ -58,7 +58,7 @@ def dangling(path: Path) -> None:
         (folder, "is a folder"),
         (pipe, "is a pipe"),
         (circle, "Too many levels of symbolic links"),
-        (dangling, "no such file"),
+        (dangling, "a link to no file"),
     ],
 )
 def test_what_is_no_file_is_told_as_what_it_is(

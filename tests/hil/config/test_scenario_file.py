@@ -178,3 +178,49 @@ def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
     for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
         found = obstacle_at(scenario.timeline, time)
         assert bool(found.stiffness > 0.0) is there
+
+
+# What is given to a scenario, and what it gives to a vehicle.
+
+ROD = "[parameters]\nrod = 1000\n[[obstacle]]\nangle_deg = 30\nstiffness = '$rod'\n"
+
+
+@pytest.mark.parametrize("value", ["a", None, True, math.nan, 1e300, [1]])
+def test_a_bad_parameter_is_told_once_and_of_who_gave_it(tmp_path: Path, value: object):
+    path = tmp_path / "scene.toml"
+    path.write_text(ROD, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(path, {"rod": value})  # type: ignore[dict-item]
+    (issue,) = caught.value.issues
+    assert issue.startswith("`parameters` rod: ")
+
+
+def test_a_bad_parameter_of_the_file_is_told_once(tmp_path: Path):
+    assert keys_of(faults_of(tmp_path, ROD.replace("1000", "'a'"))) == ["parameters.rod"]
+    assert keys_of(faults_of(tmp_path, ROD.replace("$rod", "$bar"))) == ["obstacle[0].stiffness"]
+
+
+def test_a_parameter_that_does_not_fit_where_it_is_used_is_told_there(tmp_path: Path):
+    (issue,) = faults_of(tmp_path, ROD.replace("1000", "-1"))
+    assert ": obstacle[0].stiffness: -1.0 is out of range" in issue
+
+
+@pytest.mark.parametrize(
+    "said", ['"motor.resistance" = -1', "motor.resistance = -1", "motor = { resistance = -1 }"]
+)
+def test_what_a_scenario_sets_is_not_said_of_the_vehicle_file(tmp_path: Path, said: str):
+    scenario = load(tmp_path, f"[set]\n{said}\n")
+    with pytest.raises(ConfigError) as caught:
+        session.setup_of(scenario)
+    (issue,) = caught.value.issues
+    assert issue.startswith(f"{tmp_path / 'scene.toml'}: set.motor.resistance: -1 is out of range")
+
+
+def test_a_vehicle_beside_a_scenario_that_cannot_be_read_is_not_called_missing(tmp_path: Path):
+    (tmp_path / "gate.toml").mkdir()
+    assert load(tmp_path, 'vehicle = "gate.toml"\n').vehicle == str(tmp_path / "gate.toml")
+
+
+def test_a_folder_of_a_shipped_vehicles_name_beside_a_scenario_is_none(tmp_path: Path):
+    (tmp_path / "suv").mkdir()
+    assert load(tmp_path, 'vehicle = "suv"\n').vehicle == "suv"

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from liftgate_hil import session
+from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
 from liftgate_hil.config.vehicle_file import vehicle_text
 from liftgate_hil.errors import ConfigError
@@ -20,7 +21,7 @@ SUV = (Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text(encodi
 def load(tmp_path: Path, text: str, *settings: str) -> Vehicle:
     path = tmp_path / "gate.toml"
     path.write_text(text, encoding="utf-8")
-    return load_vehicle(path, settings)
+    return load_vehicle(path, settings_of(settings))
 
 
 def faults_of(tmp_path: Path, text: str, *settings: str) -> list[str]:
@@ -156,6 +157,30 @@ def test_a_shared_fault_is_told_once_under_its_own_key(tmp_path: Path):
     assert keys_of(faults_of(tmp_path, text)) == ["motor.resistance"]
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("resistance = -1", "-1 is out of range"),
+        ("resistance = '0.708'", "is not a number"),
+        ("resistance = nan", "nan is out of range"),
+        ("", "missing"),
+    ],
+)
+def test_what_one_drive_overrides_the_other_one_still_gets(
+    tmp_path: Path, side: str, line: str, said: str
+):
+    text = changed("resistance = 0.708", line) + f"\n[{side}.motor]\nresistance = 0.7\n"
+    (issue,) = faults_of(tmp_path, text)
+    assert f": motor.resistance: {said}" in issue or said in issue
+    assert keys_of([issue]) == ["motor.resistance"]
+
+
+def test_a_wrong_right_drive_is_told_beside_a_wrong_number_of_drives(tmp_path: Path):
+    text = changed("drives = 2  ", "drives = 3  ") + "\n[right.motor]\nresistance = -1\n"
+    assert keys_of(faults_of(tmp_path, text)) == ["drives", "right.motor.resistance"]
+
+
 def test_a_shared_table_that_each_side_completes_is_whole(tmp_path: Path):
     text = changed("resistance = 0.708", "")
     text += "\n[left.motor]\nresistance = 0.7\n[right.motor]\nresistance = 0.8\n"
@@ -181,6 +206,19 @@ def test_a_lever_that_turns_over_is_a_fault_of_the_gate(tmp_path: Path):
     issues = faults_of(tmp_path, changed("gate_point = [0.085, -0.18]", "gate_point = [0, 0]"))
     assert keys_of(issues) == ["gate"]
     assert "hinge" in issues[0]
+
+
+@pytest.mark.parametrize("value", ["7e-8", "0.5", "2000"])
+def test_an_inertia_that_no_gate_of_that_mass_has_is_a_fault(tmp_path: Path, value: str):
+    (issue,) = faults_of(tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
+    assert keys_of([issue]) == ["gate.inertia"]
+    assert "kg m², or 0: from mass and plate" in issue
+
+
+@pytest.mark.parametrize("value", ["0", "4.0", "10.5", "60"])
+def test_an_inertia_that_a_gate_may_have_is_taken(tmp_path: Path, value: str):
+    vehicle = load(tmp_path, changed("hinge_friction = 0 ", f"inertia = {value} "))
+    assert vehicle.gate.inertia == float(value)
 
 
 # --set.
@@ -227,6 +265,41 @@ def test_a_bad_setting_is_told(tmp_path: Path, setting: str, said: str):
     assert all("\n" not in fault for fault in issues)
 
 
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("environment.slope=5", "`set` environment.slope: 5: unknown key"),
+        ("engine.size=5", "`set` engine: {'size': 5}: unknown key"),
+        ("motor.resistance=-5", "`set` motor.resistance: -5 is out of range"),
+        ("gate.hinge=[0, inf]", "`set` gate.hinge[1]: inf is out of range"),
+        ("right.motor.resistance=-5", "`set` right.motor.resistance: -5 is out of range"),
+        ("drives=3", "`set` drives: 3; allowed"),
+        ("a.b.c.d=3", "`set` a.b.c.d: 4 parts; allowed"),
+        ("." .join("a" * 50_000) + "=3", "50000 parts; allowed"),
+        ("motor.resistance=1\ndrives=1", "allowed: KEY=VALUE"),
+    ],
+)  # fmt: skip
+def test_what_a_setting_did_is_not_said_of_the_file(tmp_path: Path, setting: str, told: str):
+    (issue,) = faults_of(tmp_path, SUV, setting)
+    assert issue.startswith("`set` ")
+    assert told in issue
+    assert "gate.toml" not in issue
+
+
+def test_a_fault_of_the_file_stays_the_files_beside_a_setting(tmp_path: Path):
+    text = changed("inductance = 4.37e-5", "inductance = -1")
+    issues = faults_of(tmp_path, text, "motor.resistance=-5")
+    assert [issue.split(": ")[0] for issue in issues] == [
+        "`set` motor.resistance",
+        str(tmp_path / "gate.toml"),
+    ]
+
+
+def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
+    (issue,) = faults_of(tmp_path, SUV, "gate.open_angle_deg=170")
+    assert issue.startswith(f"{tmp_path / 'gate.toml'}: gate (with `set` gate.open_angle_deg): ")
+
+
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
     with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
         session.vehicle_from("nosuch")
@@ -243,7 +316,9 @@ def test_strange_names_are_no_vehicles(name: str):
 def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
     source = tmp_path / "gate.toml"
     source.write_text(SUV + "\n[left.motor]\nresistance = 0.9   # a worn one\n", encoding="utf-8")
-    text = vehicle_text(source, ["gate.mass=30"], {"motor.resistance": 0.8}, {"model": "full"})
+    text = vehicle_text(
+        source, settings_of(["gate.mass=30"]), {"motor.resistance": 0.8}, {"model": "full"}
+    )
     saved = tmp_path / "saved.toml"
     saved.write_text(text, encoding="utf-8")
     vehicle = load_vehicle(saved, [])
@@ -283,4 +358,5 @@ def test_a_setting_may_leave_out_the_zero_beside_its_point(
 
 @pytest.mark.parametrize("given", [".", "..5", ".5.", ". 5", "5,0", "0x"])
 def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
-    assert keys_of(faults_of(tmp_path, SUV, f"motor.resistance={given}")) == ["motor.resistance"]
+    (issue,) = faults_of(tmp_path, SUV, f"motor.resistance={given}")
+    assert issue.startswith("`set` motor.resistance: ")

@@ -30,6 +30,15 @@ class Unusual(BaseException):
     """Not an Exception."""
 
 
+class Speechless(Exception):
+    """Whose own words fail."""
+
+    def __str__(self) -> str:
+        return str(1 // 0)
+
+    __repr__ = __str__
+
+
 def raising(error: BaseException) -> Callable[[], Any]:
     def raise_it() -> Any:
         raise error
@@ -44,6 +53,14 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "SystemExit": (raising(SystemExit(3)), f"SystemExit: 3{HERE}"),
     "GeneratorExit": (raising(GeneratorExit()), f"GeneratorExit: {HERE}"),
     "BaseException": (raising(Unusual("odd")), f"Unusual: odd{HERE}"),
+    "no words": (
+        raising(Speechless()),
+        rf"Speechless: \(its text: ZeroDivisionError\){HERE}",
+    ),
+    "no repr": (
+        Speechless,
+        r"its step gave a Speechless \(its repr: ZeroDivisionError\); allowed: .*",
+    ),
     "number": (lambda: 5, r"its step gave 5; allowed: a list of can\.Message, or None"),
     "text": (lambda: "ab", r"its step gave 'ab'; allowed: a list of can\.Message, or None"),
     "False": (lambda: False, r"its step gave False; allowed: a list of can\.Message, or None"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.identify import rigid
+from liftgate_hil.identify import trajectory as module
 from liftgate_hil.identify.data import rows_of
 from liftgate_hil.identify.trajectory import (
     MODELS,
@@ -220,6 +221,21 @@ def test_the_balanced_angle_leaves_no_torque_on_the_gate() -> None:
     assert math.degrees(angles[1] - angles[0]) < 0.2
 
 
+@pytest.mark.parametrize("model", MODEL_NAMES)
+@pytest.mark.parametrize("stretch", [1, 7, 10])
+def test_a_trajectory_in_stretches_is_the_same_to_the_bit(
+    model: str, stretch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times = np.array([0.0, 0.004, 0.005, 0.02, 0.021, 0.0215, 0.05])
+    sensors = Sensors(current_filter=0.002)
+    given: dict[str, Any] = {"left_voltage_v": 12.0, "right_voltage_v": 9.0, "sensors": sensors}
+    # In Python, as machine code has the constant in it.
+    monkeypatch.setattr(module, "compiled", lambda function: function)
+    whole = rows(suv(), model, times, **given)
+    monkeypatch.setattr(module, "_STRETCH", stretch)
+    assert np.array_equal(rows(suv(), model, times, **given), whole)
+
+
 def test_outputs_of_an_absent_drive_stay_zero() -> None:
     times = np.arange(101) * 1e-3
     out = rows(vehicle_from("compact"), "full", times, left_voltage_v=10.0)
@@ -231,9 +247,9 @@ def test_machine_code_serves_every_layout_of_the_same_numbers() -> None:
     vehicle, times = suv(), np.arange(100) * 1e-3
     whole = rows(vehicle, "third-order", times, left_voltage_v=9.0)
     code: Any = compiled(run)
-    before = len(code.signatures)
+    before = len(code.kinds)
     still = times.copy()
     still.setflags(write=False)
     for other in (np.repeat(times, 2)[::2], still):
         assert np.array_equal(rows(vehicle, "third-order", other, left_voltage_v=9.0), whole)
-    assert len(code.signatures) == before
+    assert len(code.kinds) == before

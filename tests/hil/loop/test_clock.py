@@ -214,7 +214,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     summary = Summary(
         clock="free",
         received=received,
-        link=LinkCounts(11, 5, 12, 14, 15, 13, 16, 17, 18, 19, 20),
+        link=LinkCounts(11, 5, 12, 14, 15, 13, 16, 17, 18, 19, 20, 21, 22),
         command_timeouts=13,
     )
     text = "\n".join(summary.lines())
@@ -233,11 +233,13 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "12 receive errors",
         "14 received frames dropped",
         "lost 15 times",
-        "16 cut frames",
-        "17 long frames",
-        "18 short frames",
-        "19 bad crcs",
-        "20 bad identifiers",
+        "16 unreadable frames",
+        "17 refused frames",
+        "18 cut frames",
+        "19 long frames",
+        "20 short frames",
+        "21 bad crcs",
+        "22 bad identifiers",
         "time-outs 13",
     ):
         assert said in text

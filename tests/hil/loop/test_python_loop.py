@@ -6,7 +6,7 @@ import functools
 import math
 import operator
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
-    NO_TIMELINE,
     OPEN,
     RIGHT_DRIVE,
     SENSORS,
@@ -33,13 +32,12 @@ from hil_support import (
     loop_config,
     outside,
     panel_frame,
-    rows_of,
     start_of,
 )
+from loop_fakes import Memory, Notes, Rows, command, loop_of, never
 from numpy.typing import NDArray
 
-from liftgate_hil import session
-from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.codec.frames import ERROR, EXTENDED, REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu.adapter import ReferenceEcu
@@ -47,88 +45,12 @@ from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.closed_loop import Trace
-from liftgate_hil.loop.python_loop import (
-    Lockstep,
-    Loop,
-    join,
-    run_clocked,
-    run_free,
-    run_lockstep,
-    split_after,
-)
-from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
+from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
+from liftgate_hil.loop.tick import STOPPED, LoopState
 from liftgate_hil.recording.bus_log import CandumpRecorder
 from liftgate_hil.recording.table import CsvRecorder
-from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_bus import CanTransport
-
-Rows = list[tuple[int, bytes]]
-
-
-class Memory:
-    """A transport of lists: each read gets the next batch, an empty one ends what is there. Keeps what is sent."""
-
-    name = "memory"
-    is_up = True
-
-    def __init__(self, batches: Sequence[Rows] = ()) -> None:
-        self.batches = list(batches)
-        self.sent: Rows = []
-        self.closed = False
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        return frames_of(self.batches.pop(0)) if self.batches else empty_frames(0)
-
-    def send(self, frames: Frames) -> None:
-        self.sent += rows_of(frames)
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        self.closed = True
-
-
-class Notes:
-    """A recorder that keeps what it was given."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.received: list[Rows] = []
-        self.sent: list[Rows] = []
-
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        assert rows.shape[1:] == (ROW_WIDTH,)
-        self.times += rows[:, COLUMN_PLACE["time_s"]].tolist()
-
-    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
-        assert len(times) == frames.count
-        # A tick gives what it received first, then what it sent.
-        ways = [self.received, self.sent]
-        ways[(len(self.received) + len(self.sent)) % 2].append(rows_of(frames))
-
-    def flush(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-def never() -> bool:
-    return False
-
-
-def loop_of(
-    transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
-) -> Loop:
-    return Loop(config, state or start_of(config), NO_TIMELINE, transport, **more)
-
-
-def command(rig: Rig, counter: int) -> tuple[int, bytes]:
-    return command_frame(rig, counter, **both(50.0, OPEN, release=1))
-
 
 # Clocked runs.
 
@@ -278,249 +200,6 @@ def test_a_diverged_speed_of_the_other_drive_is_noticed_too(rig: Rig):
     loop = loop_of(Memory(), config, state._replace(plant=state.plant._replace(right=right)))
     with pytest.raises(PlantDivergedError):
         run_free(loop, 3, never)
-
-
-# Lockstep.
-
-
-PERIOD = Lockstep(COMMAND, 10)
-
-
-def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tuple[Loop, Notes]:
-    """Run until all batches are used up, the first of which is there at the start."""
-    first, *later = batches
-    transport, notes = Memory([first, [], *later]), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
-    run_lockstep(loop, PERIOD, ticks, lambda: not transport.batches)
-    return loop, notes
-
-
-def test_each_command_advances_one_command_period(rig: Rig):
-    loop, notes = lockstep(rig, [[command(rig, n)] for n in range(6)] + [[]])
-    assert loop.state.tick == 60
-    assert loop.state.counts.accepted == 6
-    assert [number for number, rows in enumerate(notes.received) if rows] == [0, 10, 20, 30, 40, 50]
-
-
-def test_several_commands_in_one_read_each_get_their_own_period(rig: Rig):
-    first, *later = (command(rig, n) for n in range(5))
-    loop, notes = lockstep(rig, [[first], later, []])
-    assert loop.state.tick == 50
-    assert [rows for rows in notes.received if rows] == [[command(rig, n)] for n in range(5)]
-    assert loop.state.timeouts == 0
-
-
-def test_other_frames_wait_for_the_command_that_follows_them(rig: Rig):
-    panel = panel_frame(rig, HandForce=10.0)
-    batches: list[Rows] = [
-        [command(rig, 9)],
-        [panel],
-        [(0x55, b"a")],
-        [],
-        [(0x56, b"b"), command(rig, 0)],
-        [],
-        [(0x57, b"c"), command(rig, 1), (0x58, b"d")],
-        [(COMMAND | REMOTE, b"")],
-        [command(rig, 2)],
-        [(0x59, b"e")],
-        [],
-    ]
-    loop, notes = lockstep(rig, batches)
-    assert loop.state.tick == 40
-    assert [rows for rows in notes.received if rows] == [
-        [command(rig, 9)],
-        [panel, (0x55, b"a"), (0x56, b"b"), command(rig, 0)],
-        [(0x57, b"c"), command(rig, 1)],
-        [(0x58, b"d"), (COMMAND | REMOTE, b""), command(rig, 2)],
-    ]
-
-
-def test_without_a_command_the_time_stands(rig: Rig):
-    loop, _ = lockstep(rig, [[(0x55, b"a")], [panel_frame(rig)], []] * 5)
-    assert loop.state.tick == 0
-
-
-def test_of_the_commands_before_the_start_the_last_alone_counts_and_other_frames_are_kept(
-    rig: Rig,
-):
-    panel = panel_frame(rig, HandForce=10.0)
-    batches: list[Rows] = [
-        [(0x55, b"a"), command(rig, 0), command(rig, 1)],
-        [command(rig, n) for n in range(2, 300)],  # more than is read at once
-        [panel, command(rig, 300), (0x56, b"b")],
-        [],
-        [command(rig, 301)],
-    ]
-    transport, notes = Memory(batches), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
-    run_lockstep(loop, PERIOD, None, lambda: not transport.batches)
-    assert loop.state.tick == 20
-    assert [rows for rows in notes.received if rows] == [
-        [(0x55, b"a"), panel, command(rig, 300)],
-        [(0x56, b"b"), command(rig, 301)],
-    ]
-    assert loop.state.counts == NO_COUNTS._replace(accepted=3, foreign=2)
-
-
-class Answering:
-    """The other end of a wire: an ECU that answers each `Gate` frame with one command, and had said so much before
-    the gate was there.
-    """
-
-    name = "answering"
-    is_up = True
-
-    def __init__(self, rig: Rig, said: int) -> None:
-        self._rig = rig
-        self.sent = 0
-        self.under_way: Rows = []
-        self.most = 0  # commands under way after an answer
-        for _ in range(said):
-            self._say()
-
-    def _say(self) -> None:
-        self.under_way.append(command(self._rig, self.sent))
-        self.sent += 1
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        rows, self.under_way = self.under_way[:1], self.under_way[1:]
-        return frames_of(rows)
-
-    def send(self, frames: Frames) -> None:
-        for row, _ in rows_of(frames):
-            if row == GATE:
-                self._say()
-                self.most = max(self.most, len(self.under_way))
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
-
-
-@pytest.mark.parametrize("said", [1, 2, 7, 300])
-def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_said_before(
-    rig: Rig, said: int
-):
-    ecu = Answering(rig, said)
-    loop = loop_of(ecu, loop_config(rig=rig))
-    run_lockstep(loop, PERIOD, 200, never)
-    assert loop.state.tick == 200
-    assert ecu.most == 1
-    assert loop.state.counts == NO_COUNTS._replace(accepted=20)
-    assert loop.state.timeouts == 0
-
-
-class Silence:
-    """A wire without anybody, and the clock that waiting on it moves on."""
-
-    name = "silence"
-    is_up = True
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, rows: dict[int, Rows]) -> None:
-        self.now = 100.0
-        self._reads = 0
-        self._rows = rows  # by the number of the waiting read
-        monkeypatch.setattr("liftgate_hil.loop.python_loop.time", self)
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        if timeout == 0.0:
-            return empty_frames(0)
-        self.now += timeout
-        self._reads += 1
-        return frames_of(self._rows.get(self._reads - 1, []))
-
-    def send(self, frames: Frames) -> None:
-        pass
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
-
-
-def test_lockstep_says_that_it_is_ready_and_what_it_waits_for(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-):
-    wire = Silence(monkeypatch, {50: [command(rig, 0)]})
-    loop = loop_of(wire, loop_config(rig=rig))
-    said: list[str] = []
-    run_lockstep(loop, PERIOD._replace(say=said.append), None, lambda: wire.now > 110.0)
-    # Once for each silence, not at every look.
-    assert said == [
-        "ready: waits for the first command",
-        "0.000 s: waits for a command (0x120)",
-        "0.010 s: waits for a command (0x120)",
-    ]
-
-
-def test_a_short_silence_is_not_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
-    wire = Silence(monkeypatch, {n: [command(rig, n)] for n in range(0, 100, 15)})
-    said: list[str] = []
-    loop = loop_of(wire, loop_config(rig=rig))
-    run_lockstep(loop, PERIOD._replace(say=said.append), None, lambda: wire.now > 110.0)
-    assert said == ["ready: waits for the first command"]
-    assert loop.state.tick == 70
-
-
-@pytest.mark.parametrize(("last", "model_time"), [(None, "0.000 s"), (20, "0.010 s")])
-def test_lockstep_gives_up_after_its_wall_timeout_without_a_command(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, last: int | None, model_time: str
-):
-    # Frames that are no commands don't count.
-    rows = {n: [panel_frame(rig)] for n in range(200)}
-    if last is not None:
-        rows[last] = [command(rig, 0)]
-    wire = Silence(monkeypatch, rows)
-    loop = loop_of(wire, loop_config(rig=rig))
-    with pytest.raises(OverrunError, match=rf"no command for 5 s at {model_time}.*allowed"):
-        run_lockstep(loop, PERIOD._replace(wall_timeout=5.0), None, never)
-    assert wire.now == pytest.approx(105.1 + (0.0 if last is None else 0.1 * (last + 1)), abs=0.11)
-
-
-@pytest.mark.parametrize("at_once", [False, True])
-@pytest.mark.parametrize("ticks", [10, 20, 25])
-def test_lockstep_ends_at_its_duration(rig: Rig, at_once: bool, ticks: int):
-    first, *later = (command(rig, n) for n in range(6))
-    batches = [[first], later] if at_once else [[first], *([each] for each in later)]
-    loop, _ = lockstep(rig, [*batches, []], ticks)
-    assert loop.state.tick == ticks
-
-
-def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
-    rows = [row for n in range(30) for row in (command(rig, n), panel_frame(rig, HandForce=n))]
-    one, _ = lockstep(rig, [[row] for row in rows] + [[]])
-    all_, _ = lockstep(rig, [rows[:1], rows[1:], []])
-    assert one.state.plant == all_.state.plant
-    assert one.state.tick == all_.state.tick == 300
-
-
-def test_lockstep_goes_on_can_fd_commands_too():
-    rig = session.rig_from(str(Path(__file__).parents[2] / "system/foreign/foreign.toml"))
-    message = rig.messages["KlappeSoll"]
-    payload = message.encode(
-        {"SpannungLinks": 0.5, "SpannungRechts": 0.5, "BrueckeLinks": 5, "BrueckeRechts": 5,
-         "Schloss": 12}
-    )  # fmt: skip
-    transport = Memory([[(rig.command_identifier() | FD, payload)], []] * 4)
-    loop = loop_of(transport, loop_config(rig=rig))
-    run_lockstep(loop, Lockstep(rig.command_identifier(), 10), None, lambda: not transport.batches)
-    assert loop.state.tick == 40
-    assert loop.state.counts == NO_COUNTS._replace(accepted=4)
-    assert loop.state.plant.left.speed > 0.0
-
-
-def test_splitting_and_joining_loses_no_frame(rig: Rig):
-    rows: Rows = [(1, b"a"), (2, b"b"), (COMMAND, b"c"), (COMMAND, b"d"), (3, b"e")]
-    pieces = split_after(frames_of(rows), COMMAND)
-    assert [rows_of(piece) for piece in pieces] == [rows[:3], rows[3:4], rows[4:]]
-    assert rows_of(join(join(pieces[0], pieces[1]), pieces[2])) == rows
-    assert split_after(empty_frames(3), COMMAND) == []
 
 
 # The reference ECU on an in-process bus.

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from liftgate_hil.config.scenario import no_scenario
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.simulation import Offline, simulate
 from liftgate_hil.measurement.input_file import read_samples
+from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.session import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS
 from liftgate_plant.dynamics import initial_state
@@ -53,7 +55,7 @@ def without(columns: dict[str, Any], end: str) -> dict[str, Any]:
 @pytest.mark.parametrize("left_out", ["duty", "voltage_v"])
 def test_every_column_fills_the_place_of_its_name(tmp_path: Path, left_out: str) -> None:
     given = without(VALUES, left_out)
-    samples = read_samples(written(tmp_path, given))
+    samples, _ = read_samples(written(tmp_path, given), {})
     rows = samples.rows_at(np.array([0.0005, 0.001, 0.004, 9.0]))
     assert rows.shape == (4, len(INPUT_SIGNALS))
     for name in INPUT_SIGNALS:
@@ -64,9 +66,10 @@ def test_every_column_fills_the_place_of_its_name(tmp_path: Path, left_out: str)
 
 
 def test_one_voltage_is_both_motors_and_what_is_not_said_is_not_there(tmp_path: Path) -> None:
-    samples = read_samples(
-        written(tmp_path, {"voltage_v": [1.0, 2.0, 3.0], "snow_mass_kg": [4.0] * 3})
+    samples, notes = read_samples(
+        written(tmp_path, {"voltage_v": [1.0, 2.0, 3.0], "snow_mass_kg": [4.0] * 3}), {}
     )
+    assert notes == ()
     (row,) = samples.rows_at(np.array([0.001]))
     said = {"left_voltage_v": 2.0, "right_voltage_v": 2.0, "snow_mass_kg": 4.0}
     for name in INPUT_SIGNALS:
@@ -96,7 +99,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
     def shown(**changes: float) -> dict[str, float]:
         said = without({**mild, **changes}, "voltage_v" if "left_duty" in changes else "duty")
         given = {name: [value] * len(TIMES) for name, value in said.items()}
-        samples = read_samples(written(tmp_path, given))
+        samples, _ = read_samples(written(tmp_path, given), {})
         (rows,) = simulate(offline, initial_state(plant, 0.5), samples, 3)
         return {name: rows[-1, COLUMN_PLACE[name]] for name in mild if name != "latch_released"}
 
@@ -111,3 +114,60 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         other = {"left": "right", "right": "left"}[side]
         found = shown(**{f"{side}_coast": 1.0})
         assert (found[f"{side}_coast"], found[f"{other}_coast"]) == (1.0, 0.0)
+
+
+def table(folder: Path, text: str) -> Path:
+    path = folder / "in.csv"
+    path.write_text(text)
+    return path
+
+
+def test_an_input_begins_at_its_first_sample(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,voltage_v\n1700000000,1\n1700000000.5,2\n")
+    samples, notes = read_samples(path, {})
+    assert samples.times.tolist() == [0.0, 0.5]
+    assert notes == ("begins at 1.7e+09 s, which is time 0 here",)
+
+
+RECORDED = (
+    "time_s,left_voltage_v,left_duty,left_coast,latched,supply_voltage_v\n"
+    "0.001,6,0.5,0,1,12\n0.002,3,0.25,0,0,12\n0.003,0,0,1,0,11\n"
+)
+
+
+def test_a_recordings_duties_count_and_hold_from_their_row_on(tmp_path: Path) -> None:
+    samples, notes = read_samples(table(tmp_path, RECORDED), {})
+    assert "left_voltage_v" not in samples.columns
+    assert samples.columns["left_duty"].tolist() == [0.25, 0.0, 0.0]
+    assert samples.columns["left_coast"].tolist() == [0.0, 1.0, 1.0]
+    assert samples.columns["latch_released"].tolist() == [1.0, 1.0, 1.0]
+    assert "a recording of the emulator" in notes[0]
+
+
+def test_a_recordings_voltages_count_where_they_are_mapped(tmp_path: Path) -> None:
+    maps = parse_maps(["left_voltage_v=left_voltage_v"])
+    samples, _ = read_samples(table(tmp_path, RECORDED), maps)
+    assert "left_duty" not in samples.columns
+    assert samples.columns["left_voltage_v"].tolist() == [3.0, 0.0, 0.0]
+
+
+def test_a_map_names_columns_and_units_and_leaves_outputs_alone(tmp_path: Path) -> None:
+    path = table(tmp_path, "t,U,Iq\n5,1200,1\n10,2400,2\n")
+    maps = parse_maps(["time_s=t[ms]", "left_voltage_v=U[mV]", "left_current_a=nowhere"])
+    samples, _ = read_samples(path, maps)
+    assert samples.times.tolist() == pytest.approx([0.0, 0.005])
+    assert samples.columns.keys() == {"left_voltage_v"}
+    assert samples.columns["left_voltage_v"].tolist() == pytest.approx([1.2, 2.4])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time_s,voltage_v,left_duty\n0,1,1\n", "chosen by `map` left_duty=left_duty"),
+        ("time_s,voltage_v\n0,1\n1,\n", "voltage_v: empty cell in row 2"),
+        ("time_s,left_voltage_mv\n0,1\n", "not our unit"),
+    ],
+)
+def test_what_is_said_of_a_bad_input(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        read_samples(table(tmp_path, text), {})

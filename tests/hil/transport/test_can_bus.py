@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
+import math
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import can
+import numpy as np
 import pytest
 from hil_support import (
     CALM,
@@ -29,8 +29,9 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
 from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.can_bus import CAPACITY, CanTransport, message_of, parse_bus
-from liftgate_hil.transport.find import WireChoice, bus_arguments
+from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments, parse_bus
+from liftgate_hil.transport.can_bus import CAPACITY, CanTransport
+from liftgate_hil.transport.messages import message_of
 
 # --bus.
 
@@ -40,14 +41,8 @@ from liftgate_hil.transport.find import WireChoice, bus_arguments
     [
         ("socketcan:vcan0", {"interface": "socketcan", "channel": "vcan0"}),
         ("virtual:a:b", {"interface": "virtual", "channel": "a:b"}),
-        (
-            "udp_multicast:239.0.0.1",
-            {"interface": "udp_multicast", "channel": "239.0.0.1", "hop_limit": 0},
-        ),
-        (
-            "udp_multicast:ff15::1",
-            {"interface": "udp_multicast", "channel": "ff15::1", "hop_limit": 0},
-        ),
+        ("udp_multicast:239.0.0.1", {"interface": "udp_multicast", "channel": "239.0.0.1"}),
+        ("udp_multicast:ff15::1", {"interface": "udp_multicast", "channel": "ff15::1"}),
         (
             "slcan:/dev/ttyACM0@115200",
             {"interface": "slcan", "channel": "/dev/ttyACM0@115200", "bitrate": 250_000},
@@ -92,7 +87,6 @@ def test_python_cans_own_flags_and_environment_work(rig: Rig, monkeypatch: pytes
     monkeypatch.setenv("CAN_CHANNEL", "239.0.0.7")
     found = bus_arguments(WireChoice(), rig)
     assert (found["interface"], found["channel"]) == ("udp_multicast", "239.0.0.7")
-    assert found["hop_limit"] == 0
 
 
 def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
@@ -108,11 +102,46 @@ def test_an_interface_that_does_not_exist_is_told(rig: Rig):
         CanTransport(bus_arguments(WireChoice(bus="nosuch:0"), rig))
 
 
-def test_a_bus_that_cannot_be_opened_is_told_on_one_line():
-    with pytest.raises(TransportError) as caught:
-        CanTransport({"interface": "udp_multicast", "channel": "10.0.0.1", "hop_limit": 0})
-    assert str(caught.value).startswith("udp_multicast:10.0.0.1: cannot be opened")
-    assert "\n" not in str(caught.value)
+def test_a_bus_that_cannot_be_opened_is_told_on_one_line(monkeypatch: pytest.MonkeyPatch):
+    def broken(**arguments: Any) -> None:
+        raise can.CanInitializationError("no\ndevice")
+
+    monkeypatch.setattr(can, "Bus", broken)
+    with pytest.raises(TransportError, match=r"^pcan:x: cannot be opened: no device$"):
+        CanTransport({"interface": "pcan", "channel": "x"})
+
+
+def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(monkeypatch: pytest.MonkeyPatch):
+    class SilentError(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError
+
+    def broken(**arguments: Any) -> None:
+        raise SilentError
+
+    monkeypatch.setattr(can, "Bus", broken)
+    with pytest.raises(TransportError, match=r"cannot be opened: SilentError$"):
+        CanTransport({"interface": "pcan", "channel": "x"})
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "5", "null", "[" * 100_000])
+@pytest.mark.parametrize("choice", [WireChoice(bus="virtual:x"), WireChoice(interface="virtual")])
+def test_an_environment_that_is_no_configuration_is_told(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, choice: WireChoice, text: str
+):
+    monkeypatch.setenv("CAN_CONFIG", text)
+    with pytest.raises(ConfigError, match=r"CAN_CONFIG .*allowed: a JSON object"):
+        bus_arguments(choice, rig)
+
+
+def test_a_configuration_of_python_cans_that_cannot_be_read_is_told(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    broken = tmp_path / "can.conf"
+    broken.write_text("interface = virtual\n")
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [str(broken)])
+    with pytest.raises(ConfigError, match="python-can says: File contains no section headers"):
+        bus_arguments(WireChoice(bus="virtual:x"), rig)
 
 
 # Frames.
@@ -140,7 +169,7 @@ ROWS = [
 def test_frames_of_every_kind_arrive_whole(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     for row in range(len(ROWS)):
-        other.send(message_of(can, frames_of(ROWS), row))
+        other.send(message_of(frames_of(ROWS), row))
     other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
     frames = transport.receive()
     assert rows_of(frames)[: len(ROWS)] == ROWS
@@ -167,7 +196,7 @@ def test_frames_leave_as_they_are(pair: tuple[CanTransport, can.BusABC]):
 @given(st.integers(0, 0x1FFFFFFF), st.booleans(), st.binary(max_size=8))
 def test_a_message_and_its_frame_are_the_same(number: int, extended: bool, payload: bytes):
     identifier = number | EXTENDED if extended else number & 0x7FF
-    message = message_of(can, frames_of([(identifier, payload)]), 0)
+    message = message_of(frames_of([(identifier, payload)]), 0)
     assert message.arbitration_id == identifier & 0x1FFFFFFF
     assert message.is_extended_id is extended
     assert bytes(message.data) == payload
@@ -188,15 +217,73 @@ def test_a_read_takes_at_most_its_capacity_and_the_next_goes_on(
     assert int(second.identifiers[0]) == CAPACITY
 
 
-def test_a_longer_payload_than_can_fd_has_is_cut_not_crashed(
-    pair: tuple[CanTransport, can.BusABC],
+NO_FRAMES = [
+    {"arbitration_id": 288.5},
+    {"arbitration_id": math.nan},
+    {"arbitration_id": math.inf},
+    {"arbitration_id": "288"},
+    {"arbitration_id": None},
+    {"arbitration_id": []},
+    {"arbitration_id": True},
+    {"arbitration_id": -1},
+    {"arbitration_id": 0x800},
+    {"arbitration_id": 0x20000000, "is_extended_id": True},
+    {"arbitration_id": 1 << 80, "is_extended_id": True},
+    {"is_remote_frame": True, "dlc": math.nan},
+    {"is_remote_frame": True, "dlc": -1},
+    {"is_remote_frame": True, "dlc": 9},
+    {"is_remote_frame": True, "dlc": 1 << 80},
+    {"is_remote_frame": True, "dlc": "8"},
+    {"is_remote_frame": True, "dlc": 2.5},
+    {"is_remote_frame": True, "dlc": 8, "is_fd": True},
+    {"data": bytes(9)},
+    {"data": bytes(65), "is_fd": True},
+]
+
+
+@pytest.mark.parametrize("fields", NO_FRAMES, ids=str)
+def test_a_message_that_can_be_no_frame_is_counted_and_the_next_arrives(
+    monkeypatch: pytest.MonkeyPatch, fields: dict[str, Any]
 ):
-    transport, other = pair
-    message = can.Message(arbitration_id=0x120, is_extended_id=False, data=bytes(80), is_fd=True)
-    other.send(message)
-    frames = transport.receive()
-    assert frames.count == 1
-    assert int(frames.lengths[0]) == 80  # so that nobody takes it for a message of 64
+    odd = can.Message(**{"is_extended_id": False, **fields})
+    good = can.Message(arbitration_id=5, is_extended_id=False, data=b"ok")
+    transport = faulty(monkeypatch, [odd, good])
+    assert rows_of(transport.receive()) == [(5, b"ok")]
+    assert transport.counts() == LinkCounts(unreadable_frames=1)
+
+
+@pytest.mark.parametrize("data", [None, "text", 8, [1.5]])
+def test_a_payload_of_another_type_is_counted(monkeypatch: pytest.MonkeyPatch, data: Any):
+    odd = can.Message(arbitration_id=5, is_extended_id=False)
+    odd.data = data
+    transport = faulty(monkeypatch, [odd])
+    assert transport.receive().count == 0
+    assert transport.counts() == LinkCounts(unreadable_frames=1)
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers(monkeypatch: pytest.MonkeyPatch):
+    number: Any = np.int64(5)
+    message = can.Message(arbitration_id=number, is_extended_id=False, is_remote_frame=True)
+    message.dlc = number
+    frames = faulty(monkeypatch, [message]).receive()
+    assert (int(frames.identifiers[0]), int(frames.lengths[0])) == (5 | REMOTE, 5)
+
+
+def test_any_number_of_messages_that_are_no_frames_is_no_lost_link(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    odd: list[Any] = [can.Message(arbitration_id=-1), ValueError("a line cut short"), IndexError()]
+    transport = faulty(monkeypatch, [*odd * 100, can.Message(arbitration_id=5)])
+    assert transport.receive().count == 1
+    assert transport.is_up
+    assert transport.counts() == LinkCounts(unreadable_frames=300)
+
+
+def test_a_flood_of_what_is_no_frame_does_not_keep_a_read(monkeypatch: pytest.MonkeyPatch):
+    results: list[Any] = [can.Message(arbitration_id=-1)] * 10 * CAPACITY
+    transport = faulty(monkeypatch, results)
+    assert transport.receive().count == 0
+    assert len(results) > CAPACITY
 
 
 class Faulty:
@@ -263,68 +350,6 @@ def test_sending_nothing_sends_nothing(pair: tuple[CanTransport, can.BusABC]):
     transport, other = pair
     transport.send(empty_frames(5))
     assert other.recv(0) is None
-
-
-# Multicast. Groups of this process's own: others may test beside it.
-
-
-def group(number: int) -> str:
-    return f"udp_multicast:239.75.{os.getpid() % 250 + 1}.{number}"
-
-
-def test_on_multicast_nobody_hears_himself_and_junk_is_counted(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43210}))
-    arguments = parse_bus(group(1), 500_000.0)
-    first, second = CanTransport(arguments), CanTransport(arguments)
-    try:
-        rows = [(0x210, b"12345678"), (0x5 | EXTENDED, b"a")]
-        first.send(frames_of(rows))
-        assert rows_of(second.receive(timeout=2.0))[:1] == rows[:1]
-        # What one sends is no traffic of somebody else: not in its counts, load or log.
-        assert first.receive(timeout=0.1).count == 0
-    finally:
-        first.close()
-        second.close()
-
-
-@pytest.mark.parametrize("address", ["239.75.{}.{}", "ff15::{}:{}"])
-def test_benches_on_two_multicast_groups_do_not_hear_each_other(
-    monkeypatch: pytest.MonkeyPatch, address: str
-):
-    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43212}))
-    here = os.getpid() % 250 + 1
-    groups = [f"udp_multicast:{address.format(here, number)}" for number in (3, 4, 3)]
-    try:
-        one, other, listener = (CanTransport(parse_bus(name, 500_000.0)) for name in groups)
-    except TransportError as error:
-        pytest.skip(str(error))  # a machine without IPv6
-    try:
-        other.send(frames_of([(0x210, b"other")]))
-        one.send(frames_of([(0x211, b"one")]))
-        assert rows_of(listener.receive(timeout=2.0)) == [(0x211, b"one")]
-        assert listener.receive(timeout=0.1).count == 0
-        assert one.receive(timeout=0.1).count == 0
-    finally:
-        for each in (one, other, listener):
-            each.close()
-
-
-def test_a_datagram_that_is_no_frame_is_counted_and_survived(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43211}))
-    arguments = parse_bus(group(2), 500_000.0)
-    transport, other = CanTransport(arguments), can.Bus(**arguments)
-    try:
-        for junk in (b"", b"\x05", b"\xff\xff", b"junk" * 100):
-            other._multicast.send(junk)
-        other.send(can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok"))
-        got = []
-        for _ in range(20):
-            got += rows_of(transport.receive(timeout=0.1))
-        assert got == [(0x77, b"ok")]
-        assert transport.counts().receive_failures == 4
-    finally:
-        transport.close()
-        other.shutdown()
 
 
 # CAN FD.

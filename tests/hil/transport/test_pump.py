@@ -17,9 +17,11 @@ import pytest
 from hil_support import frames_of, rows_of
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.errors import TransportError
 from liftgate_hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_frames, write_frames
 from liftgate_hil.transport.base import LinkCounts
-from liftgate_hil.transport.can_bus import CanTransport, message_of
+from liftgate_hil.transport.can_bus import CanTransport
+from liftgate_hil.transport.messages import message_of
 from liftgate_hil.transport.pump import Pump
 
 Rows = list[tuple[int, bytes]]
@@ -91,7 +93,7 @@ def test_frames_of_every_kind_come_in_whole_with_their_arrival(pair: tuple[Pump,
     before = time.monotonic_ns()
     rows = [*ROWS, (0x123 | ERROR, b"")]
     for row in range(len(rows)):
-        other.send(message_of(can, frames_of(rows), row))
+        other.send(message_of(frames_of(rows), row))
     other.send(can.Message(arbitration_id=0x55, is_extended_id=False, is_remote_frame=True, dlc=5))
     reader = Reader(pump)
     until(lambda: reader.look() > len(rows))
@@ -421,3 +423,28 @@ def test_a_flood_does_not_keep_it_from_closing(read_before: bool):
     assert transport.closed == 1
     with pytest.raises(OSError, match="Bad file descriptor"):
         socket.fromfd(pump.descriptor, socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+class Broken(Endless):
+    """A transport with a mistake in it."""
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        raise RuntimeError
+
+    def send(self, frames: Frames) -> None:
+        raise TypeError("this way, too")
+
+
+@pytest.mark.parametrize(("way", "cause"), [("in", "RuntimeError"), ("out", "this way, too")])
+def test_a_thread_that_ends_is_told_with_its_cause(way: str, cause: str):
+    transport = Broken()
+    if way == "out":
+        transport.receive = Endless().receive  # type: ignore[method-assign]
+    pump = Pump(transport)
+    send(pump, [(1, b"")])
+    thread = pump._threads[way == "out"]
+    thread.join(PATIENCE)
+    with pytest.raises(TransportError, match=f"has ended: {cause}"):
+        pump.watch(None)
+    pump.close()
+    assert transport.closed == 1

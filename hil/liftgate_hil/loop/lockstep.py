@@ -1,0 +1,134 @@
+"""Lockstep: an ECU on a bus is the clock, one command period for each command frame."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.errors import OverrunError
+from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.transport.base import Transport
+
+_PATIENCE = 2.0  # s of silence after which lockstep says that it waits
+_READS = 64  # at once; a flood without an end must not keep it from ticking
+_START = 16  # times as much before the first tick
+_MOST = 1 << 16  # frames that wait for a command
+
+
+class Lockstep(NamedTuple):
+    """How lockstep waits."""
+
+    command: int  # identifier of the frame that ends a command
+    ticks_per_command: int
+    wall_timeout: float | None = None  # s without a command after which it gives up; None: never
+    say: Callable[[str], None] = lambda text: None
+
+
+def run_lockstep(
+    loop: Loop, lockstep: Lockstep, ticks: int | None, stopped: Callable[[], bool]
+) -> None:
+    """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
+
+    An ECU that answers every frame would lag for good by what it sent before the gate was there, so of the
+    commands that are waiting at the start the last one alone counts. Other frames are kept.
+    """
+    lockstep.say("ready: waits for the first command")
+    waiting = Waiting(lockstep.command)
+    heard = time.monotonic()
+    is_told = False
+    while not stopped() and (ticks is None or loop.state.tick < ticks):
+        is_whole = _read(loop.transport, waiting, timeout=0.1)
+        if loop.state.tick == 0 and waiting.commands:
+            for _ in range(0 if is_whole else _START):
+                if _read(loop.transport, waiting):
+                    break
+            waiting.keep_newest()
+        loop.frames_dropped = waiting.dropped
+        silent = time.monotonic() - heard
+        if lockstep.wall_timeout is not None and silent > lockstep.wall_timeout:
+            raise OverrunError(
+                f"no command for {lockstep.wall_timeout:g} s at {loop.time:.3f} s of model time; "
+                "allowed: an ECU that answers, or a longer `wall_timeout`"
+            )
+        if silent > _PATIENCE and not is_told:
+            lockstep.say(f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X})")
+            is_told = True
+        while waiting.commands:
+            frames = waiting.commands.popleft()
+            heard, is_told = time.monotonic(), False
+            for step in range(lockstep.ticks_per_command):
+                if ticks is None or loop.state.tick < ticks:
+                    loop.advance(frames if step == 0 else empty_frames(0), 1)
+            if stopped():
+                break
+
+
+def _read(transport: Transport, waiting: Waiting, timeout: float = 0.0) -> bool:
+    """Read what is there, so that nothing queues up behind frames of others; whether that was all."""
+    for _ in range(_READS):
+        frames = transport.receive(timeout=timeout)
+        if not frames.count:
+            return True
+        waiting.add(frames)
+        timeout = 0.0
+    return False
+
+
+class Waiting:
+    """Frames that have come and wait for their tick: each command with all that came before it."""
+
+    def __init__(self, command: int) -> None:
+        self.commands: deque[Frames] = deque()
+        self.dropped = 0  # the oldest ones of too many without a command
+        self._command = command
+        self._others: deque[Frames] = deque()
+        self._count = 0
+
+    def add(self, frames: Frames) -> None:
+        """Frames in the order in which they came."""
+        start = 0
+        is_command = frames.identifiers[: frames.count] & ~FD == self._command
+        for row in np.flatnonzero(is_command).tolist():
+            self._others.append(_slice(frames, start, row + 1))
+            self.commands.append(joined(self._others))
+            self._others.clear()
+            self._count = 0
+            start = row + 1
+        if start < frames.count:
+            self._others.append(_slice(frames, start, frames.count))
+            self._count += frames.count - start
+        while self._count > _MOST:
+            oldest = self._others.popleft().count
+            self._count -= oldest
+            self.dropped += oldest
+
+    def keep_newest(self) -> None:
+        """Leave out the commands before the last one."""
+        if len(self.commands) > 1:
+            *earlier, last = self.commands
+            kept = [_slice(frames, 0, frames.count - 1) for frames in earlier]
+            self.commands = deque([joined([*kept, last])])
+
+
+def joined(pieces: Sequence[Frames]) -> Frames:
+    """Frames one after the other."""
+    return Frames(
+        sum(piece.count for piece in pieces),
+        np.concatenate([piece.identifiers for piece in pieces]),
+        np.concatenate([piece.lengths for piece in pieces]),
+        np.concatenate([piece.data for piece in pieces]),
+    )
+
+
+def _slice(frames: Frames, start: int, end: int) -> Frames:
+    return Frames(
+        end - start,
+        frames.identifiers[start:end].copy(),
+        frames.lengths[start:end].copy(),
+        frames.data[start:end].copy(),
+    )

@@ -1,0 +1,197 @@
+"""python-can's bus of UDP multicast datagrams: how far it reaches, and which datagrams count.
+
+Its socket takes what is sent to the group from anywhere, also where its own frames do not leave the machine. So
+unless the network is meant, which python-can's own `hop_limit` says, senders of other machines are refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import socket
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.python_can import can as _can
+from liftgate_hil.transport.messages import NotAFrameError
+
+if TYPE_CHECKING:
+    import can
+
+INTERFACE = "udp_multicast"
+_ALLOWED = "allowed: a group of 224.0.0.0/4 or ff00::/8, e.g. 239.74.163.2"
+_MAX_HOPS = 255
+# linux/in.h, linux/in6.h; Python has no names for them.
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
+_ECHOES = 256
+_KNOWN_S = 1.0  # that it is remembered whether an address is this machine's
+_KNOWN = 64  # addresses
+
+
+class RefusedError(Exception):
+    """A datagram of another machine."""
+
+
+def checked(arguments: dict[str, Any]) -> dict[str, Any]:
+    """python-can's arguments with a hop limit, by default that of this machine: python-can's own leaves it.
+
+    Raises ConfigError.
+    """
+    group = arguments["channel"]
+    try:
+        address = ipaddress.ip_address(group)
+        is_group = address.is_multicast and getattr(address, "scope_id", None) is None
+    except ValueError:
+        is_group = False
+    if not is_group:
+        raise ConfigError(f"`bus` {INTERFACE}:{group}: no multicast address; {_ALLOWED}")
+    hops = arguments.get("hop_limit", 0)
+    if not isinstance(hops, int) or not 0 <= hops <= _MAX_HOPS:
+        raise ConfigError(
+            f"`bus` {INTERFACE}:{group}: hop_limit {hops!r} of can.conf or CAN_CONFIG; allowed: 0 (this machine "
+            f"only) to {_MAX_HOPS}"
+        )
+    return {**arguments, "hop_limit": hops}
+
+
+def reach(arguments: dict[str, Any]) -> str:
+    """In words, how far a bus reaches."""
+    if arguments["hop_limit"]:
+        return "reaches the network: any machine there can command the gate"
+    return (
+        "reaches this machine only, others are refused; allowed for a network: hop_limit above 0 in can.conf, or "
+        "CAN_CONFIG='{\"hop_limit\": 1}'"
+    )
+
+
+def check_route(group: str) -> None:
+    """Raises TransportError where no network leads to a group: python-can would tell it in no words."""
+    is_ipv4 = ipaddress.ip_address(group).version == 4
+    try:
+        with socket.socket(
+            socket.AF_INET if is_ipv4 else socket.AF_INET6, socket.SOCK_DGRAM
+        ) as probe:
+            probe.connect((group, 1))  # sends nothing
+    except OSError as error:
+        if error.errno not in (errno.ENETUNREACH, errno.EADDRNOTAVAIL, errno.ENODEV):
+            raise
+        how = "a group of IPv4"
+        if is_ipv4:
+            how = "after: sudo ip route add 224.0.0.0/4 dev lo src 127.0.0.1"
+        raise TransportError(
+            f"this machine has no route to it (is it offline?); allowed: with a network, or {how}"
+        ) from error
+
+
+class Receiver:
+    """Takes the messages of a bus. Raises TransportError where this python-can is not as it is known."""
+
+    def __init__(self, bus: Any, arguments: dict[str, Any]) -> None:
+        wire = getattr(getattr(bus, "_multicast", None), "_socket", None)
+        if not isinstance(wire, socket.socket):
+            raise TransportError(f"{INTERFACE}: not known in python-can {_can.__version__}")
+        self._bus = bus
+        self._reaches_network = arguments.get("hop_limit", 1) > 0  # python-can's default
+        self._group = ipaddress.ip_address(bus._multicast.group)
+        self._known: dict[str, tuple[bool, float]] = {}
+        _hear_one_group(wire)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """The next message; None: nothing came. Raises RefusedError, NotAFrameError, and what the system does."""
+        result = self._bus._multicast.recv(timeout)
+        if result is None:
+            return None
+        data, sender, timestamp = result
+        if not self._reaches_network and not self._is_here(sender):
+            raise RefusedError(sender[0])
+        message = unpacked(data, timestamp)
+        if message.is_fd and self._bus.protocol is not _can.CanProtocol.CAN_FD:
+            raise NotAFrameError("CAN FD; allowed: classic CAN")
+        return message
+
+    def _is_here(self, sender: tuple[Any, ...]) -> bool:
+        """Whether a sender's address is one of this machine."""
+        now = time.monotonic()
+        is_here, until = self._known.get(sender[0], (False, 0.0))
+        if now >= until:
+            is_here = _is_of_this_machine(sender, self._group)
+            if len(self._known) >= _KNOWN:
+                self._known.clear()
+            self._known[sender[0]] = (is_here, now + _KNOWN_S)
+        return is_here
+
+
+def unpacked(data: bytes, timestamp: float) -> can.Message:
+    """The message of a datagram, of which nothing is believed. Raises NotAFrameError."""
+    import msgpack
+
+    try:
+        fields = msgpack.unpackb(data, raw=False)
+        # A number as data would be that many bytes of memory.
+        if not isinstance(fields, dict) or not isinstance(fields.get("data"), bytes | None):
+            raise NotAFrameError("no map with data")
+        return _can.Message(check=True, **{**fields, "timestamp": timestamp})
+    except Exception as error:  # whatever it says, it is the sender's fault
+        raise NotAFrameError(f"{type(error).__name__}: {error}") from error
+
+
+def _is_of_this_machine(
+    sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address
+) -> bool:
+    """Asked of the kernel, which reaches an address of its own from that very address; it lets no packet in from
+    outside that pretends to have one.
+    """
+    address = ipaddress.ip_address(sender[0])
+    if address.is_loopback:
+        return True
+    if address.is_unspecified:  # sent over `lo`; from outside only to 224.0.0.0/24 (RFC 4541)
+        return address.version == 4 and group not in ipaddress.ip_network("224.0.0.0/24")
+    family = socket.AF_INET if address.version == 4 else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect(sender)
+            return bool(probe.getsockname()[0] == sender[0])
+    except OSError:
+        return False
+
+
+def _hear_one_group(wire: socket.socket) -> None:
+    """Linux hands a socket what is sent to any group that anybody on this machine has joined: two benches on one
+    machine would hear each other.
+    """
+    with contextlib.suppress(OSError):  # another system, which has no such option
+        if wire.family == socket.AF_INET6:
+            wire.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
+        else:
+            wire.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+
+
+class Echoes:
+    """Tells a node's own frames, which some buses give back to it, from those of others.
+
+    They come back in the order they were sent; what was sent before one that came back was lost. One thread may
+    send while another receives.
+    """
+
+    def __init__(self) -> None:
+        self._pending: deque[tuple[int, bytes]] = deque(maxlen=_ECHOES)
+        self._lock = threading.Lock()
+
+    def sending(self, identifier: int, data: bytes) -> None:
+        """Expect this frame to come back; to be told before it is sent."""
+        with self._lock:
+            self._pending.append((identifier, data))
+
+    def is_echo(self, identifier: int, data: bytes) -> bool:
+        """Whether this frame is one that was sent from here."""
+        key = (identifier, data)
+        with self._lock:
+            if key not in self._pending:
+                return False
+            while self._pending.popleft() != key:
+                pass
+        return True

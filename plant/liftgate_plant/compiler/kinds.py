@@ -1,0 +1,92 @@
+"""What the arguments and the result of machine code are: numbers, arrays, tuples of them."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+
+class Number(NamedTuple):
+    """A number: "f" float, "i" int of 64 bits, "b" bool."""
+
+    letter: str
+
+
+class Nothing(NamedTuple):
+    """None."""
+
+
+class Array(NamedTuple):
+    """An array; `layout` is "C", "F" or "A" (any)."""
+
+    dtype: np.dtype[Any]
+    ndim: int
+    layout: str
+    is_writable: bool
+
+
+class Tuple(NamedTuple):
+    """A tuple; `type` is that of a NamedTuple."""
+
+    type: type[Any] | None
+    parts: tuple[Kind, ...]
+
+
+Kind: TypeAlias = Number | Nothing | Array | Tuple
+
+
+def kind_of(value: Any) -> Kind:
+    """Of a value. Raises TypeError for what machine code cannot be given."""
+    if isinstance(value, bool | np.bool_):
+        return Number("b")
+    if isinstance(value, int | np.integer):
+        return Number("i")
+    if isinstance(value, float):  # also numpy's
+        return Number("f")
+    if value is None:
+        return Nothing()
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+        return Array(value.dtype, value.ndim, layout, flags.writeable)
+    if isinstance(value, tuple):
+        named = type(value) if hasattr(value, "_fields") else None
+        return Tuple(named, tuple(kind_of(each) for each in value))
+    raise TypeError(
+        f"machine code was given {type(value).__name__}; allowed: int, float, bool, None, arrays, tuples of them"
+    )
+
+
+def text_of(kind: Kind) -> str:
+    """The same in every process."""
+    if isinstance(kind, Tuple):
+        return f"{_name_of(kind.type)}({','.join(text_of(each) for each in kind.parts)})"
+    if isinstance(kind, Array):
+        return f"{kind.dtype!r}[{kind.ndim}{kind.layout}{'w' if kind.is_writable else 'r'}]"
+    return kind.letter if isinstance(kind, Number) else "n"
+
+
+def _name_of(named: type[Any] | None) -> str:
+    return "" if named is None else f"{named.__module__}:{named.__qualname__}"
+
+
+def plain(kind: Kind) -> Any:
+    """A result's kind as JSON has it. Its arrays are the arguments', so that what they are is known."""
+    if isinstance(kind, Tuple):
+        return [_name_of(kind.type), [plain(each) for each in kind.parts]]
+    return "a" if isinstance(kind, Array) else text_of(kind)
+
+
+def from_plain(said: Any) -> Kind:
+    """The reverse. Raises LookupError, ImportError, AttributeError where a type is not found."""
+    if isinstance(said, list):
+        module, _, name = said[0].partition(":")
+        named = importlib.import_module(module) if module else None
+        for part in name.split(".") if module else ():
+            named = getattr(named, part)
+        return Tuple(named, tuple(from_plain(each) for each in said[1]))  # type: ignore[arg-type]
+    if said == "a":
+        return Array(np.dtype("f8"), 0, "A", False)
+    return Nothing() if said == "n" else Number(said)

@@ -1,0 +1,71 @@
+# mypy: allow-untyped-calls
+"""Machine code out of an object file into this process. Of LLVM only; the compiler itself is not needed."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+from liftgate_plant.compiler.kinds import Kind
+from liftgate_plant.compiler.packing import packer, unpacker
+
+SYMBOL = "liftgate_entry"
+FITS, UNFIT, STRANGE_ARRAY = 0, 10_001, 10_002  # what it returns, beside the compiler's own codes
+
+_PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
+
+
+class MachineCode:
+    """An entry point for arguments of certain kinds."""
+
+    def __init__(self, name: str, code: bytes, arguments: Sequence[Kind], result: Kind) -> None:
+        self._name = name
+        self._engine = _engine_with(code)
+        self._function = _PROTOTYPE(self._engine.get_function_address(SYMBOL))
+        self._pack = packer(arguments)
+        size, self._unpack = unpacker(result)
+        self._room = ctypes.c_char * size
+
+    def call(self, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
+        """(whether it is made for arguments of these kinds, the result). Raises RuntimeError."""
+        packed = self._pack(arguments)
+        if packed is None:
+            return False, None
+        room = self._room()
+        code = self._function(packed, ctypes.addressof(room))
+        if code == FITS:
+            return True, self._unpack(room.raw)
+        if code == UNFIT:
+            return False, None
+        if code == STRANGE_ARRAY:
+            raise RuntimeError(
+                f"{self._name} returns an array that is none of its arguments; allowed: those as they came"
+            )
+        raise RuntimeError(f"{self._name} raised an exception in machine code")
+
+
+@functools.cache
+def _target() -> Any:
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_triple(llvm.get_process_triple())
+
+
+def _engine_with(code: bytes) -> Any:
+    import llvmlite.binding as llvm
+
+    machine = _target().create_target_machine(codemodel="jitdefault", jit=True)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def unresolved(names: Sequence[str]) -> list[str]:
+    """Those of these functions that neither this process nor the C library has."""
+    libraries = [ctypes.CDLL(None), ctypes.CDLL("libm.so.6")]
+    return [name for name in names if not any(hasattr(library, name) for library in libraries)]

@@ -1,0 +1,264 @@
+# mypy: allow-untyped-calls
+"""Machine code of an entry point, by numba: its object file, and what its result is.
+
+The object file exports one function, `int liftgate_entry(const int64_t *arguments, int64_t *result)`, whose memory
+`packing` describes. Nothing in it counts references or allocates: arrays are the caller's.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core.compiler import Compiler
+from numba.core.registry import cpu_target
+from numba.extending import register_jitable
+from numba.np.arrayobj import populate_array
+from numba.np.numpy_support import from_dtype
+
+from liftgate_plant.compiler import extensions, linking, packing  # noqa: F401
+from liftgate_plant.compiler.hastening import hastened
+from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Number, Tuple
+from liftgate_plant.compiler.loading import FITS, STRANGE_ARRAY, SYMBOL, UNFIT, unresolved
+
+types: Any = numba.types
+
+# IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
+# No wrappers for calls from Python and C: what calls an entry point is made here.
+OPTIONS: dict[str, Any] = {
+    "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "_nrt": False,
+    # A NamedTuple is passed as its scalars, over a hundred of them, so that a call may cost more than its callee.
+    "forceinline": True,
+}  # fmt: skip
+
+_WORD, _INT = ir.IntType(64), ir.IntType(32)
+_NUMBERS = {"f": types.float64, "i": types.int64, "b": types.boolean}
+_known_to_numba: set[Callable[..., Any]] = set()
+
+
+class Made(NamedTuple):
+    """What a compilation gives."""
+
+    code: bytes  # an object file
+    result: Kind
+
+
+def make(
+    function: Callable[..., Any], kinds: Sequence[Kind], helpers: set[Callable[..., Any]]
+) -> Made:
+    """Compile an entry point, and the helpers that it calls, for arguments of these kinds.
+
+    Raises what numba raises.
+    """
+    # Little of what is made can be freed before the end; looking for it takes a tenth of the time.
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        with hastened():
+            _teach(helpers - {function})
+            arguments = tuple(numba_type(each) for each in kinds)
+            dispatcher: Any = numba.njit(pipeline_class=_pipeline(), **OPTIONS)(function)
+            dispatcher.compile(arguments)
+            return _exported(dispatcher.overloads[arguments], kinds)
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _pipeline() -> type[Compiler]:
+    return linking.HelperCompiler if linking.is_possible() else Compiler
+
+
+def _teach(helpers: set[Callable[..., Any]]) -> None:
+    """Tell numba what compiled code may call."""
+    for helper in helpers - _known_to_numba:
+        register_jitable(pipeline_class=_pipeline(), **OPTIONS)(helper)
+        _known_to_numba.add(helper)
+
+
+def numba_type(kind: Kind) -> Any:
+    """What numba calls a kind."""
+    if isinstance(kind, Tuple):
+        return types.BaseTuple.from_types([numba_type(each) for each in kind.parts], kind.type)
+    if isinstance(kind, Array):
+        dtype = from_dtype(kind.dtype)
+        return types.Array(dtype, kind.ndim, kind.layout, readonly=not kind.is_writable)
+    return types.none if isinstance(kind, Nothing) else _NUMBERS[kind.letter]
+
+
+def _kind_of(numba_type: Any) -> Kind:
+    """The reverse, for a result. Raises TypeError."""
+    if isinstance(numba_type, types.BaseTuple):
+        parts = tuple(_kind_of(each) for each in numba_type)
+        return Tuple(getattr(numba_type, "instance_class", None), parts)
+    if isinstance(numba_type, types.Array):
+        return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # an argument's
+    for letter, kind in {"b": types.Boolean, "i": types.Integer, "f": types.Float}.items():
+        if isinstance(numba_type, kind):
+            return Number(letter)
+    if isinstance(numba_type, types.NoneType):
+        return Nothing()
+    raise TypeError(
+        f"compiled code returns {numba_type}; allowed: numbers, bool, None, tuples, arrays of its arguments"
+    )
+
+
+def _exported(compiled: Any, kinds: Sequence[Kind]) -> Made:
+    """The object file with the one function that is called from outside."""
+    context, signature = compiled.target_context, compiled.signature
+    codegen = context.codegen()
+    library = linking.ExportLibrary(codegen, SYMBOL)
+    module = library.create_ir_module(SYMBOL)
+    shape = ir.FunctionType(_INT, [_WORD.as_pointer(), _WORD.as_pointer()])
+    function = ir.Function(module, shape, SYMBOL)
+    for pointer in function.args:
+        pointer.add_attribute("noalias")
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    reader = _Reader(context, builder, function.args[0])
+    arguments = [reader.read(kind, each) for kind, each in zip(kinds, signature.args, strict=True)]
+    callee = context.declare_function(module, compiled.fndesc)
+    status, value = context.call_conv.call_function(
+        builder, callee, signature.return_type, signature.args, arguments
+    )
+    with builder.if_then(status.is_error, likely=False):
+        builder.ret(status.code)
+    result = _kind_of(signature.return_type)
+    _write(context, builder, signature.return_type, value, function.args[1])
+    builder.ret(_INT(FITS))
+    library.add_ir_module(module)
+    library.add_linking_library(compiled.library)
+    code = library.emitted()
+    if missing := unresolved(library.asked_for()):
+        raise TypeError(f"compiled code calls {', '.join(missing)}; allowed: the C library, libm")
+    return Made(code, result)
+
+
+class _Reader:
+    """Reads arguments; returns UNFIT where an array is not as it was when this was compiled."""
+
+    def __init__(self, context: Any, builder: Any, memory: Any) -> None:
+        self._context = context
+        self._builder = builder
+        self._slots: Iterator[Any] = (
+            builder.load(builder.gep(memory, [_INT(place)])) for place in range(1 << 30)
+        )
+        self._accepted = [next(self._slots) for _ in packing.ACCEPTED]
+
+    def read(self, kind: Kind, numba_type: Any) -> Any:
+        """A value of that type."""
+        builder, context = self._builder, self._context
+        if isinstance(kind, Tuple):
+            parts = [self.read(*each) for each in zip(kind.parts, numba_type, strict=True)]
+            return context.make_tuple(builder, numba_type, parts)
+        if isinstance(kind, Nothing):
+            return context.get_dummy_value()
+        slot = next(self._slots)
+        if isinstance(kind, Array):
+            return self._array(kind, numba_type, slot)
+        if kind.letter == "f":
+            return builder.bitcast(slot, ir.DoubleType())
+        if kind.letter == "b":
+            return builder.trunc(slot, ir.IntType(1))
+        return slot
+
+    def _field(self, object_: Any, offset: int, kind: Any = _WORD) -> Any:
+        address = self._builder.add(object_, _WORD(offset))
+        return self._builder.load(self._builder.inttoptr(address, kind.as_pointer()))
+
+    def _array(self, kind: Array, numba_type: Any, object_: Any) -> Any:
+        builder = self._builder
+        is_accepted = ir.Constant(ir.IntType(1), 0)
+        for type_ in self._accepted:
+            same = builder.icmp_unsigned("==", self._field(object_, packing.TYPE), type_)
+            is_accepted = builder.or_(is_accepted, same)
+        self._unless(is_accepted)
+        self._check(self._field(object_, packing.NDIM, _INT), kind.ndim)
+        wanted = packing.ALIGNED
+        wanted |= packing.WRITABLE if kind.is_writable else 0
+        wanted |= {"C": packing.C_CONTIGUOUS, "F": packing.F_CONTIGUOUS, "A": 0}[kind.layout]
+        flags = self._field(object_, packing.FLAGS, _INT)
+        self._check(builder.and_(flags, _INT(wanted)), wanted)
+        dtype = self._field(object_, packing.DTYPE)
+        self._check(self._field(dtype, packing.TYPE_NUMBER, _INT), kind.dtype.num)
+        self._check(self._field(dtype, packing.ITEM_SIZE), kind.dtype.itemsize)
+
+        array = self._context.make_array(numba_type)(self._context, builder)
+        data = self._field(object_, packing.DATA)
+        shape, strides = (
+            [self._field(self._field(object_, where), 8 * axis) for axis in range(kind.ndim)]
+            for where in (packing.SHAPE, packing.STRIDES)
+        )
+        populate_array(
+            array,
+            data=builder.inttoptr(data, array.data.type),
+            shape=shape,
+            strides=strides,
+            itemsize=kind.dtype.itemsize,
+            meminfo=None,
+            parent=builder.inttoptr(object_, array.parent.type),
+        )
+        return array._getvalue()
+
+    def _check(self, value: Any, wanted: int) -> None:
+        self._unless(self._builder.icmp_unsigned("==", value, value.type(wanted)))
+
+    def _unless(self, condition: Any) -> None:
+        with self._builder.if_then(self._builder.not_(condition), likely=False):
+            self._builder.ret(_INT(UNFIT))
+
+
+def _write(context: Any, builder: Any, numba_type: Any, value: Any, memory: Any) -> None:
+    """Write a result; return STRANGE_ARRAY where an array is not one that Python has."""
+    places = iter(range(1 << 30))
+
+    def write(part: Any, value: Any) -> None:
+        if isinstance(part, types.BaseTuple):
+            for place, each in enumerate(part):
+                write(each, builder.extract_value(value, place))
+        elif not isinstance(part, types.NoneType):
+            word = _word_of(context, builder, part, value)
+            builder.store(word, builder.gep(memory, [_INT(next(places))]))
+
+    write(numba_type, value)
+
+
+def _word_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
+    if isinstance(part, types.Array):
+        return _owner_of(context, builder, part, value)
+    if isinstance(part, types.Boolean):
+        return builder.zext(value, _WORD)
+    if isinstance(part, types.Float):
+        return builder.bitcast(context.cast(builder, value, part, types.float64), _WORD)
+    return context.cast(builder, value, part, types.int64)
+
+
+def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
+    """The Python object whose array this is."""
+    array = context.make_array(part)(context, builder, value=value)
+    owner = builder.ptrtoint(array.parent, _WORD)
+    has_none = builder.icmp_unsigned("==", owner, _WORD(0))
+    with builder.if_then(has_none, likely=False):
+        builder.ret(_INT(STRANGE_ARRAY))
+    pointers = [builder.inttoptr(builder.add(owner, _WORD(at)), _WORD.as_pointer())
+                for at in (packing.DATA, packing.SHAPE, packing.STRIDES)]  # fmt: skip
+    data, shape, strides = (builder.load(each) for each in pointers)
+    same = builder.icmp_unsigned("==", data, builder.ptrtoint(array.data, _WORD))
+    for base, mine in ((shape, array.shape), (strides, array.strides)):
+        for axis in range(part.ndim):
+            pointer = builder.inttoptr(builder.add(base, _WORD(8 * axis)), _WORD.as_pointer())
+            equal = builder.icmp_unsigned(
+                "==", builder.load(pointer), builder.extract_value(mine, axis)
+            )
+            same = builder.and_(same, equal)
+    with builder.if_then(builder.not_(same), likely=False):
+        builder.ret(_INT(STRANGE_ARRAY))
+    return owner
+
+
+def target_text() -> str:
+    """What code is made for."""
+    return str(cpu_target.target_context.codegen().magic_tuple())

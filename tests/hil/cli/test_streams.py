@@ -1,0 +1,70 @@
+"""stdout that is closed, full, gone, or of an encoding without our letters: a message and an exit code at most."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# Without a buffer nobody knows any more which file was full.
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+COMMAND = [sys.executable, "-m", "liftgate_hil"]
+RUN = ("run", "--bus", "virtual:streams", "--clock", "free", "--duration", "0.1")
+COMMANDS = {
+    "version": ("--version",),
+    "help": ("--help",),
+    "run": RUN,
+    "demo": ("demo", "--clock", "free", "--duration", "0.1", "--no-record"),
+    "simulate": ("simulate", "--voltage", "12", "--duration", "3"),
+    "init": ("init", "new"),
+}
+
+
+def shell(folder: Path, name: str, redirected: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, *COMMANDS[name]],
+        cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr, done.stderr
+    assert "Exception ignored" not in done.stderr, done.stderr
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk_behind_stdout_is_one_message(name: str, tmp_path: Path) -> None:
+    code, _, said = shell(tmp_path, name, ">/dev/full")
+    assert code == 1
+    assert said.splitlines()[-1] == "liftgate-hil: stdout: No space left on device"
+    assert shell(tmp_path, name, ">/dev/full 2>/dev/full")[0] in (1, 2)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_closed_stdout_is_no_error_but_where_it_is_the_result(name: str, tmp_path: Path) -> None:
+    code, _, said = shell(tmp_path, name, ">&-")
+    if name == "simulate":
+        assert code == 2
+        assert said == "liftgate-hil: --output -: stdout is closed; allowed: a file\n"
+    else:
+        assert code == 0
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_reader_that_goes_is_nobody_to_tell(name: str, tmp_path: Path) -> None:
+    _, _, said = shell(tmp_path, name, "| true; exit ${PIPESTATUS[0]}")
+    assert "liftgate-hil: " not in said
+
+
+@pytest.mark.parametrize(
+    "setting", ["PYTHONIOENCODING=ascii", "LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0"]
+)
+def test_letters_that_an_encoding_lacks_are_escaped(setting: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["bash", "-c", f'{setting} "$@"', "bash", *COMMAND, "demo", "--duration", "0.1", "--no-record"],
+        cwd=tmp_path, capture_output=True, timeout=300, check=False,
+    )  # fmt: skip
+    said = (done.stdout + done.stderr).decode("ascii")
+    assert done.returncode == 0, said
+    assert "Traceback" not in said

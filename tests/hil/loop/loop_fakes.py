@@ -1,0 +1,82 @@
+"""Transports and recorders of lists, and loops around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from hil_support import NO_TIMELINE, OPEN, both, command_frame, frames_of, rows_of, start_of
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.loop.tick import LoopConfig, LoopState
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.transport.base import LinkCounts
+
+Rows = list[tuple[int, bytes]]
+
+
+class Memory:
+    """A transport of lists: each read gets the next batch, an empty one ends what is there. Keeps what is sent."""
+
+    name = "memory"
+    is_up = True
+
+    def __init__(self, batches: Sequence[Rows] = ()) -> None:
+        self.batches = list(batches)
+        self.sent: Rows = []
+        self.closed = False
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        return frames_of(self.batches.pop(0)) if self.batches else empty_frames(0)
+
+    def send(self, frames: Frames) -> None:
+        self.sent += rows_of(frames)
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Notes:
+    """A recorder that keeps what it was given."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.received: list[Rows] = []
+        self.sent: list[Rows] = []
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        assert rows.shape[1:] == (ROW_WIDTH,)
+        self.times += rows[:, COLUMN_PLACE["time_s"]].tolist()
+
+    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
+        assert len(times) == frames.count
+        # A tick gives what it received first, then what it sent.
+        ways = [self.received, self.sent]
+        ways[(len(self.received) + len(self.sent)) % 2].append(rows_of(frames))
+
+    def flush(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def never() -> bool:
+    return False
+
+
+def loop_of(
+    transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
+) -> Loop:
+    return Loop(config, state or start_of(config), NO_TIMELINE, transport, **more)
+
+
+def command(rig: Rig, counter: int) -> tuple[int, bytes]:
+    return command_frame(rig, counter, **both(50.0, OPEN, release=1))

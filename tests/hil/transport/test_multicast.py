@@ -1,0 +1,267 @@
+"""Buses of UDP multicast: whose datagrams count, and how far they reach."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import can
+import msgpack
+import pytest
+from hil_support import EXTENDED, frames_of, rows_of
+
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.transport import multicast
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
+from liftgate_hil.transport.can_bus import CanTransport
+
+GOOD = can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok")
+
+
+@pytest.fixture(autouse=True)
+def _no_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+
+
+def group(number: int) -> str:
+    """A group of this process's own: others may test beside it."""
+    return f"udp_multicast:239.75.{os.getpid() % 250 + 1}.{number}"
+
+
+def transport_of(rig: Rig, name: str) -> CanTransport:
+    return CanTransport(bus_arguments(WireChoice(bus=name), rig))
+
+
+@pytest.fixture
+def pair(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CanTransport, Any]]:
+    """A transport, and python-can's own bus in the same group."""
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43211}))
+    arguments = bus_arguments(WireChoice(bus=group(2)), rig)
+    transport = CanTransport(arguments)
+    with can.Bus(**arguments) as other:
+        yield transport, other
+        transport.close()
+
+
+def fields_of(**changed: Any) -> bytes:
+    fields = {"arbitration_id": 0x120, "is_extended_id": False, "dlc": 2, "data": b"ab"}
+    return bytes(msgpack.packb({**fields, **changed}))
+
+
+JUNK = [
+    b"",
+    b"\x05",
+    b"\xff\xff",
+    b"junk" * 100,
+    b"\x91" * 4000,
+    fields_of(arbitration_id=288.5),
+    fields_of(arbitration_id=math.nan),
+    fields_of(arbitration_id="288"),
+    fields_of(arbitration_id={}),
+    fields_of(is_remote_frame=True, dlc=math.nan, data=None),
+    fields_of(is_remote_frame=True, dlc=-1, data=None),
+    fields_of(is_remote_frame=True, dlc=1 << 62, data=None),
+    fields_of(dlc=8),
+    fields_of(data="ab"),
+    fields_of(data=[1, 2]),
+    fields_of(unheard_of=1),
+]
+
+
+def test_datagrams_that_are_no_frames_are_counted_and_survived(pair: tuple[CanTransport, Any]):
+    transport, other = pair
+    got = []
+    for junk in JUNK:
+        other._multicast.send(junk)
+        other.send(GOOD)
+        got += rows_of(transport.receive(timeout=2.0))
+    assert got == [(0x77, b"ok")] * len(JUNK)
+    assert transport.is_up
+    assert transport.counts() == LinkCounts(unreadable_frames=len(JUNK))
+
+
+def test_a_number_as_data_is_not_that_much_memory(pair: tuple[CanTransport, Any]):
+    # python-can would make a bytearray of so many zeros.
+    with pytest.raises(multicast.NotAFrameError):
+        multicast.unpacked(fields_of(data=1 << 34, dlc=1 << 34), 0.0)
+
+
+def test_nobody_hears_himself(rig: Rig, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43210}))
+    first, second = transport_of(rig, group(1)), transport_of(rig, group(1))
+    try:
+        rows = [(0x210, b"12345678"), (0x5 | EXTENDED, b"a")]
+        first.send(frames_of(rows))
+        assert rows_of(second.receive(timeout=2.0))[:1] == rows[:1]
+        # What one sends is no traffic of somebody else: not in its counts, load or log.
+        assert first.receive(timeout=0.1).count == 0
+        assert first.counts() == LinkCounts()
+    finally:
+        first.close()
+        second.close()
+
+
+@pytest.mark.parametrize("address", ["239.75.{}.{}", "ff15::{}:{}"])
+def test_benches_on_two_groups_do_not_hear_each_other(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str
+):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"port": 43212}))
+    here = os.getpid() % 250 + 1
+    groups = [f"udp_multicast:{address.format(here, number)}" for number in (3, 4, 3)]
+    try:
+        one, other, listener = (transport_of(rig, name) for name in groups)
+    except TransportError as error:
+        pytest.skip(str(error))  # a machine without IPv6
+    try:
+        other.send(frames_of([(0x210, b"other")]))
+        one.send(frames_of([(0x211, b"one")]))
+        assert rows_of(listener.receive(timeout=2.0)) == [(0x211, b"one")]
+        assert listener.receive(timeout=0.1).count == 0
+        assert one.receive(timeout=0.1).count == 0
+    finally:
+        for each in (one, other, listener):
+            each.close()
+
+
+# How far it reaches.
+
+
+@pytest.mark.parametrize(
+    ("config", "hops"), [({}, 0), ({"hop_limit": 0}, 0), ({"hop_limit": 2}, 2)]
+)
+@pytest.mark.parametrize(
+    "choice",
+    [
+        WireChoice(bus="udp_multicast:239.0.0.7"),
+        WireChoice(interface="udp_multicast", channel="239.0.0.7"),
+    ],
+    ids=["bus", "interface"],
+)
+def test_a_bus_stays_on_this_machine_unless_its_configuration_says_otherwise(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, choice: WireChoice, config: dict[str, int], hops: int
+):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps(config))
+    found = bus_arguments(choice, rig)
+    assert found["hop_limit"] == hops
+    assert ("any machine there" in multicast.reach(found)) is (hops > 0)
+
+
+@pytest.mark.parametrize("hops", [-1, 256, "a", 1.5, None])
+def test_a_hop_limit_that_is_none_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch, hops: Any):
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"hop_limit": hops}))
+    with pytest.raises(ConfigError, match=r"hop_limit .*; allowed: 0"):
+        bus_arguments(WireChoice(bus="udp_multicast:239.0.0.7"), rig)
+
+
+@pytest.mark.parametrize(
+    "name", ["1.2.3.4", "240.0.0.1", "localhost", "fe80::1", "ff02::1%lo", "239.1"]
+)
+def test_what_is_no_group_is_told_with_what_is(rig: Rig, name: str):
+    with pytest.raises(
+        ConfigError, match=r"no multicast address; allowed: a group of 224\.0\.0\.0/4"
+    ):
+        bus_arguments(WireChoice(bus=f"udp_multicast:{name}"), rig)
+
+
+class Foreign:
+    """A bus whose datagrams come from elsewhere."""
+
+    protocol = can.CanProtocol.CAN_FD
+
+    def __init__(self, senders: list[tuple[Any, ...]], name: str = "239.0.0.7") -> None:
+        self.group = name
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._multicast = self
+        self._senders = senders
+
+    def recv(self, timeout: float) -> tuple[bytes, tuple[Any, ...], float] | None:
+        return (fields_of(), self._senders.pop(0), 0.0) if self._senders else None
+
+    def shutdown(self) -> None:
+        self._socket.close()
+
+
+def counted(
+    monkeypatch: pytest.MonkeyPatch,
+    senders: list[tuple[Any, ...]],
+    hops: int,
+    name: str = "239.0.0.7",
+) -> tuple[int, int]:
+    """Frames that counted, and those that were refused."""
+    monkeypatch.setattr(can, "Bus", lambda **arguments: Foreign(senders, name))
+    transport = CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": hops})
+    try:
+        return transport.receive().count, transport.counts().refused_frames
+    finally:
+        transport.close()
+
+
+# Of networks for documentation (RFC 5737, RFC 3849): nobody's, so not this machine's.
+AWAY = [("203.0.113.9", 43113), ("2001:db8::9", 43113, 0, 0)]
+
+
+@pytest.mark.parametrize("sender", AWAY)
+def test_another_machine_cannot_command_the_gate(
+    monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]
+):
+    assert counted(monkeypatch, [sender] * 3, hops=0) == (0, 3)
+
+
+@pytest.mark.parametrize("sender", AWAY)
+def test_with_a_hop_limit_the_network_is_meant(
+    monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]
+):
+    assert counted(monkeypatch, [sender] * 3, hops=1) == (3, 0)
+
+
+@pytest.mark.parametrize("sender", [("127.0.0.1", 1), ("127.9.9.9", 1), ("::1", 1, 0, 0)])
+def test_loopback_is_this_machine(monkeypatch: pytest.MonkeyPatch, sender: tuple[Any, ...]):
+    assert counted(monkeypatch, [sender], hops=0) == (1, 0)
+
+
+def test_no_address_is_this_machine_where_none_comes_from_outside(monkeypatch: pytest.MonkeyPatch):
+    # What is sent over `lo` by a route without a source address; routers and hosts use it in 224.0.0.0/24.
+    assert counted(monkeypatch, [("0.0.0.0", 1)], hops=0) == (1, 0)
+    assert counted(monkeypatch, [("0.0.0.0", 1)], hops=0, name="224.0.0.9") == (0, 1)
+
+
+def test_many_senders_take_no_memory():
+    bus = Foreign([(f"203.0.113.{number}", 1) for number in range(200)])
+    receiver = multicast.Receiver(bus, {"hop_limit": 0})
+    for _ in range(200):
+        with pytest.raises(multicast.RefusedError):
+            receiver.recv(0.0)
+    assert len(receiver._known) <= 64
+    bus.shutdown()
+
+
+class Offline(socket.socket):
+    """What a machine without a network gives."""
+
+    def connect(self, address: Any) -> None:
+        raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [("239.0.0.7", "ip route add 224.0.0.0/4 dev lo"), ("ff15::1", "a group of IPv4")],
+)
+def test_a_machine_without_a_network_is_told_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, name: str, how: str
+):
+    monkeypatch.setattr(socket, "socket", Offline)
+    with pytest.raises(TransportError, match=f"offline.*allowed: with a network, or .*{how}"):
+        CanTransport({"interface": "udp_multicast", "channel": name, "hop_limit": 0})
+
+
+def test_a_python_can_that_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(can, "Bus", lambda **arguments: object())
+    with pytest.raises(TransportError, match=r"not known in python-can [0-9]"):
+        CanTransport({"interface": "udp_multicast", "channel": "239.0.0.7", "hop_limit": 0})

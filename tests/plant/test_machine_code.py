@@ -1,0 +1,363 @@
+"""What goes into machine code and comes out of it, and where it is kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from liftgate_plant import compiler
+from liftgate_plant.compiler import Watcher, building, child, compiled, enabled, packing, storage
+from liftgate_plant.compiler.kinds import (
+    Array,
+    Kind,
+    Nothing,
+    Number,
+    Tuple,
+    from_plain,
+    kind_of,
+    plain,
+    text_of,
+)
+from liftgate_plant.compiler.packing import packer, unpacker
+
+pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty one."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "liftgate-hil"
+
+
+class Told(Watcher):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def compiles(self, name: str, seconds: float) -> None:
+        if seconds < 0.01:
+            self.said.append(f"compiles {name}")
+
+    def not_kept(self, why: str) -> None:
+        self.said.append(f"not kept: {why}")
+
+
+@pytest.fixture
+def told() -> Iterator[Told]:
+    watcher = Told()
+    compiler.watch(watcher)
+    yield watcher
+    compiler.watch(Watcher())
+
+
+class Point(NamedTuple):
+    x: float
+    y: float
+
+
+class Mixed(NamedTuple):
+    flag: bool
+    count: int
+    point: Point
+    absent: None
+    row: NDArray[np.float64]
+
+
+def turned(mixed: Mixed, more: tuple[int, float]) -> tuple[Mixed, bool, float, None]:
+    mixed.row[0] += 1.0
+    point = Point(mixed.point.y, mixed.point.x)
+    end = Mixed(not mixed.flag, mixed.count + more[0], point, None, mixed.row)
+    return end, mixed.count > 0, more[1] * mixed.row[-1], None
+
+
+@settings(deadline=None)  # the first compiles
+@given(
+    flag=st.booleans(),
+    count=st.integers(-(2**63), 2**63 - 1),
+    x=st.floats(allow_nan=False),
+    more=st.integers(0, 0),
+)
+def test_each_value_arrives_and_comes_back(flag: bool, count: int, x: float, more: int):
+    mixed = Mixed(flag, count, Point(x, -0.0), None, np.arange(3.0))
+    found, is_positive, product, nothing = compiled(turned)(mixed, (more, 2.0))
+    assert found == Mixed(not flag, count, Point(-0.0, x), None, mixed.row)
+    assert isinstance(found, Mixed)
+    assert isinstance(found.point, Point)
+    assert found.row is mixed.row
+    assert (is_positive, product, nothing) == (count > 0, 4.0, None)
+    assert isinstance(found.flag, bool)
+    assert str(found.point.x) == "-0.0"
+    assert mixed.row[0] == 1.0
+
+
+def first_of(row: NDArray[Any]) -> float:
+    return row[0] + row[len(row) - 1]
+
+
+def test_what_is_not_as_before_gets_code_of_its_own():
+    row = np.arange(6.0)
+    entry = compiled(first_of)
+    before = len(entry.kinds)
+    assert entry(row) == 5.0
+    assert entry(row[::2]) == 4.0  # not contiguous
+    assert entry(row.astype(np.float32)) == 5.0
+    assert entry(row.astype(np.int64)) == 5.0
+    assert entry(np.arange(3, dtype=np.int32)) == 2.0
+    assert len(entry.kinds) == before + 5
+    assert entry(row) == 5.0
+    assert len(entry.kinds) == before + 5
+    fixed = np.arange(6.0)
+    fixed.flags.writeable = False
+    assert entry(fixed) == 5.0
+
+
+def test_numbers_of_numpy_are_numbers():
+    mixed = Mixed(np.bool_(True), np.int64(3), Point(np.float64(1.0), 2), None, np.arange(3.0))
+    found, *_ = compiled(turned)(mixed, (np.int32(1), 1.0))
+    assert found[:3] == (False, 4, (2.0, 1.0))
+
+
+def scaled(value: Any, factor: float) -> Any:
+    return value * factor
+
+
+def test_a_whole_number_where_a_real_one_was_is_taken_as_one():
+    assert compiled(scaled)(1.5, 2.0) == 3.0
+    assert compiled(scaled)(2, 2.0) == 4.0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    ["text", [1.0], {"a": 1}, object()],
+    ids=lambda each: type(each).__name__,
+)
+def test_what_machine_code_cannot_be_given_is_refused_by_name(bad: Any):
+    with pytest.raises(TypeError, match=f"was given {type(bad).__name__}; allowed: int, float"):
+        compiled(scaled)(bad, 2.0)
+
+
+def test_too_few_arguments_are_refused():
+    assert compiled(scaled)(1.0, 1.0) == 1.0
+    with pytest.raises(Exception, match="argument"):
+        compiled(scaled)(1.0)
+
+
+def window(row: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    return row[1:], 1.0
+
+
+def test_an_array_that_python_does_not_have_is_not_returned():
+    with pytest.raises(RuntimeError, match="window returns an array that is none of its arguments"):
+        compiled(window)(np.arange(3.0))
+
+
+def allocating(count: int) -> float:
+    return np.zeros(count).sum()
+
+
+def test_code_that_allocates_does_not_compile():
+    with pytest.raises(Exception, match=r"No implementation of function.*zeros"):
+        compiled(allocating)(3)
+
+
+class Rows(np.ndarray):
+    """A subclass that machine code does not know."""
+
+
+def test_an_array_of_an_unknown_type_is_refused():
+    with pytest.raises(TypeError, match="an array of a type"):
+        compiled(first_of)(np.arange(3.0).view(Rows))
+
+
+def test_arrays_lie_in_memory_as_is_taken_for_granted():
+    assert packing.is_as_expected()
+
+
+KINDS: list[Kind] = [
+    Number("f"),
+    Nothing(),
+    Tuple(None, ()),
+    Tuple(Point, (Number("f"), Number("f"))),
+    Tuple(None, (Tuple(Point, (Number("f"), Number("i"))), Number("b"), Nothing())),
+]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=text_of)
+def test_a_kind_survives_being_written_down(kind: Kind):
+    assert from_plain(plain(kind)) == kind
+    size, unpack = unpacker(kind)
+    assert size == 8 * packing.slots_of(kind)
+    assert kind_of(unpack(bytes(size))) == kind
+
+
+def test_arguments_of_other_kinds_are_not_packed():
+    kinds = [kind_of(each) for each in (Point(1.0, 2.0), np.zeros(1), None)]
+    assert isinstance(kinds[1], Array)
+    pack = packer(kinds)
+    assert pack((Point(1.0, 2.0), np.zeros(1), None)) is not None
+    for other in (
+        (Point(1.0, 2.0), np.zeros(1)),
+        ((1.0, 2.0), np.zeros(1), None),
+        (Point(1.0, 2.0), np.zeros(1), 0),
+        (Point(1.0, "a"), np.zeros(1), None),
+        (Point(1.0, (2.0, 3.0)), np.zeros(1), None),
+        (None, np.zeros(1), None),
+    ):
+        assert pack(other) is None
+
+
+def double(x: float) -> float:
+    return 2.0 * x
+
+
+def made(told: Told) -> float:
+    """A fresh look at the disk."""
+    told.said.clear()
+    answer = building.machine_code_of(double, (Number("f"),)).call((4.0,))
+    assert answer == (True, 8.0)
+    return answer[1]
+
+
+def test_it_is_compiled_once(told: Told, cache: Path):
+    made(told)
+    assert told.said == ["compiles double"]
+    made(told)
+    assert told.said == []
+    (file,) = cache.rglob("*.code")
+    assert [each.stat().st_mode & 0o777 for each in (cache, file.parent, file)] == [
+        0o700,
+        0o700,
+        0o600,
+    ]
+
+
+@pytest.mark.parametrize("which", ["the root", "the folder", "the file"])
+def test_what_others_may_write_is_not_run(told: Told, cache: Path, which: str):
+    made(told)
+    (file,) = cache.rglob("*.code")
+    spoilt = {"the root": cache, "the folder": file.parent, "the file": file}[which]
+    spoilt.chmod(0o777)
+    made(told)
+    assert "compiles double" in told.said
+    assert f"not kept: others may write to {spoilt}" in told.said
+
+
+def test_what_belongs_to_another_user_is_not_run(
+    told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    made(told)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    made(told)
+    assert told.said == [f"not kept: {cache} belongs to another user", "compiles double"]
+
+
+def test_a_link_to_code_elsewhere_is_not_followed(told: Told, cache: Path, tmp_path: Path):
+    made(told)
+    (file,) = cache.rglob("*.code")
+    file.rename(tmp_path / "elsewhere.code")
+    file.symlink_to(tmp_path / "elsewhere.code")
+    made(told)
+    assert "compiles double" in told.said
+
+
+def test_a_full_disk_is_told_and_costs_only_time(
+    told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(storage, "keep", full)
+    made(told)
+    assert told.said == ["compiles double", f"not kept: {cache}: No space left on device"]
+
+
+class Impatient(Watcher):
+    """Gives up at once."""
+
+    def compiles(self, name: str, seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    def waits(self, name: str, seconds: float) -> None:
+        raise KeyboardInterrupt
+
+
+@pytest.fixture
+def impatient() -> Iterator[None]:
+    compiler.watch(Impatient())
+    yield
+    compiler.watch(Watcher())
+
+
+def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
+    with pytest.raises(KeyboardInterrupt):
+        building.machine_code_of(double, (Number("f"),))
+    assert not list(cache.rglob("*.code"))
+    told = Told()
+    compiler.watch(told)
+    made(told)  # nothing of it is in the way
+    assert told.said == ["compiles double"]
+
+
+def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path):
+    folder = building.folder_of(double)
+    with storage.turn(folder) as turn:
+        assert turn.taken()
+        with pytest.raises(KeyboardInterrupt):
+            building.machine_code_of(double, (Number("f"),))
+
+
+def test_giving_up_ends_the_process_that_compiles():
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Noted(subprocess.Popen[bytes]):
+        def __init__(self, *arguments: Any, **more: Any) -> None:
+            super().__init__(*arguments, **more)
+            started.append(self)
+
+    def give_up() -> None:
+        raise KeyboardInterrupt
+
+    request = child.Request(double, (Number("f"),), building.key_of(double))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess, "Popen", Noted)
+        patch.setattr(child, "_LOOK_S", 0.001)
+        with pytest.raises(KeyboardInterrupt):
+            child.compile_apart(request, give_up)
+    assert [each.returncode for each in started] == [-9]
+
+
+def test_the_other_process_gives_nothing_where_its_sources_are_others():
+    request = child.Request(double, (Number("f"),), "another key")
+    assert child.compile_apart(request, lambda: None) is None
+
+
+def test_an_error_in_the_code_is_told_by_numba():
+    from numba.core.errors import TypingError
+
+    with pytest.raises(TypingError, match="unknown"):
+        compiled(lambda x: x.unknown)(1.0)
+
+
+def test_a_start_with_machine_code_on_the_disk_does_without_the_compiler():
+    code = (
+        "import sys; from tests.plant import test_machine_code as t; "
+        "from liftgate_plant.compiler import compiled; "
+        "assert compiled(t.double)(3.0) == 6.0; print('numba' in sys.modules)"
+    )
+    for _ in range(2):
+        said = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+    assert said == "False\n"

@@ -1,0 +1,217 @@
+"""Cases of mangled files: which file, how it is spoilt, and a call that reads it."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from tools.hostile import mangling
+from tools.hostile.bases import Bases
+from tools.hostile.case import Case
+
+_SHORT = ["--clock", "free", "--duration", "0.05"]
+
+
+def config_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
+    """A vehicle, rig, scenario or database."""
+    chance = random.Random(f"{seed}/config/{number}")
+    make: Callable[[Bases, random.Random, Path], tuple[str, list[str]]] = chance.choices(
+        [_vehicle, _scenario, _rig, _database], [3, 3, 3, 3]
+    )[0]
+    what, arguments = make(bases, chance, folder)
+    outputs = [name for name in ("out.csv", "out.log") if name in arguments]
+    return Case(f"config-{number}", arguments, what, outputs)
+
+
+def _toml(bases: Bases, chance: random.Random, texts: list[str], path: Path) -> tuple[str, str]:
+    """Write a spoilt TOML file; (the name to give, how it is wrong)."""
+    text = chance.choice(texts)
+    kind = chance.choices(["values", "lines", "bytes", "no file", "monster"], [10, 5, 3, 1, 1])[0]
+    if kind == "no file":
+        return mangling.no_file(chance, path)
+    if kind == "values":
+        tree = mangling.tree(chance, chance.choice(bases.trees([text])), bases.words)
+        raw = mangling.document(tree).encode("utf-8", "surrogatepass")
+    elif kind == "lines":
+        raw = mangling.lines(chance, text, bases.words).encode()
+    elif kind == "bytes":
+        raw = mangling.content(chance, text.encode())
+    else:
+        raw = _monster(chance, text)
+    path.write_bytes(raw)
+    return path.name, kind
+
+
+def _monster(chance: random.Random, text: str) -> bytes:
+    """What no person writes."""
+    many = chance.choice([300, 3000, 50_000])
+    return chance.choice(
+        [
+            ".".join("a" * many) + " = 1\n" + text,
+            "x = " + "[" * many + "]" * many + "\n" + text,
+            "x = " + "{a=" * many + "1" + "}" * many + "\n" + text,
+            "".join(f"k{k} = {k}\n" for k in range(many)) + text,
+            text
+            + "".join(f"[[request]]\ntime = {k}\naction = 'open'\n" for k in range(many // 10)),
+            f"{'n' * many * 10} = 1\n{text}",
+            text + "\n[" + ".".join("b" * many) + "]\n",
+            "#" * many * 100 + "\n" + text,
+        ]
+    ).encode()
+
+
+def _vehicle(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, list[str]]:
+    name, kind = _toml(bases, chance, bases.vehicles, folder / "vehicle.toml")
+    vehicle = ["--vehicle", name]
+    output = ["--output", "out.csv"]
+    call = chance.choices(
+        [
+            [
+                "simulate",
+                "--voltage",
+                chance.choice(["12", "-12", "0"]),
+                "--duration",
+                "0.2",
+                *output,
+            ],
+            ["demo", *_SHORT, "--no-record", "--record", "out.csv"],
+            ["run", "--bus", "virtual:x", *_SHORT, "--record", "out.csv"],
+            ["validate", str(bases.folder / "m.csv"), "--json"],
+        ],
+        [6, 3, 2, 1],
+    )[0]
+    return f"vehicle: {kind}", [*call, *vehicle]
+
+
+def _scenario(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, list[str]]:
+    name, kind = _toml(bases, chance, bases.scenarios, folder / "scenario.toml")
+    call = chance.choice(
+        [
+            ["demo", *_SHORT, "--no-record", "--record", "out.csv"],
+            ["run", "--bus", "virtual:x", *_SHORT],
+            ["simulate", "--voltage", "12", "--duration", "0.05", "--output", "out.csv"],
+        ]
+    )
+    return f"scenario: {kind}", [*call, "--scenario", name]
+
+
+def _rig(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, list[str]]:
+    for name, text in bases.databases:
+        (folder / name).write_bytes(text.encode("cp1252"))
+    name, kind = _toml(bases, chance, bases.rigs, folder / "rig.toml")
+    return f"rig: {kind}", [*_rig_call(bases, chance), "--rig", name]
+
+
+def _rig_call(bases: Bases, chance: random.Random) -> list[str]:
+    return chance.choice(
+        [
+            ["run", "--bus", "virtual:x", *_SHORT, "--record", "out.log", "--record", "out.csv"],
+            ["demo", *_SHORT, "--no-record", "--record", "out.log"],
+            ["validate", str(bases.folder / "demo.log"), "--json"],
+        ]
+    )
+
+
+def _database(bases: Bases, chance: random.Random, folder: Path) -> tuple[str, list[str]]:
+    which = chance.randrange(len(bases.databases))
+    name, text = bases.databases[which]
+    path = folder / name
+    kind = chance.choices(["lines", "bytes", "no file"], [10, 3, 1])[0]
+    if kind == "no file":
+        _, kind = mangling.no_file(chance, path)
+    elif kind == "lines":
+        path.write_bytes(mangling.lines(chance, text, bases.words).encode("cp1252", "replace"))
+    else:
+        path.write_bytes(mangling.content(chance, text.encode("cp1252")))
+    (folder / "rig.toml").write_text(bases.rigs[which], encoding="utf-8")
+    return f"database: {kind}", [*_rig_call(bases, chance), "--rig", "rig.toml"]
+
+
+def measurement_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
+    """A measurement of any format."""
+    chance = random.Random(f"{seed}/measurement/{number}")
+    source = chance.choice(chance.choices([bases.tables, bases.logs, bases.binaries], [5, 3, 2])[0])
+    path = folder / f"data{source.suffix}"
+    name, kind = path.name, "as it is"
+    how = chance.random()
+    if how < 0.04:
+        name, kind = mangling.no_file(chance, path)
+    elif source in bases.binaries or how < 0.2:
+        path.write_bytes(mangling.content(chance, source.read_bytes()))
+        kind = "bytes"
+    elif source in bases.tables and how < 0.8:
+        path.write_text(_table(chance, source.read_text()), encoding="utf-8")
+        kind = "cells"
+    elif source in bases.logs or how < 0.97:
+        text = mangling.lines(chance, source.read_text(), ["time_s", "123#11", "voltage_v", "x"])
+        path.write_text(text, encoding="utf-8", errors="replace")
+        kind = "lines"
+    else:
+        shutil.copy(
+            source, path.with_suffix(chance.choice([".csv", ".mf4", ".asc", ".xlsx", ".log"]))
+        )
+        name, kind = next(each.name for each in folder.iterdir()), "another suffix"
+    calls = [["validate", name, "--json"], ["validate", name, "--result", "r.json"]]
+    if path.suffix in (".csv", ".mf4"):
+        calls += [["simulate", "--input", name, "--output", "out.csv"]] * 3
+    if chance.random() < 0.1:
+        calls = [["identify", name, "--estimate", "motor.resistance", "--json"]]
+    arguments = [*chance.choice(calls), *chance.choice(_FLAGS)]
+    if arguments[0] == "simulate":
+        arguments = [each for each in arguments if each not in ("--from", "--to", "0.2", "1e9")]
+    outputs = [each for each in ("out.csv",) if each in arguments]
+    return Case(f"measurement-{number}", arguments, f"{source.name}: {kind}", outputs)
+
+
+_FLAGS: list[list[str]] = [
+    [], [], [], [], ["--map", "voltage_v=left_voltage_v"], ["--map", "left_voltage_v=left_voltage_v"],
+    ["--map", "time_s=time_s[ms]"], ["--from", "0.2"], ["--to", "1e9"], ["--vehicle", "compact"],
+]  # fmt: skip
+
+
+def _table(chance: random.Random, text: str) -> str:
+    """The table with cells, columns or times spoilt."""
+    rows = [line.split(",") for line in text.split("\n") if line]
+    head, body = rows[0], rows[1:]
+    for _ in range(chance.randint(1, 3)):
+        kind = chance.randrange(7)
+        column, row = chance.randrange(len(head)), chance.randrange(len(body))
+        if kind == 0:
+            body[row][column] = chance.choice([*mangling.NUMBERS, "", "x", '"', "1e5"])
+        elif kind == 1:
+            head[column] = chance.choice(
+                [*head, "", "left_current_ma", "voltage_v", "left_duty", "latched"]
+            )
+        elif kind == 2:  # a clock that jumps
+            jump = chance.choice(["36000", "1.7e9", "1e306", "-5", "0.3"])
+            for each in body[row:]:
+                each[0] = (
+                    repr(float(each[0] or 0) + float(jump)) if _is_number(each[0]) else each[0]
+                )
+        elif kind == 3:  # another unit
+            factor = chance.choice([1e-324, 1e-300, 1e-3, 1e3, 1e6, 1e300, -1.0, 0.0])
+            for each in body:
+                if _is_number(each[column]):
+                    each[column] = repr(float(each[column]) * factor)
+        elif kind == 4:
+            body = body[: chance.choice([0, 1, 19, 20, len(body)])] or [body[0]]
+        elif kind == 5:
+            body[row] = body[row][: chance.randrange(len(head))]
+        else:
+            body[row], body[0] = body[0], body[row]
+        body = [
+            each if len(each) == len(head) else [*each, *[""] * len(head)][: len(head)]
+            for each in body
+        ]
+    separator = chance.choice([",", ",", ",", ";", "\t"])
+    return "\n".join([separator.join(each) for each in [head, *body]]) + "\n"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

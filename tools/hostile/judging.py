@@ -1,0 +1,99 @@
+"""What the contract says of a call: its exit code, its messages, and the files that it leaves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from tools.hostile.case import Case, Outcome
+from tools.hostile.running import CRASHED
+
+# What Python and its libraries say where we should have.
+_FOREIGN = re.compile(
+    r"Traceback|Exception ignored|\bWarning\b|Fatal Python|Segmentation|core dumped|LLVM ERROR|"
+    r"leaked|Error in sys\.|object has no attribute"
+)
+_LONGEST = 4000  # characters of a line; a list of what is allowed takes some
+_MOST_LINES = 150
+
+
+def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
+    """What is wrong with the outcome of a call with a mangled file; empty: nothing."""
+    faults = common_faults(outcome)
+    said = [line for line in outcome.stderr.splitlines() if line.startswith("liftgate-hil")]
+    if outcome.is_late:
+        faults.append("it took too long")
+    elif outcome.code not in (0, 1, 2):
+        faults.append(f"exit code {outcome.code}")
+    elif outcome.code and not said:
+        faults.append("an exit code and no message")
+    elif outcome.code == 1 and not any("diverged" in line or "error" in line for line in said):
+        faults.append("exit code 1 for what is in a file")
+    if len(set(said)) < len(said):
+        faults.append("a message twice")
+    if any(len(line) > _LONGEST for line in said) or len(said) > _MOST_LINES:
+        faults.append("messages that nobody can read")
+    if outcome.code == 0 and not outcome.is_late:
+        faults += whole_outputs(folder, case.outputs)
+    return faults
+
+
+def common_faults(outcome: Outcome) -> list[str]:
+    """What must never be."""
+    match = _FOREIGN.search(outcome.stderr)
+    faults = [f"on stderr: {match[0]}"] if match else []
+    if outcome.code == CRASHED or outcome.code in (134, 136, 139):
+        faults.append("it crashed")
+    return faults
+
+
+def whole_outputs(folder: Path, names: list[str], is_finished: bool = True) -> list[str]:
+    """What is wrong with the files that a call was to write; one that was stopped early may have begun none."""
+    faults = []
+    for name in names:
+        path = folder / name
+        if not path.exists():
+            if is_finished:
+                faults.append(f"{name}: not written")
+        elif path.suffix == ".csv":
+            faults += [f"{name}: {fault}" for fault in _table_faults(path)]
+        elif path.suffix in (".log", ".asc", ".blf", ".trc"):
+            faults += [f"{name}: {fault}" for fault in _log_faults(path)]
+    return faults
+
+
+def _table_faults(path: Path) -> list[str]:
+    content = path.read_bytes()
+    if not content:
+        return []
+    if not content.endswith(b"\n"):
+        return ["its last row is cut off"]
+    lines = content.splitlines()
+    if len({line.count(b",") for line in lines}) != 1:
+        return ["rows of different lengths"]
+    if len(lines) < 2:
+        return []
+    try:
+        rows = np.loadtxt(lines[1:], delimiter=",", ndmin=2)
+    except ValueError as error:
+        return [f"no numbers: {error}"]
+    return [] if np.all(np.isfinite(rows)) else ["a row that is not finite"]
+
+
+def _log_faults(path: Path) -> list[str]:
+    from liftgate_hil.python_can import can
+
+    try:
+        with can.LogReader(path) as reader:
+            times = [message.timestamp for message in reader]
+    except Exception as error:  # a reader's parser
+        return [f"cannot be read: {type(error).__name__}: {error}"]
+    late = np.diff(times)
+    return ["times that fall"] if len(late) and late.min() < -0.01 else []
+
+
+def rows_in(path: Path) -> int:
+    """Rows of a table below its header."""
+    return max(path.read_bytes().count(b"\n") - 1, 0) if path.exists() else 0

@@ -1,0 +1,128 @@
+"""Calls of the command line: in a forked child, which costs milliseconds, or as a process of its own."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tools.hostile.case import Case, Outcome
+
+CRASHED = 70  # exit code of a child with an exception that nobody caught
+_MOST_BYTES = 400_000_000  # that a case may write
+COMMAND = [sys.executable, "-m", "liftgate_hil"]
+
+
+def shell_code(status: int) -> int:
+    """A negative code, of a signal, as a shell says it."""
+    return status if status >= 0 else 128 - status
+
+
+class Child:
+    """A call on its way."""
+
+    def __init__(self, case: Case, folder: Path, limit: float, is_forked: bool) -> None:
+        self.case, self.folder = case, folder
+        self._began = time.monotonic()
+        self._limit = limit
+        self._status: int | None = None
+        self._is_late = False
+        # Beside the folder: a case may have files of any name in it.
+        self._said = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
+        if is_forked:
+            self.pid = os.fork()
+            if self.pid == 0:
+                _be_the_child(case, folder, self._said)
+        else:
+            with self._said[0].open("wb") as out, self._said[1].open("wb") as err:
+                process = subprocess.Popen(
+                    [*COMMAND, *case.arguments], cwd=folder, stdout=out, stderr=err,
+                    stdin=subprocess.DEVNULL,
+                )  # fmt: skip
+            self.pid = process.pid
+            process.returncode = 0  # waited for here
+
+    def poll(self) -> bool:
+        """Whether it has ended; it is killed where that took too long."""
+        if self._status is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self._status = os.waitstatus_to_exitcode(status)
+            elif time.monotonic() - self._began > self._limit:
+                self._is_late = True
+                os.kill(self.pid, signal.SIGKILL)
+                self._status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self._status is not None
+
+    def signal(self, number: int) -> None:
+        """Send it one, if it is still there."""
+        if not self.poll():
+            os.kill(self.pid, number)
+
+    def outcome(self) -> Outcome:
+        """What came of it."""
+        assert self._status is not None
+        out, err = (
+            path.read_text(encoding="utf-8", errors="backslashreplace") for path in self._said
+        )
+        for path in self._said:
+            path.unlink()
+        seconds = time.monotonic() - self._began
+        return Outcome(
+            shell_code(self._status), out[:100_000], err[:100_000], seconds, self._is_late
+        )
+
+
+def _be_the_child(case: Case, folder: Path, said: list[Path]) -> None:
+    """Run the case in this process, which ends with it."""
+    code = CRASHED
+    try:
+        os.chdir(folder)
+        for number, path in enumerate(said, start=1):
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(descriptor, number)
+            os.close(descriptor)
+        null = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(null, 0)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (_MOST_BYTES, _MOST_BYTES))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        from liftgate_hil.cli.main import main
+
+        try:
+            code = main(case.arguments)
+        except SystemExit as leaving:
+            code = int(leaving.code or 0)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            os._exit(code)
+
+
+def run_all(
+    cases: Iterator[tuple[Case, Path]], jobs: int, limit: float, is_process: Callable[[Case], bool]
+) -> Iterator[tuple[Case, Path, Outcome]]:
+    """What comes of cases in their folders, several at a time, as they end."""
+    running: list[Child] = []
+    waiting = True
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            following = next(cases, None)
+            if following is None:
+                waiting = False
+            else:
+                case, folder = following
+                running.append(Child(case, folder, limit, not is_process(case)))
+        for child in [each for each in running if each.poll()]:
+            running.remove(child)
+            yield child.case, child.folder, child.outcome()
+        time.sleep(0.002)

@@ -1,0 +1,97 @@
+"""Cases of signals: a command is told to end at any moment, from its start-up to its end."""
+
+from __future__ import annotations
+
+import random
+import re
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tools.hostile.bases import Bases
+from tools.hostile.case import Case, Outcome
+from tools.hostile.judging import common_faults, rows_in, whole_outputs
+from tools.hostile.running import Child
+
+SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
+_RECORDS = ["--record", "out.csv", "--record", "out.log"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """What is stopped, how long it takes when it is not [s], and whether it was to come to an end."""
+
+    arguments: list[str]
+    seconds: float
+    is_endless: bool = False
+    outputs: tuple[str, ...] = ()
+
+
+def commands(bases: Bases) -> dict[str, Command]:
+    """Those that run for a while."""
+    kept = str(bases.folder / "m.csv")
+    both = ("out.csv", "out.log")
+    return {
+        "run": Command(["run", "--bus", "virtual:signals", *_RECORDS], 4.0, True, both),
+        "demo": Command(["demo", "--no-record", *_RECORDS], 4.0, False, both),
+        "demo-free": Command(
+            ["demo", "--clock", "free", "--no-record", *_RECORDS], 3.0, False, both
+        ),
+        "simulate": Command(
+            ["simulate", "--voltage", "12", "--duration", "1000", "--every", "10", "--output", "out.csv"],
+            4.0, False, ("out.csv",),
+        ),
+        "identify": Command(
+            ["identify", kept, "--estimate", "motor.resistance,motor.torque_constant,gear.friction_torque",
+             "--result", "r.json", "--json"], 5.0,
+        ),
+        "validate": Command(["validate", kept, "--result", "r.json", "--json"], 2.0),
+        "ecu": Command(["ecu", "--bus", "virtual:signals"], 3.0, True),
+    }  # fmt: skip
+
+
+def signal_case(
+    bases: Bases, seed: int, number: int, folder: Path, patience: float
+) -> tuple[Case, Outcome, list[str]]:
+    """Run one; what came of it, and what is wrong with that."""
+    chance = random.Random(f"{seed}/signal/{number}")
+    named = commands(bases)
+    name = list(named)[number % len(named)]
+    command = named[name]
+    which = chance.choice(list(SIGNALS))
+    delay = chance.uniform(0.0, 1.1 * command.seconds)
+    case = Case(f"signal-{number}", command.arguments, f"{name}: {which} after {delay:.3f} s")
+    child = Child(case, folder, delay + 60.0, is_forked=False)
+    began = time.monotonic()
+    while time.monotonic() - began < delay and not child.poll():
+        time.sleep(0.002)
+    is_over = child.poll()
+    told = time.monotonic()
+    child.signal(SIGNALS[which])
+    while not child.poll():
+        time.sleep(0.002)
+    took = time.monotonic() - told
+    outcome = child.outcome()
+    faults = common_faults(outcome)
+    if took > patience and not is_over:
+        faults.append(f"it took {took:.2f} s to end")
+    if outcome.code not in _codes(command, SIGNALS[which], is_over):
+        faults.append(f"exit code {outcome.code}")
+    faults += whole_outputs(folder, list(command.outputs), is_finished=is_over)
+    faults += _lost_rows(folder, outcome)
+    return case, outcome, faults
+
+
+def _codes(command: Command, number: int, is_over: bool) -> set[int]:
+    """What it may end with: as what was stopped; 0 for what runs until then, or had just come to its end."""
+    return {0} if is_over else {0, 128 + number}
+
+
+def _lost_rows(folder: Path, outcome: Outcome) -> list[str]:
+    """A recording has a row for each tick of the summary."""
+    told = re.search(r"^ticks (\d+),", outcome.stdout, re.MULTILINE)
+    if told is None or not (folder / "out.csv").exists():
+        return []
+    rows = rows_in(folder / "out.csv")
+    return [] if rows == int(told[1]) else [f"{told[1]} ticks, {rows} rows recorded"]
