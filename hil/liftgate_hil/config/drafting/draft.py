@@ -36,7 +36,7 @@ class Draft:
 
 def draft_rig(database: Path, target: Path) -> Draft:
     """The rig of a database for a file `target`, which is not written. Raises ConfigError."""
-    issues = ConfigIssues(str(database))
+    issues = ConfigIssues("draft")
     messages = load_messages(issues, database)
     issues.raise_if_any()
     found = find_candidates(messages)
