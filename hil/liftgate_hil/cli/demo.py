@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         _draw(setup, shown, event, folder)
     if not args.quiet and not args.json:
         _tell(args, shown, event, folder)
-    report(args, shown.summary)
+    report(args, shown, stopped, pinch=None if event is None else event.as_dict())
     return _judge(args, setup, shown, event, stopped)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
@@ -87,6 +88,7 @@ def _command(argv: Sequence[str] | None) -> int:
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
     args = parser.parse_args(arguments)
+    args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
     try:
         return int(module.run(args))
     except ConfigError as error:

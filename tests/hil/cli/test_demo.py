@@ -262,6 +262,14 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
     assert (folder / "demo.png").is_file()
 
 
+def test_the_json_of_one_that_is_stopped_says_by_what(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SIGNAL", str(int(signal.SIGTERM)))
+    assert demo("--ecu", "demo_ecus:Stops", "--json", "--no-record") == 143
+    assert json.loads(capsys.readouterr().out)["stop_reason"] == "SIGTERM"
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -295,6 +303,25 @@ def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixt
     summary = json.loads(capsys.readouterr().out)
     assert summary["received"]["accepted"] == 4200
     assert summary["command_timeouts"] == 0
+    assert summary["stop_reason"] == "duration"
+    assert summary["maxima"]["pinch_force_n"] == summary["pinch"]["peak_n"] > 100.0
+    assert summary["minima"]["gate_angle_deg"] < 0.1
+    origin = summary["provenance"]
+    assert origin["command_line"] == "liftgate-hil demo --clock free --json --no-record"
+    assert set(origin["sources"]) == {"vehicle", "rig", "dbc", "scenario"}
+
+
+def test_its_json_is_the_same_again_on_a_date_that_is_given(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    texts = set()
+    for _ in range(2):
+        demo("--json", "--no-record", "--duration", "1")
+        texts.add(capsys.readouterr().out)
+    (text,) = texts
+    assert json.loads(text)["provenance"]["date"] == "2023-11-14T22:13:20+00:00"
+    assert json.loads(text)["pinch"] is None
 
 
 def test_the_seed_is_the_one_that_was_asked_for(folder: Path) -> None:
