@@ -8,6 +8,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from liftgate_hil.cli import stopping, streams
@@ -22,6 +23,7 @@ COMMANDS = {
     "identify": "parameters of a vehicle from measurements; which experiment tells most",
     "validate": "a vehicle's model against measurements",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
+    "completion": "a script with which bash, zsh or fish complete flags and names",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
@@ -83,8 +85,7 @@ def _command(argv: Sequence[str] | None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
-    module.add_arguments(parser)
+    _add_arguments(parser, module)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
     args = parser.parse_args(arguments)
@@ -101,6 +102,24 @@ def _command(argv: Sequence[str] | None) -> int:
         return error.exit_code if isinstance(error, stopping.StoppedError) else 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
+
+
+def whole_parser() -> Parser:
+    """All subcommands and flags as one parser; `main` loads only that of the one it is asked for."""
+    root = Parser(prog="liftgate-hil")
+    subcommands = root.add_subparsers()
+    for name, text in COMMANDS.items():
+        module = importlib.import_module(f"liftgate_hil.cli.{name}")
+        _add_arguments(subcommands.add_parser(name, help=text), module)
+        if name == "run":
+            _add_arguments(root, module)
+    return root
+
+
+def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """The flags of a subcommand's file, and `--version`."""
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
+    module.add_arguments(parser)
 
 
 def _overview() -> str:
