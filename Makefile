@@ -27,7 +27,7 @@ demo: setup
 	mkdir -p $(OUT)
 	$(BIN)/liftgate-hil demo --output $(OUT)
 
-# What of the documents is made by the program: the demo's picture.
+# What of the documents the program writes: the demo's picture, and every key of vehicle, rig and scenario files.
 docs: setup
 	$(BIN)/python -m tools.docs
 

@@ -1,6 +1,7 @@
 """Write what of the documents is made by the program: `python -m tools.docs`, or `make docs`.
 
-docs/demo.png is the demo's picture, on the free clock.
+docs/vehicle.md, rig.md and scenario.md hold every key of those files, docs/demo.png is the demo's picture on
+the free clock. A test compares the pages with what is written here; a picture's bytes change with matplotlib.
 """
 
 from __future__ import annotations
@@ -12,8 +13,7 @@ import tempfile
 from pathlib import Path
 
 from liftgate_hil.cli.main import main as liftgate_hil
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+from tools.docs import DOCS, PAGES
 
 
 def write_picture(folder: Path) -> int:
@@ -29,6 +29,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=DOCS, help="default: docs")
     args = parser.parse_args()
+    for name, make in PAGES.items():
+        (args.output / name).write_text(make(), encoding="utf-8", newline="\n")
     return write_picture(args.output)
 
 
