@@ -70,6 +70,7 @@ class Client:
     def __init__(self, link: socket.socket) -> None:
         self.link = link
         self.rest = ""
+        self.hears = False
         link.sendall(b"< hi >")
 
     def messages(self) -> list[list[str]]:
@@ -98,11 +99,12 @@ def socketcand_server() -> Iterator[int]:
                 for words in said:
                     if words[0] != "send":
                         client.link.sendall(b"< ok >")
+                        client.hears |= words[0] == "rawmode"
                         continue
                     payload = "".join(word.zfill(2) for word in words[3:])
                     frame = f"< frame {words[1]} 1.000000 {payload} >".encode()
                     for other in clients:
-                        if other is not client:
+                        if other is not client and other.hears:
                             other.link.sendall(frame)
 
         with running(step):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from adapters import slcan_adapters, socketcand_server
+from c_ecu import serial_line
 
 pytestmark = pytest.mark.realtime
 
@@ -29,13 +30,19 @@ def slcan(folder: Path) -> Iterator[Ends]:
 
 
 @contextlib.contextmanager
+def serial(folder: Path) -> Iterator[Ends]:
+    # python-can waits so long for a frame, whatever it is asked: by default 0.1 s, in which no command is sent.
+    (folder / "can.conf").write_text("[default]\ntimeout = 0.001\n")
+    with serial_line() as (ours, theirs):
+        yield ["--bus", f"serial:{ours}"], ["--bus", f"serial:{theirs}"]
+
+
+@contextlib.contextmanager
 def socketcand(folder: Path) -> Iterator[Ends]:
     # It wants host and port, which --bus has no place for: python-can's own configuration, in the home folder.
     with socketcand_server() as port:
-        (folder / "can.conf").write_text(
-            f"[default]\ninterface = socketcand\nchannel = can0\nhost = 127.0.0.1\nport = {port}\n"
-        )
-        yield [], []
+        (folder / "can.conf").write_text(f"[default]\nhost = 127.0.0.1\nport = {port}\n")
+        yield ["--bus", "socketcand:can0"], ["--bus", "socketcand:can0"]
 
 
 @contextlib.contextmanager
@@ -69,7 +76,7 @@ def last_angle(record: Path) -> float:
     return float(rows[-2].split(",")[rows[0].split(",").index("gate_angle_deg")])
 
 
-@pytest.mark.parametrize("interface", [udp_multicast, slcan, socketcand])
+@pytest.mark.parametrize("interface", [udp_multicast, slcan, serial, socketcand])
 def test_an_ecu_opens_the_gate_over_an_interface(
     tmp_path: Path, interface: Callable[[Path], contextlib.AbstractContextManager[Ends]]
 ) -> None:

@@ -34,9 +34,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def report(
-    args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object
-) -> None:
+def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
     """Say how it went; the JSON holds `more`, too."""
     if args.json:
         print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
@@ -44,9 +42,7 @@ def report(
         print("\n".join(result.summary.lines()))
 
 
-def _content(
-    args: argparse.Namespace, result: Result, stopped: StopSignals
-) -> dict[str, Any]:
+def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
     """For programs. The keys are public; a number that is not known is null."""
     from liftgate_hil.report.provenance import provenance_of
 
