@@ -68,6 +68,8 @@ _OWN = "a signal of the message"
 # Where the checker's words are about the one file that it was asked with.
 _ANYWAY = {
     "signal": "MESSAGE.SIGNAL",
+    "unit": "one of the quantity's kind: `mA` for a current",
+    "saturates": "true or false",
     "counter": _OWN,
     "checksum": _OWN,
     "data_id_nibble": _OWN,
