@@ -25,6 +25,8 @@ from liftgate_hil.config.arguments import numbers_of, paths_of, text_or_none, te
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
@@ -63,6 +65,7 @@ class Result:
     recording: tuple[Path, ...] = ()
     pinch_time_s: float = 0.0  # of the largest pinch force
     expectations: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
     trace: Mapping[str, NDArray[np.float64]] = field(
         default_factory=dict
     )  # every row, if asked for
@@ -154,8 +157,10 @@ def execute(
     for note in notes_on_fit(parts.rig, parts.setup.vehicle, parts.options.rate):
         job.listener.say(f"note: {note}")
     if is_library(job.ecu):
-        return _isolated(job, stopped)
-    return run_job(job, (), stopped, parts=parts)
+        result = _isolated(job, stopped)
+    else:
+        result = run_job(job, (), stopped, parts=parts)
+    return replace(result, sources=parts.sources)
 
 
 def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
@@ -201,6 +206,7 @@ class Parts:
     rig: Rig
     options: session.RunOptions
     way: Way | None  # of the wire, if there is to be one
+    sources: Mapping[str, Source]  # the files among them
 
 
 def resolve(job: Job) -> Parts:
@@ -220,7 +226,20 @@ def resolve(job: Job) -> Parts:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
-    return Parts(setup, rig, job.options, way)
+    return Parts(setup, rig, job.options, way, sources_of(_files_of(job, setup, rig)))
+
+
+def _files_of(job: Job, setup: session.Setup, rig: Rig) -> dict[str, Path]:
+    """The files that a job was made from; of objects that a program made there are none."""
+    files = {"rig": Path(rig.source), "dbc": rig.database}
+    vehicle = job.vehicle if job.vehicle is not None else setup.vehicle_name
+    if isinstance(vehicle, str | Path):
+        files["vehicle"] = find_config("vehicles", str(vehicle))
+    if isinstance(job.scenario, str | Path):
+        files["scenario"] = find_config("scenarios", str(job.scenario))
+    if is_library(job.ecu):
+        files["ecu"] = Path(job.ecu)
+    return files
 
 
 def run_job(
