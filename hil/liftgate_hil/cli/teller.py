@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from liftgate_hil.cli.options import as_flags
 from liftgate_hil.listener import Listener
 
 
@@ -21,7 +22,7 @@ class Teller(Listener):
     def say(self, text: str) -> None:
         """See Listener."""
         if not self.is_quiet:
-            print(text, file=sys.stderr, flush=True)
+            print(as_flags(text), file=sys.stderr, flush=True)
 
     def starts(self, entry: Callable[..., Any], what: str) -> None:
         """See Listener."""
