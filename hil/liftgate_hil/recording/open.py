@@ -88,10 +88,12 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = tuple(FORMAT
             raise ConfigError(f"{what}: no folder {path.parent}; allowed: one that exists")
         if path.is_dir():
             raise ConfigError(f"{what}: is a folder; allowed: a file")
-        if not form.is_text and is_special(path):
+        if is_special(path) and not form.is_text:
             raise ConfigError(f"{what}: a pipe or a device; allowed: a file")
     except OSError as error:
         raise ConfigError(f"{what}: cannot be written: {why(error)}") from error
+    except ValueError as error:  # a NUL in the name
+        raise ConfigError(f"{what}: cannot be written: {error}") from error
     if form.module and importlib.util.find_spec(form.module) is None:
         raise ConfigError(
             f"{what}: {path.suffix} needs {form.module}; "

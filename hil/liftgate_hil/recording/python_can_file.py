@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
 from liftgate_hil.recording.content import Content
 
+_CONTAINER = 128 * 1024  # bytes that BLF compresses together
 _NOT_IN_TRC = ERROR | REMOTE | FD  # python-can's writer leaves them out, with a warning for each
 
 
@@ -26,8 +27,9 @@ class PythonCanRecorder:
         self._channel = content.bus_number
         self._left_out = _NOT_IN_TRC if suffix == ".trc" else 0
         self._epoch_ns = 0
+        self._held = _CONTAINER if suffix == ".blf" else 0
         if suffix == ".blf":
-            self._writer: Any = can.BLFWriter(stream)
+            self._writer: Any = can.BLFWriter(stream, max_container_size=_CONTAINER)
         else:
             text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
             self._writer = (can.ASCWriter if suffix == ".asc" else can.TRCWriter)(text)
@@ -35,7 +37,7 @@ class PythonCanRecorder:
     @property
     def written(self) -> int:
         """See Recorder."""
-        return self._stream.tell()
+        return self._stream.tell() + self._held
 
     def begin(self, epoch_ns: int) -> None:
         """See Recorder."""

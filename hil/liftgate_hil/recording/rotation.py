@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.loop.recorder import Recorder
-from liftgate_hil.recording.target import remove_target
+from liftgate_hil.recording.target import remove_targets
 
 _SLICE = 512  # rows or frames after which the size is looked at
 
@@ -49,8 +49,7 @@ class Parts:
         self._pool = ThreadPoolExecutor(1)
         self._written: list[Path] = []
         if limit is not None:
-            for old in _parts_of(path):
-                remove_target(old)
+            remove_targets(_parts_of(path))
         self._part = self._next()
 
     @property

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 import stat
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -15,7 +16,6 @@ from liftgate_hil.errors import ConfigError
 _WORDS = {
     errno.ENXIO: "a pipe that nobody reads",
     errno.EISDIR: "is a folder",
-    errno.ENOENT: "no such folder",
 }
 
 
@@ -84,10 +84,12 @@ def _check_free(path: Path) -> None:
             os.close(descriptor)
 
 
-def remove_target(path: Path) -> None:
-    """Delete what an earlier run has left. Raises ConfigError where somebody else is recording to it."""
-    open_target(path).close()
-    path.unlink()
+def remove_targets(paths: Sequence[Path]) -> None:
+    """Delete what an earlier run has left. Raises ConfigError where somebody else is recording to one of them."""
+    for path in paths:
+        _check_free(path)
+    for path in paths:
+        path.unlink(missing_ok=True)
 
 
 def _lock(descriptor: int, path: Path) -> None:
