@@ -88,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
     output = _output_of(args.output)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
-    samples, notes = constant_voltage(args.voltage or 0.0), ()
+    samples = constant_voltage(args.voltage or 0.0)
+    notes: tuple[str, ...] = ()
     if args.input:
         samples, notes = read_samples(Path(args.input), parse_maps(args.maps))
     duration = args.duration if args.duration is not None else scenario.duration

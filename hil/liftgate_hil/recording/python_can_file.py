@@ -20,9 +20,9 @@ class PythonCanRecorder:
 
     def __init__(self, stream: BinaryIO, content: Content, suffix: str) -> None:
         from liftgate_hil.python_can import can
-        from liftgate_hil.transport.can_bus import message_of
+        from liftgate_hil.transport.messages import message_of
 
-        self._can, self._message_of = can, message_of
+        self._message_of = message_of
         self._stream = stream
         self._channel = content.bus_number
         self._left_out = _NOT_IN_TRC if suffix == ".trc" else 0
@@ -54,7 +54,7 @@ class PythonCanRecorder:
         for row, identifier in enumerate(frames["identifier"].tolist()):
             if identifier & self._left_out:
                 continue
-            message = self._message_of(self._can, plain, row)
+            message = self._message_of(plain, row)
             message.timestamp, message.channel = stamps[row], self._channel
             message.is_rx = not sent[row]
             self._writer.on_message_received(message)

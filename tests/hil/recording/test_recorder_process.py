@@ -33,7 +33,7 @@ def memory() -> Iterator[Memory]:
 
 def log(memory: Memory, number: int, time_ns: int, is_sent: int) -> None:
     frames = frames_of([(0x100, bytes([number]))])
-    note_frames(memory.shared, frames, np.array([time_ns]), 0, 0, is_sent)
+    note_frames(memory.shared, frames, time_ns, is_sent)
 
 
 def write(memory: Memory, rows: np.ndarray) -> None:
