@@ -41,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"
     )
     parser.add_argument(
-        "--output", default=".", metavar="FOLDER", help="for demo.log, demo.csv and demo.png"
+        "--output",
+        default=".",
+        metavar="FOLDER",
+        help="for demo.log, demo.csv and demo.png; made where there is none",
     )
     parser.add_argument(
         "--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png"
@@ -79,11 +82,15 @@ def _every(args: argparse.Namespace, setup: Setup) -> int:
 def _folder(args: argparse.Namespace) -> Path:
     """Where it writes; adds the demo's recordings. Raises ConfigError."""
     folder = Path(args.output)
-    if not folder.is_dir():
-        raise ConfigError(f"`output` {args.output}: no such folder; allowed: one that exists")
     if (args.serial is None) != (args.ecu_serial is None):
         raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
     if not args.no_record:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(
+                f"`output` {args.output}: cannot be made: {error.strerror}; allowed: a folder"
+            ) from error
         args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
     return folder
 
@@ -129,8 +136,7 @@ def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, fol
     if event is not None:
         print("\n".join(event.lines()))
     if not args.no_record:
-        names = ", ".join(str(folder / f"demo.{kind}") for kind in ("log", "csv", "png"))
-        print(f"written: {names}")
+        print(f"picture: {folder / 'demo.png'}")
 
 
 def _judge(

@@ -124,7 +124,7 @@ class RealtimeRun:
         rows = self.memory.shared.histograms
         return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
-    def summary(self, lost_rows: int = 0) -> Summary:
+    def summary(self) -> Summary:
         """The figures so far."""
         control = self.memory.shared.control[0]
         seconds = self.state.tick * self.config.step
@@ -148,7 +148,6 @@ class RealtimeRun:
             received=self.state.counts,
             link=link,
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
-            recording_lost_rows=lost_rows,
         )
 
     def _course(self, ticks: int) -> realtime_loop.RunParams:

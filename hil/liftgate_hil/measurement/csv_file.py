@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.files import read_bytes
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.log_frames import CUT
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_hil.measurement.series import Series
 
@@ -31,6 +32,7 @@ class CsvFile:
     delimiter: str
     lines: Sequence[str]  # without the header and without blank ones
     sample: str = "row"
+    notes: Sequence[str] = ()
 
     @functools.cached_property
     def _places(self) -> dict[str, int]:
@@ -108,6 +110,9 @@ def open_csv(path: Path) -> CsvFile:
     twice = sorted(name for name, count in Counter(names).items() if name and count > 1)
     if twice:
         raise ConfigError(f"{path}: {twice[0]}: twice in the header; allowed: once")
+    is_cut = not text.endswith(("\n", "\r")) and lines[-1].count(delimiter) < len(names) - 1
+    if is_cut and len(lines) > 1:  # as a full disk or a kill leaves it
+        return CsvFile(path, names, delimiter, lines[1:-1], notes=(CUT,))
     return CsvFile(path, names, delimiter, lines[1:])
 
 

@@ -181,6 +181,20 @@ def test_without_recordings_it_writes_nothing(
     assert "written" not in capsys.readouterr().out
 
 
+def test_a_folder_that_is_not_there_is_made(folder: Path) -> None:
+    assert demo("--duration", "0.1", "--output", "new/one") == 0
+    found = sorted(path.name for path in (folder / "new/one").iterdir())
+    assert found == ["demo.csv", "demo.log", "demo.png"]
+
+
+def test_a_folder_that_cannot_be_made_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "taken").write_text("a file")
+    assert demo("--output", "taken/new") == 2
+    assert "--output taken/new: cannot be made: Not a directory" in capsys.readouterr().err
+
+
 def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
     assert demo("--no-record", "--duration", "0.1", "--record", "mine.csv") == 0
     assert [path.name for path in folder.iterdir()] == ["mine.csv"]
@@ -279,7 +293,6 @@ def test_the_json_of_one_that_is_stopped_says_by_what(
         (["--ecu", "demo_ecus:Nobody"], "Nobody"),
         (["--ecu", "bus"], "--bus: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         (["--vehicle", "nosuch"], "--vehicle nosuch"),
-        (["--output", "nosuch"], "--output nosuch: no such folder"),
         (["--rate", "10"], "allowed: 200 to 10000 Hz"),
         (["--record", "x.foo"], "--record x.foo: format"),
     ],
