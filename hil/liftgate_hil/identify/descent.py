@@ -27,11 +27,12 @@ from liftgate_hil.identify.weighting import (
 Floats = NDArray[np.float64]
 Report = Callable[[int, float, float], None]  # iteration, loss, relative step
 
-STILL = 1e-3  # standard deviations: what no longer counts as a step
-WORTH = 0.5  # decrease of −log L that makes a step over wide differences worth a try
+STILL = 5e-3  # standard deviations: what no longer counts as a step
+_WORTH = 0.5  # decrease of −log L that makes a step over wide differences worth a try
 _WORKED = 1e-3  # of the decrease that a step promises: what it must bring
 _AS_PROMISED = (0.8, 1.25)  # the same, where slopes are good for another step
-_NEAR = 0.1  # standard deviations: within which slopes are the same
+_NEAR = 1.0  # standard deviations: within which slopes are the same
+_GOOD = 0.02  # of the way from where slopes were taken: they tell a step to that
 _SHRINKS = 0.5  # a step by the slopes of another point, by the one before it, at most
 _FIRST, _FACTOR = 1e-3, 10.0  # damping: at first, how fast it changes
 _REACH = 5.0  # sizes of an unknown that one step may go
@@ -93,14 +94,11 @@ def descend(
     damping = _FIRST
     while True:
         step, promised, moved = _step(problem, place, slopes.values, free, damping)
-        if moved > _SHRINKS * slopes.used:
-            slopes = _one_sided(problem, place)
-            continue
         is_end = moved < STILL or len(history) > rounds
-        if is_end and slopes.are_central and not _NEAR < slopes.used < math.inf:
+        if is_end and slopes.are_exact():
             break
-        if is_end:
-            slopes = _central(problem, place)
+        if is_end or slopes.are_worn(moved):
+            slopes = _fresh(problem, place, moved)
             continue
         other = place_at(problem, place.point + step, given_std)
         share = 0.5 * (place.deviance - other.deviance) / promised
@@ -110,9 +108,9 @@ def descend(
             _tell(report, history, moved)
             is_good = _AS_PROMISED[0] < share < _AS_PROMISED[1]
             damping = 0.0 if is_good else damping / _FACTOR
-            slopes = slopes._replace(used=moved) if is_good else _one_sided(problem, place)
-        elif slopes.used < math.inf:
-            slopes = _one_sided(problem, place)
+            slopes = slopes.after(moved) if is_good else _fresh(problem, place, moved)
+        elif slopes.away > 0.0:
+            slopes = _fresh(problem, place, moved)
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
@@ -128,19 +126,37 @@ def descend(
 
 
 class _Slopes(NamedTuple):
-    """Slopes, and how far from their point they served."""
+    """Slopes, and how they served; steps in standard deviations."""
 
     values: Floats  # (rows, outputs, unknowns)
     are_central: bool
-    used: float = math.inf  # standard deviations: the last step by them; inf: none yet
+    away: float = 0.0  # all steps since they were taken
+    last: float = math.inf  # the last one of these
+
+    def after(self, moved: float) -> _Slopes:
+        """The same, a step further on."""
+        return self._replace(away=self.away + moved, last=moved)
+
+    def are_exact(self) -> bool:
+        """Whether they are as good as those at this point."""
+        return self.are_central and self.away <= _NEAR
+
+    def are_worn(self, moved: float) -> bool:
+        """Whether a step by them is no longer to be trusted: as large as the one before, or too small for slopes
+        from so far away.
+        """
+        return moved > _SHRINKS * self.last or (not self.are_exact() and moved < _GOOD * self.away)
+
+
+def _fresh(problem: Problem, place: Place, moved: float) -> _Slopes:
+    """Slopes at a place: near the end those that may stay."""
+    if moved > _NEAR:
+        return _one_sided(problem, place)
+    return _Slopes(_compared(problem, problem.derivative(place.point)), True)
 
 
 def _one_sided(problem: Problem, place: Place) -> _Slopes:
     return _Slopes(_compared(problem, problem.slopes(place.point, place.predicted)), False)
-
-
-def _central(problem: Problem, place: Place) -> _Slopes:
-    return _Slopes(_compared(problem, problem.derivative(place.point)), True)
 
 
 def _tell(report: Report | None, history: Sequence[float], moved: float) -> None:
@@ -148,19 +164,23 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
         report(len(history) - 1, history[-1], moved)
 
 
-def leap(problem: Problem, place: Place, given_std: Floats | None, widths: Floats) -> Place:
-    """A better place by the slopes over differences of these `widths`, or the same one."""
+def leap(
+    problem: Problem, place: Place, given_std: Floats | None, widths: Floats
+) -> tuple[Place, float]:
+    """(a better place by the slopes over differences of these `widths`, or the same one; the decrease of −log L
+    that a step by them promises).
+    """
     slopes = _compared(problem, problem.derivative(place.point, widths))
     damping = 0.0
     for _ in range(_TRIALS):
         step, promised, _ = _step(problem, place, slopes, range(len(place.point)), damping)
-        if promised < WORTH:
+        if promised < _WORTH:
             break
         other = place_at(problem, place.point + step, given_std)
         if 0.5 * (place.deviance - other.deviance) > _WORKED * promised:
-            return other
+            return other, promised
         damping = max(_FACTOR * damping, _FIRST)
-    return place
+    return place, promised
 
 
 def _compared(problem: Problem, slopes: Floats) -> Floats:

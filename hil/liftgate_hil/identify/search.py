@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 
 _ROUNDS = 200  # steps
 _MOST_SPREAD = 2.0  # of a prior's standard deviation: over which slopes are taken at most
+_SMOOTH = 0.05  # decrease of −log L: what slopes promise where there is no kink as far as they see
 _SPANS = (60.0, 20.0)  # standard deviations over which slopes are taken in turn to get past kinks
 
 
@@ -94,7 +95,9 @@ def past_kinks(
     most = _MOST_SPREAD / np.maximum(inverse_std, 1e-300)
     place = found.place
     for span in _SPANS:
-        place = leap(problem, place, given_std, np.minimum(span * std, most))
+        place, promised = leap(problem, place, given_std, np.minimum(span * std, most))
+        if promised < _SMOOTH:
+            break
     if place is found.place:
         return found
     return better(found, _from(problem, place, report, given_std))
