@@ -136,7 +136,8 @@ def _uncertainty(
         for errors, own in zip(found.errors.T, there.T, strict=True)
     )
     told = np.isfinite(np.diag(covariance))
-    own, slopes = np.ix_(told, told), found.slopes[:, :, told]
+    own = np.ix_(told, told)
+    slopes = found.slopes if np.all(told) else found.slopes[:, :, told]
     inverse = covariance[own]
     if not white and np.any(told):
         series = _score_series(problem, slopes, found.errors, root)

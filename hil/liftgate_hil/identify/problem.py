@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from liftgate_hil.identify.data import (
     without_end,
 )
 from liftgate_hil.identify.parameters import FreeParameter, with_values
-from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, trajectory
+from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
 from liftgate_hil.identify.workers import on_all_cpus
 from liftgate_plant.dynamics import Load, Plant
 from liftgate_plant.rows import inputs_of
@@ -27,6 +28,7 @@ from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 Floats = NDArray[np.float64]
+Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
@@ -69,6 +71,7 @@ class Problem:
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
+    _is_ready: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         full = MODELS[self.model] == 0
@@ -179,14 +182,20 @@ class Problem:
     ) -> list[Floats]:
         """`predicted` of several, on all CPUs."""
         self.evaluations += len(points)
-        return on_all_cpus(
-            lambda k: self._prediction(points[k], late[k]), range(len(points)), self.rows
-        )
+        return self._on_all_cpus(lambda k: self._prediction(points[k], late[k]), range(len(points)))
 
-    @property
-    def rows(self) -> int:
-        """Of all experiments' inputs."""
-        return sum(len(data.rows) for data in self.data)
+    def _on_all_cpus(
+        self, simulate: Callable[[int], Result], numbers: Sequence[int]
+    ) -> list[Result]:
+        """What `simulate` gives of each number. Machine code that is not there yet is made beforehand: here an
+        interrupt ends that.
+        """
+        if not self._is_ready:
+            data, plant, base = self.data[0], plant_of(self.vehicle), load_of(self.vehicle)
+            first = data.rows[:1], data.inputs[:1]
+            trajectory(plant, _IDEAL, base, REST, MODELS[self.model], *first, self.longest)
+            self._is_ready = True
+        return on_all_cpus(simulate, numbers, sum(len(data.rows) for data in self.data))
 
     def _prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
         vehicle = self.vehicle_at(point)
@@ -209,7 +218,7 @@ class Problem:
             rows = self._rows(vehicle, plant_of(vehicle), point, each)
             return self._samples(each, rows, OUTPUTS)
 
-        return on_all_cpus(samples, [number], self.rows)[0]
+        return self._on_all_cpus(samples, [number])[0]
 
     def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
         """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
@@ -310,7 +319,7 @@ class Problem:
         def fill(k: int) -> None:
             slopes[k] = slope(k)
 
-        on_all_cpus(fill, range(count), self.rows)
+        self._on_all_cpus(fill, range(count))
         return np.moveaxis(slopes, 0, 2)
 
 
