@@ -25,6 +25,7 @@ COMMANDS = {
     "validate": "a vehicle's model against measurements",
     "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
+    "compile": "the machine code of all loops ahead of time: for container images and CI caches",
     "completion": "a script with which bash, zsh or fish complete flags and names",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }

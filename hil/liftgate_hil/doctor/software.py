@@ -11,7 +11,7 @@ from pathlib import Path
 from liftgate_hil.doctor.check import Check
 from liftgate_hil.version import PACKAGES
 
-WARM = "liftgate-hil --bus virtual:warm --duration 0.01 --quiet"
+WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
@@ -49,13 +49,13 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
         return Check(
             "compiled model",
             "warning",
-            f"cannot be kept, {folder} cannot be written: every start compiles it, 10 to 60 s",
+            f"cannot be kept, {folder} cannot be written: every start compiles it, 15 to 30 s",
             "set XDG_CACHE_HOME to a folder that this user may write",
         )
     return Check(
         "compiled model",
         "warning",
-        "not there yet: the first start compiles it, 10 to 60 s",
+        "not there yet: the first start compiles it, 15 to 30 s",
         f"{WARM} (once for this version, machine and user)",
     )
 
