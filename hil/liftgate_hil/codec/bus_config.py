@@ -280,7 +280,7 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
 def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
-    cycle_ms = options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0
+    cycle_ms = cycle_of(message, options)
     row = protection_row(message, options, tables.add_place, issues)
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {
@@ -291,6 +291,16 @@ def _message_row(
         "timeout_ns": round(options.timeout_cycles * cycle_ms * 1e6),
         **row,
     }
+
+
+def cycle_of(message: Message, options: MessageOptions) -> float:
+    """A message's cycle [ms]: the rig's, else the database's; 0: none."""
+    if options.cycle_ms is not None:
+        return options.cycle_ms
+    try:
+        return float(message.cycle_time or 0)
+    except (TypeError, ValueError, OverflowError):  # an attribute may be any text or number
+        return -1.0
 
 
 def needs_fd(message: Message) -> bool:

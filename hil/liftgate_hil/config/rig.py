@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, needs_fd
+from liftgate_hil.codec.bus_config import (
+    SignalMapping,
+    build_bus_config,
+    cycle_of,
+    needs_fd,
+)
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
@@ -71,8 +76,7 @@ class Rig:
     def command_cycle_ms(self) -> float:
         """Its cycle."""
         name = self.command_message()
-        given = self.options.get(name, MessageOptions()).cycle_ms
-        return float(given if given is not None else self.messages[name].cycle_time or 0)
+        return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
 
 def load_rig(path: Path) -> Rig:
@@ -90,13 +94,18 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     return rig_of_content(read_toml(path), path)
 
 
-def rig_of_content(raw: Table, path: Path) -> tuple[Rig, ConfigIssues]:
-    """The same of a file's content; `path` names it, and the database lies beside it."""
+def rig_of_content(
+    raw: Table, path: Path, messages: Mapping[str, Message] | None = None
+) -> tuple[Rig, ConfigIssues]:
+    """The same of a file's content; `path` names it, and the database lies beside it, with these messages where
+    they were read before.
+    """
     issues = ConfigIssues(str(path))
     known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
     database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
-    messages = load_messages(issues, database) if database else {}
+    if messages is None:
+        messages = load_messages(issues, database) if database else {}
     if not messages:
         return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
@@ -154,9 +163,9 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     cyclic = {wire.message for wire in rig.outputs}
     cyclic |= {wire.message for wire in rig.inputs if wire.quantity in COMMANDS}
     for name in sorted(cyclic | received):
-        given = rig.options.get(name, MessageOptions()).cycle_ms
-        told = rig.messages[name].cycle_time or 0
-        if given is not None:
+        own = rig.options.get(name, MessageOptions())
+        told = cycle_of(rig.messages[name], own)
+        if own.cycle_ms is not None:
             continue
         if not told and name in cyclic:
             issues.add(
@@ -166,7 +175,8 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
         elif not 0 <= told <= 60_000:
             issues.add(
                 f"messages.{name}.cycle_ms",
-                f"the database's GenMsgCycleTime is {show(told)}; allowed: up to 60000 ms",
+                f"the database's GenMsgCycleTime is {show(rig.messages[name].cycle_time)}; "
+                "allowed: up to 60000 ms",
             )
 
 

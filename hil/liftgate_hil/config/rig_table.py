@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
@@ -55,7 +55,7 @@ def _messages(
     for name in dict.fromkeys(wire.message for wire in wires):
         message, options = rig.messages[name], rig.options.get(name, MessageOptions())
         own = [wire for wire in wires if wire.message == name]
-        cycle = float(options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0)
+        cycle = max(0.0, cycle_of(message, options))
         is_stale = direction == "received" and any(wire.quantity not in PANEL for wire in own)
         yield MappedMessage(
             message=name,

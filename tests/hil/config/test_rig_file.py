@@ -95,6 +95,20 @@ def test_a_cycle_in_the_database_that_makes_no_sense_is_a_fault(tmp_path: Path, 
     assert load_rig(replaced).output_config().messages.cycle_ns.tolist() == [7_000_000]
 
 
+def test_a_cycle_that_is_a_text_is_a_number_or_a_fault(tmp_path: Path):
+    database = (
+        DATABASE.replace('"GenMsgCycleTime" INT 0 65535', '"GenMsgCycleTime" STRING')
+        .replace('"GenMsgCycleTime" 0;', '"GenMsgCycleTime" "";')
+        .replace("BO_ 256 20;", 'BO_ 256 "20";')
+        .replace("BO_ 2566844672 10;", 'BO_ 2566844672 "soon";')
+        .replace("BO_ 1024 10;", 'BO_ 1024 "10";')
+    )
+    (fault,) = faults_of(tmp_path, RIG, database)
+    assert "messages.Out.cycle_ms: the database's GenMsgCycleTime is 'soon'" in fault
+    given = write_rig(tmp_path, database, RIG + "[messages.Out]\ncycle_ms = 7\n")
+    assert load_rig(given).command_cycle_ms() == 20.0
+
+
 def test_the_rig_replaces_cycle_and_time_out(tmp_path: Path):
     text = (
         RIG + "[messages.Cmd]\ncycle_ms = 2.5\ntimeout_cycles = 4\n[messages.Out]\ncycle_ms = 7\n"

@@ -225,7 +225,7 @@ def _joined(quantity: str) -> str:
     return quantity.replace("_", "")
 
 
-def _fits(kind: Kind, own: set[str], said: set[str], signal: Signal) -> bool:
+def _fits(kind: Kind, own: frozenset[str], said: frozenset[str], signal: Signal) -> bool:
     """Whether name and length may be those of a kind."""
     if own & kind.avoids or not any(need <= said and need & own for need in kind.needs):
         return False

@@ -21,6 +21,7 @@ from liftgate_hil.signals import PANEL
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+_MOST = 12  # candidates of a quantity that are shown
 _WANTED = ("left_duty", "left_current", "gate_angle")  # without which an ECU hardly runs
 
 
@@ -86,7 +87,7 @@ def _by_side(found: Mapping[str, list[Candidate]]) -> dict[str, list[Candidate]]
 
 def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Line]:
     for quantity, candidates in found.items():
-        for candidate in candidates:
+        for candidate in candidates[:_MOST]:
             line = line_for(section, quantity, candidate)
             if candidate.sender:
                 line = line.withdrawn(f"sent by {candidate.sender}: only if it isn't there")
@@ -139,7 +140,7 @@ def _text(
         )
         parts += protection_lines(messages[name], is_cyclic, is_used=name in sure)
     text = "\n".join(parts) + "\n"
-    _, issues = rig_of_content(tomllib.loads(text), target)
+    _, issues = rig_of_content(tomllib.loads(text), target, messages)
     faults = {}
     for issue in issues.lines:
         key, _, reason = issue.removeprefix(f"{issues.source}: ").partition(": ")

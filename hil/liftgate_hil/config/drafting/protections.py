@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from liftgate_hil.codec.bus_config import cycle_of
 from liftgate_hil.codec.checksum import KINDS, PROFILES
+from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.drafting.candidates import is_protection
 from liftgate_hil.config.drafting.lines import quoted
 
@@ -20,8 +22,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
         if kind:
             parts[kind].append(signal)
     lines = []
-    has_cycle = message.cycle_time and 0 < message.cycle_time <= 60_000
-    if is_cyclic and not has_cycle:
+    if is_cyclic and not 0.0 < cycle_of(message, MessageOptions()) <= 60_000.0:
         lines.append(
             "# cycle_ms = 10                         # the database has none: to be filled in"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Collection, Iterable, Mapping
 
@@ -111,17 +112,21 @@ _PREFIX = re.compile(
 _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
-def words_of(name: str) -> list[str]:
+@functools.lru_cache(100_000)
+def words_of(name: str) -> tuple[str, ...]:
     """The words of a name, in small letters: MotCurrLH_1 is mot, curr, lh, 1; rPwmLe, a ratio, is pwm, le."""
     plain = _PREFIX.sub("", name.translate(_UMLAUTS))
-    return [part.lower() for part in _PART.findall(plain)]
+    return tuple(part.lower() for part in _PART.findall(plain))
 
 
-def concepts_in(name: str) -> set[str]:
+@functools.lru_cache(100_000)
+def concepts_in(name: str) -> frozenset[str]:
     """What a name speaks of."""
     words = words_of(name)
     whole = "".join(words)
-    return {concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole)}
+    return frozenset(
+        concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole)
+    )
 
 
 def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
@@ -136,7 +141,7 @@ def side_of(*names: str) -> str:
     for name in names:
         sides = concepts_in(name) & {"left", "right"}
         if len(sides) == 1:
-            return sides.pop()
+            return "".join(sides)
     return ""
 
 

@@ -1,0 +1,115 @@
+"""Whatever a database holds, a draft is TOML that loads but for what it asks for, or the database is refused."""
+
+from __future__ import annotations
+
+import logging
+import random
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.config.drafting.draft import draft_rig
+from liftgate_hil.config.drafting.words import concepts_in, named_values, side_of, words_of
+from liftgate_hil.config.rig import rig_of_content
+from liftgate_hil.errors import ConfigError
+
+FOLDER = Path(__file__).parents[1] / "foreign"
+SIGNS = '0123456789-+|@()[]",. MmZ:;xé%°_'
+NUMBERS = ("0", "1", "7", "8", "64", "-1", "1e9")
+
+
+@pytest.fixture(autouse=True)
+def _quiet() -> Iterator[None]:
+    logging.disable(logging.CRITICAL)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+def mangled(chance: random.Random, lines: list[str], words: list[str]) -> list[str]:
+    lines = list(lines)
+    for _ in range(chance.randint(1, 2)):
+        at = chance.randrange(len(lines))
+        line = lines[at]
+        kind = chance.randrange(4)
+        if kind == 0:
+            lines.insert(at, chance.choice(lines))
+        elif kind == 1 and line:
+            place = chance.randrange(len(line))
+            lines[at] = line[:place] + chance.choice(SIGNS) + line[place + 1 :]
+        elif kind == 2 and (digits := re.findall(r"\d+", line)):
+            lines[at] = line.replace(chance.choice(digits), chance.choice(NUMBERS), 1)
+        elif kind == 3 and (names := re.findall(r"\w+", line)):
+            lines[at] = line.replace(chance.choice(names), chance.choice(words), 1)
+    return lines
+
+
+def test_a_mangled_database_is_drafted_or_refused(tmp_path: Path):
+    texts = [path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.dbc"))]
+    words = [word for text in texts for word in re.findall(r"\w+", text)]
+    chance = random.Random(3)
+    path, target = tmp_path / "their.dbc", tmp_path / "rig.toml"
+    drafted = 0
+    for turn in range(400):
+        lines = mangled(chance, texts[turn % len(texts)].splitlines(), words)
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        try:
+            draft = draft_rig(path, target)
+        except ConfigError:
+            continue
+        drafted += 1
+        _, issues = rig_of_content(tomllib.loads(draft.text), target)
+        told = {key for key, _ in draft.open}
+        for issue in issues.lines:
+            assert issue.removeprefix(f"{target}: ").partition(": ")[0] in told, issue
+    assert drafted > 100
+
+
+def test_a_database_of_a_whole_car_takes_no_longer_than_reading_it(tmp_path: Path):
+    lines = ['VERSION ""', "BS_:", "BU_: A B"]
+    for i in range(1500):
+        lines.append(f"BO_ {i + 1} Message{i}: 8 {'AB'[i % 2]}")
+        for k, name in enumerate(("MotorCurrentLeft", "Speed", "Temp", "Status")):
+            lines.append(f' SG_ {name}{i} : {16 * k}|16@1- (0.1,0) [0|0] "A" B')
+    path = tmp_path / "car.dbc"
+    path.write_text("\n".join(lines) + "\n")
+    draft = draft_rig(path, tmp_path / "rig.toml")
+    assert "one of 1500 that may be it" in draft.text
+    assert len(draft.text) < 10_000
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("GatewayStatus", set()),
+        ("ClockTime", set()),
+        ("CheckValue", set()),
+        ("HKL_MotStromHL", {"gate", "motor", "current", "left"}),
+        ("rPwmLe", {"duty", "left"}),
+        ("lPosRi", {"position", "count", "right"}),
+        ("Öffnungswinkel", {"angle"}),
+    ],
+)
+def test_names_say_what_they_say_and_no_more(name: str, said: set[str]):
+    assert concepts_in(name) >= said
+    assert not concepts_in(name) & ({"gate", "latch", "left", "right"} - said)
+
+
+def test_names_fall_into_words():
+    assert words_of("MotCurrLH_1") == ("mot", "curr", "lh", "1")
+    assert side_of("Current", "LeftDrive") == "left"
+    assert side_of("LeftRight", "Both") == ""
+
+
+def test_labels_that_two_of_ours_may_mean_are_nobodys():
+    assert named_values("direction", {0: "Stop", 1: "Auf", 2: "Zu"}) == {
+        "open": "Auf",
+        "close": "Zu",
+    }
+    assert named_values("direction", {0: "Off", 1: "Idle", 2: "Open"}) == {"open": "Open"}
+    assert named_values("latch_state", {0: "Unlatched", 1: "Half_Latched", 2: "Latched"}) == {
+        "open": "Unlatched",
+        "latched": "Latched",
+    }
