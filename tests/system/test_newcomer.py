@@ -206,6 +206,16 @@ def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], prote
     assert "frames sent" in out
 
 
+def test_a_first_rig_is_drafted_and_checked(folder: Path) -> None:
+    drafted = readme.fresh_folder(folder / "draft")
+    (drafted / "theirs.dbc").write_text(THEIR_DBC)
+    run("liftgate-hil rig draft theirs.dbc --output first.toml", drafted)
+    assert "[outputs]" in (drafted / "first.toml").read_text()
+    # What the database leaves open is commented out, with the reason: direction and cycle.
+    out = run("liftgate-hil rig check first.toml --vehicle compact", drafted, codes=(2,))
+    assert "left_current  I_L  [mA] -> [A]" in out
+
+
 # A serial line.
 
 

@@ -34,20 +34,21 @@ def script(shell: str) -> str:
     from liftgate_hil.cli.main import whole_parser
 
     root = whole_parser()
-    for parser in (root, *_subparsers(root)):
+    for parser in _with_subparsers(root):
         for action in parser._actions:
             _describe(action)
     return shtab.complete(root, shell)
 
 
-def _subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
-    """Those of its subcommands."""
-    return [
+def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """Itself, and those of its subcommands and of theirs."""
+    children = [
         child
         for action in parser._actions
         if isinstance(action, argparse._SubParsersAction)
         for child in action.choices.values()
     ]
+    return [parser, *(each for child in children for each in _with_subparsers(child))]
 
 
 def _describe(action: argparse.Action) -> None:

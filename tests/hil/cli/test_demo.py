@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import signal
@@ -231,9 +232,14 @@ def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixt
 
 
 @c_ecu.needs_compiler
-def test_a_c_library_passes_too(folder: Path, tmp_path: Path) -> None:
+def test_a_c_library_passes_too_and_is_among_the_sources(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     library = c_ecu.build_library(tmp_path)
-    assert demo("--ecu", str(library), "--no-record") == 0
+    assert demo("--ecu", str(library), "--no-record", "--json") == 0
+    source = json.loads(capsys.readouterr().out)["provenance"]["sources"]["ecu"]
+    assert source["path"] == str(library)
+    assert source["sha256"] == hashlib.sha256(library.read_bytes()).hexdigest()
 
 
 @needs_compiler
