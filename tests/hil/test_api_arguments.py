@@ -162,7 +162,7 @@ def test_the_same_is_told_before_a_librarys_process_is_started(
         (lambda gate: gate.send(odd(arbitration_id="7")), "`send` .*; allowed: whole numbers for"),
         (lambda gate: gate.send(odd(is_remote_frame=True, dlc=-5)), "`send` .*; allowed: up to 8 bytes"),
         (lambda gate: gate.send(odd(is_remote_frame=True, dlc=10**400)), "`send` .*; allowed: up to 8"),
-        (lambda gate: gate.send(odd(dlc="8")), "`send` .*; allowed: whole numbers for"),
+        (lambda gate: gate.send(odd(is_remote_frame=True, dlc="8")), "`send` .*; allowed: whole numbers for"),
         (lambda gate: gate.send(odd(data=5)), "`send` .*; allowed: .* and bytes"),
         (lambda gate: gate.send(odd(data=[1, 2])), "`send` .*; allowed: .* and bytes"),
         (lambda gate: gate.step(True), "`step` True: allowed: above 0"),
