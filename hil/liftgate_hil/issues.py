@@ -40,6 +40,11 @@ class ConfigIssues:
         """Nothing more is told of a key: what is wrong with its value is told elsewhere."""
         self._settled.add(key)
 
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.lines) + self.untold
+
     def raise_if_any(self) -> None:
         """Raise ConfigError with all that was noted."""
         if self.untold:

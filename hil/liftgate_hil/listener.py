@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple
+
+
+class Status(NamedTuple):
+    """Where a run is."""
+
+    time_s: float  # model time
+    angle_deg: float  # of the gate
+    left_current_a: float
+    right_current_a: float
+    command_age_s: float | None  # None: there is none
+    sent: int  # frames
+    accepted: int  # frames
+    refused: int  # frames
+    overruns: int  # periods skipped
 
 
 class Listener:
     """Is told how a run goes; this one keeps it to itself. It is pickled where a worker process runs."""
 
     def say(self, text: str) -> None:
-        """What happens to the link, and what the machine does not give."""
+        """What happens to the link, what is waited for or refused, and what the machine does not give."""
 
-    def starts(self, entry: Callable[..., Any], what: str) -> None:
-        """What is about to run, and its entry point, which may have to be compiled first."""
+    def starts(self, what: str) -> None:
+        """What is about to run."""
+
+    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
+        """What the ECU tells, and where the gate is when that is noticed."""
+
+    def status(self, status: Status) -> None:
+        """Where it is, a few times a second."""
+
+    def compiles(self, name: str, seconds: float) -> None:
+        """Many times a second: it waits for machine code, for so long already."""
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """That is over."""

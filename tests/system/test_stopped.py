@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -145,10 +146,49 @@ def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
 def test_an_interrupt_while_it_starts_leaves_no_traceback(
     tmp_path: Path, command: list[str]
 ) -> None:
-    for tenths in (1, 2, 4):
-        with process(tmp_path, *command) as child:
-            time.sleep(0.1 * tenths)
+    # What comes before is Python's own start, in which nobody can help it.
+    code = (
+        "import signal, sys\n"
+        "from liftgate_hil.__main__ import main\n"
+        "signal.signal(signal.SIGINT, signal.SIG_DFL)\n"
+        f"sys.argv[1:] = {command!r}\n"
+        "print('begun', flush=True)\n"
+        "sys.exit(main())"
+    )
+    for delay in (0.0, 0.05, 0.1, 0.2, 0.4):
+        with subprocess.Popen(
+            [sys.executable, "-P", "-c", code], cwd=tmp_path,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        ) as child:  # fmt: skip
+            assert child.stdout is not None
+            assert child.stdout.readline() == "begun\n"
+            time.sleep(delay)
             child.send_signal(signal.SIGINT)
             _, error = child.communicate(timeout=PATIENCE)
         assert "Traceback" not in error
         assert "ignored" not in error
+
+
+def children_of(number: int) -> list[int]:
+    text = Path(f"/proc/{number}/task/{number}/children").read_text()
+    return [int(each) for each in text.split()]
+
+
+def test_the_ecus_process_ends_with_one_that_is_killed(tmp_path: Path) -> None:
+    bus = f"udp_multicast:239.76.{os.getpid() % 250}.1"
+    (tmp_path / "theirs.py").write_text("class Ecu:\n    def step(self, now_s, frames): pass\n")
+    with process(tmp_path, "--bus", bus, "--ecu", "theirs:Ecu", "--overrun-limit", "3600") as child:
+        assert child.stderr is not None
+        assert any("suv on" in line for line in child.stderr), "it did not come so far"
+        (ecu,) = children_of(child.pid)
+        child.kill()
+        deadline = time.monotonic() + PATIENCE
+        while is_alive(ecu):
+            assert time.monotonic() < deadline, "its ECU drives on"
+            time.sleep(0.05)
+
+
+def is_alive(number: int) -> bool:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False

@@ -6,6 +6,7 @@ The reference ECU does what the scenario's [[request]] tables ask (default: the 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import sys
 import time
@@ -16,10 +17,14 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
     from liftgate_hil.stimuli.requests import Request
+
+
+_PATIENCE_NS = 2_000_000_000  # without a word from the gate, until it says that it waits
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,8 +52,11 @@ def run(args: argparse.Namespace) -> int:
     """The command."""
     stop = StopSignals()
     from liftgate_hil import session
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.ecu.find import adapter_for, is_library
     from liftgate_hil.errors import EcuError
+    from liftgate_plant.compiler import GivenUpError
 
     if args.ecu == "bus":
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
@@ -56,16 +64,26 @@ def run(args: argparse.Namespace) -> int:
         stop.end_machine_code()
     scenario = session.scenario_from(args.scenario)
     rig = session.rig_of(args.rig, scenario)
+    teller = Teller(args.quiet)
     try:
-        with adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter:
-            _drive(args, rig, scenario, adapter, stop)
+        with (
+            contextlib.suppress(GivenUpError),
+            told_of_compiling(teller, stop),
+            adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter,
+        ):
+            _drive(args, rig, scenario, adapter, stop, teller)
     except EcuError as error:
         raise stop.failure(str(error)) from error
     return 0
 
 
 def _drive(
-    args: argparse.Namespace, rig: Rig, scenario: Scenario, adapter: Adapter, stop: StopSignals
+    args: argparse.Namespace,
+    rig: Rig,
+    scenario: Scenario,
+    adapter: Adapter,
+    stop: StopSignals,
+    teller: Teller,
 ) -> None:
     """Until it is stopped, or the time is over."""
     from liftgate_hil.ecu.peer import Peer
@@ -78,7 +96,7 @@ def _drive(
         _ask_for_priority(args)
     peer = Peer(adapter, transport, requests)
     start = time.monotonic_ns()
-    told = 0
+    told, waits = 0, False
     try:
         while not stop():
             now = time.monotonic_ns() - start
@@ -88,10 +106,14 @@ def _drive(
             if duration is not None and spent * 1e-9 >= duration:
                 break
             for event in adapter.events(told):
-                if not args.quiet:
-                    text = f"ecu {event.time:7.3f} s  {event.text}"
-                    print(text, file=sys.stderr, flush=True)
+                teller.say(f"ecu {event.time:7.3f} s  {event.text}")
                 told += 1
+            if peer.has_heard_the_gate:
+                waits = True
+            elif not waits and now > _PATIENCE_NS:
+                gates = ", ".join(dict.fromkeys(wire.message for wire in rig.outputs))
+                teller.say(f"waits for the gate: {gates}")
+                waits = True
             time.sleep(0.001)
     finally:
         peer.finish()
@@ -101,8 +123,8 @@ def _drive(
             for name, count in transport.counts()._asdict().items()
             if count
         ]
-        if faults and not args.quiet:
-            print(f"link: {', '.join(faults)}", file=sys.stderr, flush=True)
+        if faults:
+            teller.say(f"link: {', '.join(faults)}")
 
 
 def _ask_for_priority(args: argparse.Namespace) -> None:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import math
 import re
-import sys
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
     from liftgate_hil.identify.data import Data
     from liftgate_hil.identify.problem import Problem, Sought
     from liftgate_hil.measurement.measurement import Measurement
+    from liftgate_hil.report.provenance import Provenance
     from liftgate_plant.vehicle import Vehicle
 
 MODEL_NAMES = ("full", "third-order", "second-order")
@@ -84,7 +87,9 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
+    from liftgate_hil.compiling import watcher_for
     from liftgate_hil.identify.problem import Problem
+    from liftgate_plant import compiler
 
     measurements = measurements_from(args, vehicle, model != "full")
     angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
@@ -94,7 +99,7 @@ def problem_of(
     ]
     data = _thinned(data, args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
-    tell_of_compiling(args.quiet)
+    compiler.watch(watcher_for(Teller(args.quiet)))
     try:
         problem = Problem(
             vehicle,
@@ -145,8 +150,29 @@ def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -
     return result
 
 
+def origin_of(args: argparse.Namespace) -> Provenance:
+    """What the result of these flags is made from, as the files are now."""
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.config.sources import sources_of
+    from liftgate_hil.measurement.read import needs_rig
+    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.session import rig_from
+
+    files = {f"measurement {k + 1}": Path(name) for k, name in enumerate(args.files)}
+    files |= {f"map {k + 1}": Path(name) for k, name in enumerate(args.maps)}
+    if getattr(args, "parameters", None):
+        files["parameters"] = Path(args.parameters)
+    with contextlib.suppress(ConfigError):  # told where it is needed
+        files["vehicle"] = find_config("vehicles", args.vehicle)
+        if any(needs_rig(Path(name), {}) for name in args.files):
+            rig = rig_from(args.rig)
+            files |= {"rig": Path(rig.source), "dbc": rig.database}
+    return provenance_of(args.command_line, sources_of(files))
+
+
 def deliver(
     args: argparse.Namespace,
+    provenance: Provenance,
     content: Mapping[str, Any],
     text: Callable[[], str],
     page: Callable[[], str],
@@ -155,6 +181,7 @@ def deliver(
     from liftgate_hil.report.files import write_report
     from liftgate_hil.report.json_result import write_json
 
+    content = {**content, "provenance": provenance.as_dict()}
     if args.json:
         print(json.dumps(content, allow_nan=False))
     elif not args.quiet:
@@ -230,15 +257,6 @@ def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
 
 def _measured_kinds(measured: set[str]) -> str:
     return ", ".join(kind for kind, names in KINDS.items() if measured.intersection(names))
-
-
-def tell_of_compiling(quiet: bool) -> None:
-    """The first run on a machine compiles for some seconds: say so."""
-    from liftgate_hil.identify.trajectory import run
-    from liftgate_plant import compiler
-
-    if not quiet and not compiler.is_cached(run):
-        print("compiling the model (once for this version and machine) …", file=sys.stderr)
 
 
 def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from liftgate_hil.cli import stopping, streams
@@ -20,7 +23,9 @@ COMMANDS = {
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment tells most",
     "validate": "a vehicle's model against measurements",
+    "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
+    "completion": "a script with which bash, zsh or fish complete flags and names",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
@@ -58,8 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         streams.abandon(sys.stdout)
         return 1
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        code, fault = 1, streams.written() or f"{where}{error.strerror or error}"
+        code, fault = 1, streams.written() or _fault_of(error)
     except MemoryError:
         code, fault = 1, "not enough memory"
     if fault:
@@ -82,11 +86,11 @@ def _command(argv: Sequence[str] | None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
-    module.add_arguments(parser)
+    _add_arguments(parser, module)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
     args = parser.parse_args(arguments)
+    args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
     try:
         return int(module.run(args))
     except ConfigError as error:
@@ -99,6 +103,32 @@ def _command(argv: Sequence[str] | None) -> int:
         return error.exit_code if isinstance(error, stopping.StoppedError) else 1
     except KeyboardInterrupt:  # before there was anything to end in order
         return 130
+
+
+def _fault_of(error: OSError) -> str:
+    """What the system refused, on one line."""
+    if error.errno in (errno.EMFILE, errno.ENFILE):  # whichever file it was that came last
+        return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
+
+
+def whole_parser() -> Parser:
+    """All subcommands and flags as one parser; `main` loads only that of the one it is asked for."""
+    root = Parser(prog="liftgate-hil")
+    subcommands = root.add_subparsers()
+    for name, text in COMMANDS.items():
+        module = importlib.import_module(f"liftgate_hil.cli.{name}")
+        _add_arguments(subcommands.add_parser(name, help=text), module)
+        if name == "run":
+            _add_arguments(root, module)
+    return root
+
+
+def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """The flags of a subcommand's file, and `--version`."""
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
+    module.add_arguments(parser)
 
 
 def _overview() -> str:

@@ -1,4 +1,4 @@
-"""The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, CSV or MF4 out.
+"""The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, a table out.
 
 It starts unlatched and at rest. A sample of the input holds from its time until the next one.
 """
@@ -6,18 +6,22 @@ It starts unlatched and at rest. A sample of the input holds from its time until
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from liftgate_hil.recording.content import Content
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
@@ -61,27 +65,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write every N-th step; default: 1",
     )
     parser.add_argument(
-        "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
+        "--output",
+        default="-",
+        metavar="FILE",
+        help=".csv, .parquet or .mf4; default: CSV to stdout",
     )
 
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
     stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
-    from liftgate_hil.recording.rows import check_output, write_rows
+    from liftgate_hil.recording.content import Content
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
+    from liftgate_plant.compiler import GivenUpError
     from liftgate_plant.dynamics import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
-    check_output(args.output)
-    if args.output == "-" and sys.stdout is None:
-        raise ConfigError("`output` -: stdout is closed; allowed: a file")
+    output = _output_of(args.output)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
     samples = constant_voltage(args.voltage or 0.0)
@@ -106,7 +114,9 @@ def run(args: argparse.Namespace) -> int:
     state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
-    write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
+    content = Content(columns_of(vehicle.drives, offline=True), title="liftgate-hil simulate")
+    with told_of_compiling(Teller(is_quiet=False), stopped), contextlib.suppress(GivenUpError):
+        _write(output, content, whole)
     return stopped.exit_code if stopped() else 0
 
 
@@ -128,3 +138,44 @@ def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
             f"{row + 1}; allowed: up to {_MOST_SECONDS:g} s and {_MOST_ROWS:g} rows, or as long as `duration` says"
         )
     return length
+
+
+def _output_of(name: str) -> Path | None:
+    """The file to write; None: stdout. Raises ConfigError."""
+    from liftgate_hil.recording.open import TABLES, check_file
+
+    if name != "-":
+        return check_file("output", name, TABLES)
+    if sys.stdout is None:
+        raise ConfigError("`output` -: stdout is closed; allowed: a file")
+    return None
+
+
+def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:
+    """Write all rows, until that fails. Raises ConfigError, RecordingError."""
+    from liftgate_hil.recording.csv_file import CsvRecorder
+    from liftgate_hil.recording.guarded import raise_failures
+    from liftgate_hil.recording.open import open_recorder
+    from liftgate_hil.recording.target import why
+
+    if output is None:
+        try:
+            table = CsvRecorder(sys.stdout.buffer, content)
+            for rows in blocks:
+                table.write_rows(rows)
+            table.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise RecordingError(f"`output` -: {why(error)}") from error
+        return
+    recorder = open_recorder(output, content, argument="output", is_salvaged=False)
+    try:
+        recorder.begin(0)
+        for rows in blocks:
+            recorder.write_rows(rows)
+            if recorder.failure:
+                break
+    finally:
+        recorder.close()
+    raise_failures([recorder])

@@ -1,34 +1,111 @@
-"""Where progress, and what happens to the link, is told: stderr."""
+"""Where progress, and what happens, is told: stderr; on a terminal with a line that says where the run is."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
-from liftgate_hil.listener import Listener
+from liftgate_hil.cli.options import as_flags
+from liftgate_hil.listener import Listener, Status
 
 
-@dataclass(frozen=True)
 class Teller(Listener):
     """Unless it is to be quiet. With the summary as JSON only what goes wrong is told beside it."""
 
-    is_quiet: bool
-    is_json: bool
-    how: str  # rate and clock
+    def __init__(self, is_quiet: bool, is_json: bool = False, how: str = "") -> None:
+        self._is_quiet = is_quiet
+        self._is_json = is_json
+        self._how = how  # rate and clock
+        self._line = ""  # that stands on the terminal
+        self._compiling = False
 
     def say(self, text: str) -> None:
         """See Listener."""
-        if not self.is_quiet:
-            print(text, file=sys.stderr, flush=True)
+        if not self._is_quiet:
+            self._print(as_flags(text))
 
-    def starts(self, entry: Callable[..., Any], what: str) -> None:
+    def starts(self, what: str) -> None:
         """See Listener."""
-        from liftgate_plant import compiler
+        if not self._is_json:
+            self.say(f"{what}, {self._how}" if self._how else what)
 
-        if self.is_json:
+    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
+        """See Listener."""
+        if not self._is_json:
+            self.say(f"{time_s:9.3f} s  {angle_deg:6.2f} deg  {text}")
+
+    def status(self, status: Status) -> None:
+        """See Listener."""
+        self._draw(line_of(status))
+
+    def compiles(self, name: str, seconds: float) -> None:
+        """See Listener."""
+        if self._is_json or self._is_quiet:
             return
-        if not compiler.is_cached(entry):
-            self.say("compiling the model (once for this version and machine) …")
-        self.say(f"{what}, {self.how}")
+        if self._on_terminal():
+            self._draw(f"{name}, once for this version and machine: {seconds:.0f} s")
+        elif not self._compiling:
+            self._print(f"{name}, once for this version and machine …")
+        self._compiling = True
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """See Listener."""
+        self.clear()
+        if self._compiling and not self._on_terminal():
+            self._print(f"ready after {seconds:.1f} s")
+        self._compiling = False
+
+    def clear(self) -> None:
+        """Leave the line empty for what is printed next."""
+        self._draw("")
+
+    def _on_terminal(self) -> bool:
+        stream = sys.stderr
+        return stream is not None and not self._is_quiet and not self._is_json and stream.isatty()
+
+    def _draw(self, line: str) -> None:
+        """Rewrite the line, if there is a terminal for it."""
+        if line == self._line or not self._on_terminal():
+            return
+        with contextlib.suppress(OSError):  # the terminal is gone; the run need not be
+            width = _columns()
+            sys.stderr.write(f"\r{line[:width]}\x1b[K")
+            sys.stderr.flush()
+        self._line = line
+
+    def _print(self, text: str) -> None:
+        line = self._line
+        self.clear()
+        with contextlib.suppress(OSError, AttributeError):  # closed, or none at all
+            print(text, file=sys.stderr, flush=True)
+        self._draw(line)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_line": "", "_compiling": False}
+
+
+def line_of(status: Status) -> str:
+    """A status in a line."""
+    age = status.command_age_s
+    parts = [
+        f"{status.time_s:8.1f} s",
+        f"{status.angle_deg:6.2f} deg",
+        f"{status.left_current_a:6.2f} A {status.right_current_a:6.2f} A",
+        "no command" if age is None else f"command {1e3 * age:.0f} ms ago",
+        f"sent {status.sent}",
+        f"received {status.accepted}",
+    ]
+    if status.refused:
+        parts.append(f"refused {status.refused}")
+    if status.overruns:
+        parts.append(f"missed {status.overruns}")
+    return "  ".join(parts)
+
+
+def _columns() -> int:
+    """Of the terminal, less one: a full line would wrap."""
+    with contextlib.suppress(OSError, ValueError):
+        return max(20, os.get_terminal_size(sys.stderr.fileno()).columns - 1)
+    return 79

@@ -23,6 +23,7 @@ from liftgate_hil.errors import ConfigError, EcuError
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
+    from liftgate_hil.listener import Listener
     from liftgate_hil.runs import Job, Parts, Result
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
@@ -40,7 +41,8 @@ def run_loop(
     """
     from liftgate_hil import runs
 
-    job = _job_of(args, has_wire, trace)
+    teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
+    job = _job_of(args, has_wire, trace, teller)
     parts = runs.resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
     try:
@@ -50,6 +52,8 @@ def run_loop(
             result = _with_process(args, job, parts, stopped)
     except EcuError as error:  # it could not be made, or its process failed
         raise stopped.failure(str(error)) from error
+    finally:
+        teller.clear()
     if result.reason:
         raise stopped.failure(result.reason)
     return result
@@ -59,7 +63,7 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
     """With the ECU in a second process on the same bus. Raises LiftgateError."""
     from liftgate_hil import runs
 
-    with _ecu_process(args, parts.setup.vehicle.drives) as child:
+    with _ecu_process(args, parts.setup.vehicle.drives, job.listener) as child:
         result = runs.execute(
             replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
         )
@@ -67,7 +71,7 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
     return result if result.reason else replace(result, events=events)
 
 
-def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
+def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
     from liftgate_hil.runs import Job
 
     return Job(
@@ -81,12 +85,12 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int) -> Job:
         wire=options.wire_choice(args) if has_wire else None,
         options=options.run_options(args),
         trace=trace,
-        listener=Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}"),
+        listener=teller,
     )
 
 
 @contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
+def _ecu_process(args: argparse.Namespace, drives: int, teller: Listener) -> Iterator[EcuProcess]:
     """`liftgate-hil ecu` on the same bus; ended with this process."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(drives), "--ecu", args.ecu]
@@ -97,7 +101,7 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
     command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = EcuProcess(command, args.quiet, has_to_tell=args.ecu == "reference")
+    child = EcuProcess(command, teller, has_to_tell=args.ecu == "reference")
     try:
         yield child
     finally:
@@ -107,7 +111,7 @@ def _ecu_process(args: argparse.Namespace, drives: int) -> Iterator[EcuProcess]:
 class EcuProcess:
     """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
-    def __init__(self, command: list[str], is_quiet: bool, has_to_tell: bool) -> None:
+    def __init__(self, command: list[str], teller: Listener, has_to_tell: bool) -> None:
         prctl = ctypes.CDLL(None).prctl
         self._process = subprocess.Popen(
             command,
@@ -117,7 +121,7 @@ class EcuProcess:
             # This process may be killed; no thread runs in it yet.
             preexec_fn=functools.partial(prctl, _PDEATHSIG, signal.SIGTERM, 0, 0, 0),  # noqa: PLW1509
         )
-        self._is_quiet = is_quiet
+        self._teller = teller
         self._has_to_tell = has_to_tell
         self._events: list[Event] = []
         self._others: collections.deque[str] = collections.deque(maxlen=20)
@@ -133,11 +137,10 @@ class EcuProcess:
             match = _EVENT.match(line)
             if match:
                 self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
+                self._teller.say(line.rstrip())
                 continue
             self._others.append(line.strip())
-            if not self._is_quiet:
-                with contextlib.suppress(OSError):  # the pipe is read to its end whoever listens
-                    print(line, end="", file=sys.stderr, flush=True)
+            self._teller.say(line.rstrip())
 
     def has_failed(self) -> bool:
         """Whether it ended with an error."""

@@ -30,8 +30,8 @@ class SignalMapping:
     """One mapped signal: quantity = scale · physical value + offset, or a value each by name.
 
     The rest says where that comes from: `basis` is "unit" (of the signal, `unit`), "rig" (its scale and offset),
-    "labels" (of the database) or "values" (of the rig). With `saturates` the rig means the signal to stay at the
-    ends of its range.
+    "labels" (of the database), "values" (of the rig), or "unknown". With `saturates` the rig means the signal to
+    stay at the ends of its range.
     """
 
     quantity: str

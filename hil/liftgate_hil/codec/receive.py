@@ -6,7 +6,7 @@ message that never came, or went stale, are NaN.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,20 @@ from liftgate_hil.codec.bits import extract, place_at, read_number
 from liftgate_hil.codec.checksum import checksum, checksum_in
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
+from liftgate_hil.codec.refusals import (
+    ACCEPTED,
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+    ERROR_FRAME,
+    FOREIGN,
+    OUT_OF_RANGE,
+    REMOTE_FRAME,
+    UNQUALIFIED,
+    WRONG_LENGTH,
+    no_refusals,
+    note_evidence,
+    note_outcome,
+)
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable
 
@@ -36,20 +50,6 @@ class Counts(NamedTuple):
 
 NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
-# Causes, in the order of Counts' fields.
-(
-    ACCEPTED,
-    FOREIGN,
-    ERROR_FRAME,
-    REMOTE_FRAME,
-    WRONG_LENGTH,
-    OUT_OF_RANGE,
-    BAD_CHECKSUM,
-    BAD_COUNTER,
-    UNQUALIFIED,
-) = range(9)
-
-
 _NEVER = 2**62
 
 
@@ -62,6 +62,7 @@ class Reception(NamedTuple):
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
     stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
     read: NDArray[np.float64]  # per signal: of the frame in hand
+    refusals: Any  # (9,) refusals.REFUSAL
 
 
 def nothing_received(bus: BusConfig, quantities: int) -> Reception:
@@ -74,6 +75,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
         np.full(1, _NEVER, dtype=np.int64),
         np.full(len(bus.signals), np.nan),
+        no_refusals(),
     )
 
 
@@ -95,11 +97,18 @@ def find_message(bus: BusConfig, identifier: int) -> int:
 
 
 @compilable
+def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
+    """A signal's value in the database's unit."""
+    signal = bus.signals[row]
+    raw = read_number(data, frame, place_at(bus.places, signal.place))
+    return float(raw * signal.factor + signal.offset)
+
+
+@compilable
 def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
     """A signal's value in our unit; NaN where it is not allowed."""
     signal = bus.signals[row]
-    raw = read_number(data, frame, place_at(bus.places, signal.place))
-    physical = raw * signal.factor + signal.offset
+    physical = physical_of(bus, row, data, frame)
     if not (signal.low <= physical <= signal.high):
         return np.nan
     value = signal.scale * physical + signal.bias
@@ -151,10 +160,12 @@ def check(
     counter = 0
     if table.counter >= 0:
         counter = counter_of(bus, message, frames.data, frame)
-    if table.kind and (
-        checksum_in(table, frames.data, frame) != checksum(table, counter, frames.data, frame)
-        or not nibble_fits(bus, message, frames.data, frame)
-    ):
+    found = expected = 0
+    if table.kind:
+        found = checksum_in(table, frames.data, frame)
+        expected = checksum(table, counter, frames.data, frame)
+    if found != expected or (table.kind and not nibble_fits(bus, message, frames.data, frame)):
+        note_evidence(current.refusals, BAD_CHECKSUM, -1, float(found), float(expected))
         if table.window > 0:
             check_state.next_state(table, memory, check_state.BAD_SUM)
         return BAD_CHECKSUM, 0
@@ -172,6 +183,8 @@ def check(
     if table.window > 0:
         state = check_state.next_state(table, memory, status)
     if status in (check_state.REPEATED, check_state.WRONG):
+        wanted = (last + 1) % table.modulus
+        note_evidence(current.refusals, BAD_COUNTER, -1, float(counter), float(wanted))
         return BAD_COUNTER, 0
     lost = check_state.missing(last, counter, table.modulus) if last >= 0 else 0
     if state != check_state.VALID or status == check_state.SYNCHRONISING:
@@ -200,7 +213,9 @@ def judge(
     if identifier & REMOTE:
         return REMOTE_FRAME, message, 0
     table = bus.messages[message]
-    if frames.lengths[frame] != table.length:
+    length = frames.lengths[frame]
+    if length != table.length:
+        note_evidence(current.refusals, WRONG_LENGTH, -1, float(length), float(table.length))
         return WRONG_LENGTH, message, 0
     cause, lost = check(bus, current, message, frames, frame, now_ns)
     if cause == ACCEPTED:
@@ -209,6 +224,8 @@ def judge(
             if selected(bus, row, frames.data, frame):
                 read[row] = quantity_of(bus, row, frames.data, frame)
                 if np.isnan(read[row]):
+                    value = physical_of(bus, row, frames.data, frame)
+                    note_evidence(current.refusals, OUT_OF_RANGE, row, value, np.nan)
                     return OUT_OF_RANGE, message, lost
     return cause, message, lost
 
@@ -249,6 +266,7 @@ def receive(
     for frame in range(frames.count):
         cause, message, lost = judge(bus, reception, frames, frame, now_ns, reception.read)
         counts = counted(counts, cause, lost)
+        note_outcome(reception.refusals, cause, message, now_ns)
         if cause == ACCEPTED:
             take(bus, reception, message, reception.read)
             reception.seen_ns[message] = now_ns

@@ -55,3 +55,12 @@ def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{called or path}: cannot be read: {error.strerror}") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """A new file. Raises ConfigError."""
+    try:
+        with path.open("x", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error

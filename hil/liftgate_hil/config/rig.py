@@ -15,7 +15,7 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import find_database, load_messages
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.signal_mapping import signal_mappings
-from liftgate_hil.config.toml import known_keys, number, read_toml, show
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
@@ -77,14 +77,28 @@ class Rig:
 
 def load_rig(path: Path) -> Rig:
     """The rig of a file. Raises ConfigError with all faults of the file."""
-    raw = read_toml(path)
+    rig, issues = read_rig(path)
+    issues.raise_if_any()
+    return rig
+
+
+def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
+    """The rig of a file, as far as it can be made out, and what is wrong with it.
+
+    Raises ConfigError where the file is not TOML.
+    """
+    return rig_of_content(read_toml(path), path)
+
+
+def rig_of_content(raw: Table, path: Path) -> tuple[Rig, ConfigIssues]:
+    """The same of a file's content; `path` names it, and the database lies beside it."""
     issues = ConfigIssues(str(path))
     known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
     database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
     messages = load_messages(issues, database) if database else {}
     if not messages:
-        issues.raise_if_any()
+        return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
     options = message_options(issues, raw, messages)
@@ -99,12 +113,11 @@ def load_rig(path: Path) -> Rig:
         str(path),
     )
     _check_whole(issues, rig)
-    issues.raise_if_any()
     for make in (rig.input_config, rig.output_config):
-        with _collecting(issues):
-            make()
-    issues.raise_if_any()
-    return rig
+        if not issues.lines:
+            with _collecting(issues):
+                make()
+    return rig, issues
 
 
 @contextlib.contextmanager
@@ -121,7 +134,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
     if "left_duty" not in mapped:
         issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
     for wire in rig.inputs:
-        if wire.quantity.endswith("_duty"):
+        if wire.quantity.endswith("_duty") and wire.basis != "unknown":
             _check_duty(issues, rig, wire, mapped)
     received = {wire.message for wire in rig.inputs}
     for wire in rig.outputs:
@@ -163,9 +176,9 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
     low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
     if direction not in mapped and not low < 0.0 < high:
         issues.add(
-            f"inputs.{wire.quantity}",
-            f"{wire.message}.{wire.signal} is {low:g} to {high:g} %, so the motor turns one way only; allowed: a "
-            f"signed signal, an offset, or {direction}",
+            f"inputs.{direction}",
+            f"missing, and {wire.message}.{wire.signal} is {low:g} to {high:g} %, so the motor turns one way "
+            f"only; allowed: a signal with the direction, or a {wire.quantity} that is signed",
         )
 
 

@@ -118,7 +118,8 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
     """What is worth knowing before a run; a line each."""
     notes = []
     for wire, expected, held in _ranged(rig, vehicle):
-        if not _holds(held, expected.lowest, expected.highest):
+        is_refused = not _holds(held, expected.low, expected.high)
+        if not is_refused and not _holds(held, expected.lowest, expected.highest):
             unit = BUS_OUTPUTS[wire.quantity].unit
             notes.append(
                 f"{rig.source}: outputs.{wire.quantity}: {wire.message}.{wire.signal} holds "
@@ -163,7 +164,7 @@ def _ranged(
     for wire in rig.outputs:
         name = wire.quantity
         wanted = expected.get(name, expected.get(name.removeprefix("true_")))
-        if wanted is None or wire.saturates:
+        if wanted is None or wire.saturates or wire.basis == "unknown":
             continue
         signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
         low, high = wire.quantity_range(signal)

@@ -37,11 +37,13 @@ def shipped_names(folder: str) -> list[str]:
     return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
 
 
-def find_config(kind: str, name: str) -> Path:
+def find_config(kind: str, name: str, called: str = "") -> Path:
     """The file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 
-    `kind` is the folder under `configs`. Raises ConfigError where there is neither.
+    `kind` is the folder under `configs`; `called` names the value in messages where it is none of these
+    arguments. Raises ConfigError where there is neither.
     """
+    called = called or f"`{kind[:-1]}`"
     path = Path(name)
     if not path.suffix and len(path.parts) == 1:
         known = shipped_names(f"configs/{kind}")
@@ -49,9 +51,9 @@ def find_config(kind: str, name: str) -> Path:
             return data_root() / "configs" / kind / f"{name}.toml"
         if not is_there(path):
             raise ConfigError(
-                f"`{kind[:-1]}` {name}: neither a file nor a shipped name ({', '.join(known)})"
+                f"{called} {name}: neither a file nor a shipped name ({', '.join(known)})"
             )
     issue = issue_with(path)
     if issue:
-        raise ConfigError(f"`{kind[:-1]}` {shortened(name)}: {issue}")
+        raise ConfigError(f"{called} {shortened(name)}: {issue}")
     return path

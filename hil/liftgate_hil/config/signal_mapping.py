@@ -72,6 +72,7 @@ def _mapping(
         return None
     message, _, signal = name.partition(".")
     basis = "rig"
+    before = issues.count
     if "values" in given:
         basis = "values"
     elif ours.values and factors is None:
@@ -81,6 +82,8 @@ def _mapping(
         by_unit = _by_unit(issues, key, name, _unit_of(issues, key, given, theirs), ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
+    if issues.count > before:
+        basis = "unknown"
     return SignalMapping(
         quantity,
         message,

@@ -36,8 +36,9 @@ _NONE = ("1", "-", "--", "n/a", "na", "none", "unitless", "dimensionless", "SED"
 # Spellings by unit, by dimension. The first spelling is what messages call it.
 _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
     "current": {
-        Unit(1): ("A", "amp", "amps", "ampere", "amperes", "A_DC"),
-        Unit(1, 1000): ("mA", "milliamp", "milliamps", "milliampere", "mAmp", "mAmps"),
+        Unit(1): ("A", "amp", "amps", "ampere", "amperes", "amper", "A_DC"),
+        Unit(1, 1000): ("mA", "milliamp", "milliamps", "milliampere", "milliamper", "mAmp",
+                        "mAmps"),
         Unit(1, 1_000_000): ("µA", "uA", "microampere"),
         Unit(1000): ("kA", "kiloampere"),
     },
@@ -58,7 +59,8 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
     "angle": {  # of a gate, and what a motor has turned
         Unit(1): ("rev", "revs", "revolution", "revolutions", "turn", "turns", "Umdr", "Umdrehung",
                   "Umdrehungen"),
-        Unit(1, 360): ("deg", "°", "degree", "degrees", "Grad", "degs", "ang_deg", "Winkelgrad"),
+        Unit(1, 360): ("deg", "°", "degree", "degrees", "Grad", "degs", "ang_deg", "Winkelgrad",
+                       "degreofarc"),
         Unit(1, _TURN): ("rad", "radian", "radians"),
         Unit(1, 1000.0 * _TURN): ("mrad",),
         Unit(1, 21_600): ("arcmin",),
@@ -67,7 +69,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
         Unit(1): ("rev/s", "rps", "1/s", "Hz", "s-1", "U/s", "rev/sec", "turns/s", "Umdr/s", "r/s",
                   "hertz"),
         Unit(1, 60): ("rpm", "1/min", "rev/min", "U/min", "min-1", "/min", "r/min", "Umdr/min", "upm",
-                      "1/minute", "revs/min", "rotations/min"),
+                      "1/minute", "minutinver", "revs/min", "rotations/min"),
         Unit(1, _TURN): ("rad/s", "rad/sec", "rads/s", "rad/second"),
         Unit(1, 360): ("deg/s", "°/s", "deg/sec", "degree/s", "degrees/s", "Grad/s", "dps", "deg/second",
                        "degree/sec", "degps", "degrees/sec"),
@@ -113,7 +115,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
     },
     "temperature": {
         Unit(1): ("°C", "degC", "C", "celsius", "degreeC", "degreesC", "GradC", "GradCelsius", "degcelsius",
-                  "degreecelsius", "degreescelsius", "deg_C", "temp_C"),
+                  "degreecelsius", "degreescelsius", "degrecelsi", "deg_C", "temp_C"),
         Unit(1, 1, -273.15): ("K", "kelvin", "degK", "°K"),
         Unit(5, 9, -160.0 / 9.0): ("°F", "degF", "fahrenheit", "degreeF", "deg_F"),
     },
@@ -145,6 +147,7 @@ def _folded(text: str) -> str:
     text = re.sub("Â(?=[°²³µ·])", "", text)
     text = unicodedata.normalize("NFKC", text).replace("μ", "µ").replace("º", "°").replace("−", "-")
     text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", text.strip())
+    text = text.removeprefix("Unit_")  # Volkswagen's way
     text = re.sub(r"[\s·*×^]|\.(?!\.)(?<!\.\.)", "", text)
     letters = sum(each.isalpha() for each in text)
     return text if letters < 3 or (letters <= 5 and text[0] in "mM") else text.casefold()

@@ -9,21 +9,21 @@ from importlib import metadata
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check
+from liftgate_hil.version import PACKAGES
 
-_PACKAGES = ("numba", "numpy", "python-can", "cantools", "pyserial")
 WARM = "liftgate-hil --bus virtual:warm --duration 0.01 --quiet"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
     """Which software this is."""
     found, missing = [f"Python {platform.python_version()}"], []
-    for name in ("liftgate-hil", *_PACKAGES):
+    for name in ("liftgate-hil", *PACKAGES):
         try:
             found.append(f"{name} {version_of(name)}")
         except metadata.PackageNotFoundError:
             missing.append(name)
     text = ", ".join(found)
-    needed = [name for name in missing if name in _PACKAGES]
+    needed = [name for name in missing if name in PACKAGES]
     if needed:
         return Check(
             "software",

@@ -67,6 +67,11 @@ class Peer:
         if frames is not None:
             self._transport.send(frames)
 
+    @property
+    def has_heard_the_gate(self) -> bool:
+        """Whether one of its frames has come yet."""
+        return self._began_ns() >= 0
+
     def elapsed_ns(self, now_ns: int) -> int:
         """How long the ECU's clock has been running at a time [ns]."""
         began = self._began_ns()

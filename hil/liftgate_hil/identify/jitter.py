@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import Found, weighting_of
-from liftgate_hil.identify.statistics import information, pseudo_inverse
+from liftgate_hil.identify.search import Found
+from liftgate_hil.identify.statistics import normal_equations, pseudo_inverse
+from liftgate_hil.identify.weighting import weighting_of
 
 Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
@@ -155,8 +156,8 @@ def _fitted(
 ) -> tuple[float, Floats]:
     """(σ, what is left of the residuals) of the mixed model, for a weighting."""
     own, cross, seen = _products(effects, slopes, errors, root)
-    inverse = pseudo_inverse(information(slopes, root, inverse_std))
-    score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
+    matrix, score = normal_equations(slopes, errors, root)
+    inverse = pseudo_inverse(matrix + np.diag(inverse_std**2))
     values, axes = np.linalg.eigh(own - cross @ inverse @ cross.T)
     heard = values > _HEARD * np.max(values, initial=0.0)
     if not np.any(heard):

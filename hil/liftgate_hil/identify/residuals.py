@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -36,16 +35,15 @@ def phases_of(plant: Plant, times: Floats, voltage: Floats, states: Floats) -> N
     result[slow & (np.abs(voltage) < 0.1)] = PHASES.index("rest")
     sign = np.sign(np.where(np.abs(voltage) < 0.1, 0.0, voltage))
     began = np.flatnonzero((sign != 0.0) & (np.diff(sign, prepend=0.0) != 0.0))
-    for row in began:
-        result[(times >= times[row]) & (times < times[row] + _INRUSH)] = PHASES.index("inrush")
+    for row, last in zip(began, np.searchsorted(times, times[began] + _INRUSH), strict=True):
+        result[row:last] = PHASES.index("inrush")
     width = max(_PLAY_REV, 2.0 * plant.left.half_play / plant.left.travel)
     direction = np.sign(np.where(slow, 0.0, speed))
     moving = np.flatnonzero(direction != 0.0)
-    for before, after in itertools.pairwise(moving):
-        if direction[before] != direction[after]:
-            ahead = position[after:]
-            until = after + int(np.argmax(np.abs(ahead - position[after]) > width))
-            result[after : max(until, after + 1)] = PHASES.index("play crossing")
+    for after in moving[1:][np.diff(direction[moving]) != 0.0]:
+        ahead = position[after:]
+        until = after + int(np.argmax(np.abs(ahead - position[after]) > width))
+        result[after : max(until, after + 1)] = PHASES.index("play crossing")
     top = math.degrees(_open_angle(plant))
     at_end = (angle > top - 0.1) | ((angle < _STOP_DEG) & (np.abs(voltage) > 0.1) & slow)
     result[at_end] = PHASES.index("end stop")

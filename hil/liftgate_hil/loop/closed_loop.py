@@ -8,19 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import request_table
 from liftgate_hil.errors import EcuError, PlantDivergedError
 from liftgate_hil.loop.episode import (
     BAD_ECU,
     DIVERGED,
+    DONE,
     Script,
     Stretch,
     most_frames,
     run_stretch,
 )
-from liftgate_hil.loop.recorder import Recorder, Taker
+from liftgate_hil.loop.lookout import Lookout, Moment
+from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState
@@ -32,23 +33,6 @@ from liftgate_plant.compiler import compiled
 
 ROWS = 4096  # of a stretch: what is written stays in the processor's cache
 FRAMES = 16384
-
-
-class RecordingTaker:
-    """Hands blocks on to recorders."""
-
-    def __init__(self, recorders: Sequence[Recorder]) -> None:
-        self._recorders = recorders
-
-    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
-        logged = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        times = (frames["time_ns"] * 1e-9).tolist()
-        for recorder in self._recorders:
-            recorder.write_rows(rows)
-            if logged.count:
-                recorder.write_frames(logged, times)
-            recorder.flush()  # this process may be the worker of an ECU that crashes
 
 
 class Episode:
@@ -85,6 +69,7 @@ class Episode:
         )
         self._now = Stretch(loop=state, node=adapter.state, asked=-1, pending=0, outcome=0)
         self._run = compiled(run_stretch)
+        self.lookout: Lookout | None = None
         self.bits = 0
 
     @property
@@ -157,6 +142,9 @@ class Episode:
         frames = self.memory.shared.frames[: control.frames]
         for taker in self._takers:
             taker.take(rows, frames)
+        if self.lookout is not None and len(rows):
+            moment = Moment(self.state.tick, rows[-1], int(control.sent), 0)
+            self.lookout.look(moment, is_last=self._now.outcome != DONE)
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0
 

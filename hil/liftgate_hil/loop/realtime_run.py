@@ -19,6 +19,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.python_loop import Peer
 from liftgate_hil.loop.recorder import Taker
@@ -63,6 +64,7 @@ class RealtimeRun:
     rig: Rig
     bitrate: float  # bit/s; NaN: the load is not known
     limit_ns: int
+    lookout: Lookout
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
@@ -122,7 +124,7 @@ class RealtimeRun:
         rows = self.memory.shared.histograms
         return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
-    def summary(self, lost_rows: int = 0) -> Summary:
+    def summary(self) -> Summary:
         """The figures so far."""
         control = self.memory.shared.control[0]
         seconds = self.state.tick * self.config.step
@@ -146,7 +148,6 @@ class RealtimeRun:
             received=self.state.counts,
             link=link,
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
-            recording_lost_rows=lost_rows,
         )
 
     def _course(self, ticks: int) -> realtime_loop.RunParams:
@@ -191,6 +192,7 @@ class RealtimeRun:
                 if news:
                     seconds = int(control.tick) * self.config.step
                     self.say(f"{seconds:.3f} s: {self.line.name} {news}")
+                self._look_out()
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
@@ -200,6 +202,14 @@ class RealtimeRun:
                 peer.poll(int(control.tick) * self.config.step_ns)
             thread.join(pause)
         self._hand_on(reader)
+        self._look_out(is_last=True)
+
+    def _look_out(self, is_last: bool = False) -> None:
+        shared = self.memory.shared
+        control = shared.control[0]
+        row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]
+        moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns))
+        self.lookout.look(moment, is_last)
 
     def _hand_on(self, reader: RingReader) -> None:
         if self.takers:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
 from liftgate_hil.codec.receive import (
-    ACCEPTED,
     NO_COUNTS,
     Counts,
     Reception,
@@ -17,6 +16,7 @@ from liftgate_hil.codec.receive import (
     nothing_received,
     take,
 )
+from liftgate_hil.codec.refusals import ACCEPTED
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_plant.compiler import compilable, compiled

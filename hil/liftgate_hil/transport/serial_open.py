@@ -13,13 +13,14 @@ import select
 import socket
 import stat
 import threading
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from liftgate_hil.errors import ConfigError
 
 BAUDRATE = 921_600
-_MAX_BAUDRATE = 20_000_000
+_MIN_BAUDRATE, _MAX_BAUDRATE = 1200, 20_000_000  # slower than that no gate can be commanded
 _REOPEN_S = 0.1
 _LEAVE_S = 1.0  # to wait for the thread when closing
 ALLOWED = (
@@ -39,11 +40,13 @@ def parse_serial(text: str) -> tuple[str, int]:
         port, rate = found.groups()
     if not port:
         raise ConfigError(f"`serial` {text}: no port; {ALLOWED}")
-    if len(rate) > 10 or not 0 < int(rate) <= _MAX_BAUDRATE:
+    if len(rate) > 10 or not _MIN_BAUDRATE <= int(rate) <= _MAX_BAUDRATE:
         raise ConfigError(
-            f"`serial` {text}: rate {rate}; allowed: 1 to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
+            f"`serial` {text}: rate {rate}; allowed: {_MIN_BAUDRATE} to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
         )
-    scheme, separator, _ = port.partition("://")
+    scheme, separator, rest = port.partition("://")
+    if scheme.lower() == "loop" and "@" in rest:  # pyserial would not look at it
+        raise ConfigError(f"`serial` {text}: rate {rest[1:]!r}; allowed: a whole number of baud")
     if separator and scheme.lower() in ("socket", "rfc2217"):
         try:
             parts = urlsplit(port)
@@ -55,6 +58,22 @@ def parse_serial(text: str) -> tuple[str, int]:
                 f"`serial` {text}: no HOST:PORT; allowed: {scheme}://HOST:PORT with a port of 1 to 65535"
             )
     return port, int(rate)
+
+
+def check_device(name: str) -> None:
+    """Raises ConfigError for a path that is no device, and OSError for one that is not there."""
+    if "://" in name or os.name != "posix":
+        return
+    try:
+        mode = Path(name).stat().st_mode
+    except FileNotFoundError as error:
+        port, at, rate = name.rpartition("@")
+        hint = f"; {rate!r} is no rate, else it were {port}" if at and Path(port).exists() else ""
+        raise FileNotFoundError(f"no such device{hint}") from error
+    if not stat.S_ISCHR(mode):
+        kinds = {stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder", stat.S_IFREG: "a file"}
+        what = kinds.get(stat.S_IFMT(mode), "something else")
+        raise ConfigError(f"`serial` {name}: {what}, no serial device; {ALLOWED}")
 
 
 def open_port(url: str, baudrate: int) -> Any:
@@ -86,7 +105,8 @@ def close_port(port: Any) -> None:
     with contextlib.suppress(Exception):
         port.close()
     if line is not None:
-        line.close()
+        with contextlib.suppress(OSError):
+            line.close()
 
 
 def is_selectable(port: Any) -> bool:

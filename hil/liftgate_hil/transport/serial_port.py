@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
-from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.errors import ConfigError, TransportError, words_of
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, Decoder, encode
 from liftgate_hil.transport.serial_open import (
     ALLOWED,
     BAUDRATE,
     Reopener,
+    check_device,
     close_port,
     has_room,
     is_selectable,
@@ -44,9 +45,14 @@ class SerialTransport:
         self.name = url
         self._baudrate = baudrate
         try:
+            check_device(url)
             self._port: Any = open_port(url, baudrate)
+        except ConfigError:
+            raise
         except Exception as error:  # pyserial and its drivers raise what they like
-            detail = " ".join(str(error).split()) or type(error).__name__
+            detail = words_of(error)
+            if "(25, " in detail:  # ENOTTY
+                detail = "no serial device"
             if isinstance(error, ValueError) and "not known" in detail:
                 raise ConfigError(f"`serial` {url}: {detail}; {ALLOWED}") from error
             raise TransportError(f"`serial` {url}: cannot be opened: {detail}") from error
@@ -140,7 +146,7 @@ class SerialTransport:
         while port is not None and taken < _READ_LIMIT and len(self._arrived) < CAPACITY:
             try:
                 data = port.read(_CHUNK)
-            except (OSError, ValueError):
+            except Exception:  # of a device that has gone drivers raise what they like
                 self._lose(port)
                 return
             if not data:
@@ -157,7 +163,7 @@ class SerialTransport:
             if not has_room(port, len(data)):
                 return 0
             return int(port.write(data))
-        except (OSError, ValueError):
+        except Exception:
             self._lose(port)
             return 0
 
@@ -169,7 +175,7 @@ class SerialTransport:
             return
         try:
             select.select([port], [], [], timeout)
-        except (OSError, ValueError):
+        except Exception:
             self._lose(port)
 
     def _lose(self, port: Any) -> None:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 
+class GivenUpError(Exception):
+    """Nobody waits for the machine code any more."""
+
+
 class Watcher:
-    """Is told; this one keeps it to itself. What its methods raise ends the waiting, and the compilation."""
+    """Is told; this one keeps it to itself. What its methods raise (GivenUpError) ends the waiting, and the
+    compilation.
+    """
 
     def compiles(self, name: str, seconds: float) -> None:
         """Every tenth of a second, from 0 on: `name` is being compiled, for so long already."""
@@ -22,9 +28,10 @@ class Watcher:
 _told = [Watcher()]
 
 
-def watch(watcher: Watcher) -> None:
-    """Have it told from now on."""
-    _told[0] = watcher
+def watch(watcher: Watcher) -> Watcher:
+    """Have it told from now on; who was told before."""
+    before, _told[0] = _told[0], watcher
+    return before
 
 
 def watcher() -> Watcher:

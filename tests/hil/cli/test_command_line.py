@@ -17,6 +17,7 @@ import pytest
 
 import liftgate_hil
 from liftgate_hil.cli.main import COMMANDS, main
+from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.version import version
 
 ROOT = Path(__file__).parents[3]
@@ -147,6 +148,27 @@ def test_a_bus_that_cannot_be_opened_is_one_line_and_exit_code_1(
     assert "socketcan:nosuch0: cannot be opened" in line
 
 
+def test_a_mistake_in_carrying_frames_ends_the_run_with_its_cause(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
+):
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("not as it was meant")
+
+    monkeypatch.setattr("liftgate_hil.transport.can_bus.CanTransport.receive", broken)
+    assert call("--bus", bus, "--duration", "600", "--quiet") == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("the thread that carries its frames has ended: not as it was meant")
+
+
+def test_an_ecu_tells_what_it_could_not_read(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
+):
+    counts = LinkCounts(unreadable_frames=3, refused_frames=2)
+    monkeypatch.setattr("liftgate_hil.transport.can_bus.CanTransport.counts", lambda self: counts)
+    assert call("ecu", "--bus", bus, "--duration", "0.01") == 0
+    assert capsys.readouterr().err == "link: 3 unreadable frames, 2 refused frames\n"
+
+
 def test_all_faults_of_a_vehicle_are_told_line_by_line(
     capsys: pytest.CaptureFixture[str], bus: str
 ):
@@ -234,12 +256,12 @@ def test_a_plant_that_diverges_is_one_line_and_exit_code_1(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("suffix", [".csv", ".log", ".blf"])
+@pytest.mark.parametrize("suffix", [".csv", ".log"])
 def test_a_full_disk_is_told_in_one_line_after_the_motors_are_off(
     capsys: pytest.CaptureFixture[str], bus: str, tmp_path: Path, suffix: str
 ):
     path = tmp_path / f"run{suffix}"
-    (tmp_path / "run.blf.log" if suffix == ".blf" else path).symlink_to("/dev/full")
+    path.symlink_to("/dev/full")
     last = None
     with can.Bus(interface="virtual", channel=bus.partition(":")[2]) as other:
         code = call(
@@ -276,6 +298,21 @@ def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-m", "liftgate_hil", *arguments],
         capture_output=True, text=True, timeout=60, check=False, cwd=ROOT,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("limit", [6, 9, 12])
+def test_too_few_files_that_may_be_open_are_told(tmp_path: Path, limit: int):
+    command = ["-m", "liftgate_hil", "--bus", "virtual:x", "--duration", "0.1"]
+    done = subprocess.run(
+        ["sh", "-c", f'ulimit -n {limit}; exec "$0" "$@"', sys.executable, *command,
+         "--record", str(tmp_path / "run.csv"), "--quiet"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert (
+        done.stderr
+        == "liftgate-hil: Too many open files; allowed: a limit of 64 or more (ulimit -n)\n"
+    )
 
 
 def test_a_faulty_vehicle_file_ends_the_process_with_2_and_no_traceback(tmp_path: Path):

@@ -73,6 +73,19 @@ def test_fast_and_careful_reading_agree_to_the_last_bit(table: np.ndarray, quote
             assert np.array_equal(fast[name], table[:, i])
 
 
+def test_a_row_that_is_cut_off_is_left_out(tmp_path: Path) -> None:
+    """As a full disk or a kill leaves it."""
+    path = tmp_path / "cut.csv"
+    path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3\n0.002,1")
+    m = read(path)
+    assert m.times.tolist() == [0.0, 0.001]
+    assert m.notes == ("its last line is cut off, and left out",)
+    path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1,3")
+    assert len(read(path).times) == 2
+    path.write_text("time_s,voltage_v,left_current_a\n0,1,2\n0.001,1\n")
+    assert "row 2: 2 cells" in faults_of(path)[0]
+
+
 def test_an_empty_output_cell_is_no_sample(tmp_path: Path) -> None:
     current = TIMES.copy()
     current[[3, 7]] = np.nan

@@ -48,7 +48,8 @@ def test_a_line_is_named_by_port_and_rate(text: str, expected: tuple[str, int]):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "@9600", "x@0", "x@99999999", "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
+    ["", "@9600", "x@0", "x@12", "x@1199", "x@99999999", "loop://@abc",
+     "x@" + "9" * 5000, "socket://", "socket://h", "socket://:1",
      "socket://h:0", "socket://h:70000", "socket://h:x", "rfc2217://h", "socket://["],
 )  # fmt: skip
 def test_a_line_that_is_none_is_told_on_one_line(text: str):
@@ -68,6 +69,37 @@ def test_a_port_that_cannot_be_opened_is_told_on_one_line(url: str):
     assert str(caught.value).startswith(f"`serial` {url}: cannot be opened: ")
     assert "\n" not in str(caught.value)
     assert descriptors() == before
+
+
+def test_what_is_no_serial_device_is_told_as_what_it_is(tmp_path: Path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "file").write_text("")
+    for name, what in (("fifo", "a FIFO"), ("file", "a file"), (".", "a folder")):
+        with pytest.raises(ConfigError, match=rf"{what}, no serial device; allowed: a device"):
+            SerialTransport(str(tmp_path / name))
+    with pytest.raises(TransportError, match=r"/dev/null: cannot be opened: no serial device$"):
+        SerialTransport("/dev/null")
+    with pytest.raises(TransportError, match=r"cannot be opened: no such device$"):
+        SerialTransport(str(tmp_path / "tty"))
+
+
+def test_a_rate_that_is_none_is_told_where_the_device_is_there(terminal: Terminal):
+    with pytest.raises(TransportError, match=r"no such device; 'fast' is no rate, else it were /"):
+        SerialTransport(f"{terminal.link}@fast")
+
+
+@pytest.mark.parametrize("error", [TypeError(), RuntimeError("gone"), OSError(5, "I/O error")])
+@pytest.mark.parametrize("name", ["read", "write"])
+def test_whatever_a_driver_raises_of_a_device_that_has_gone_is_a_lost_line(
+    line: SerialTransport, monkeypatch: pytest.MonkeyPatch, name: str, error: Exception
+):
+    def gone(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(line._port, name, gone)
+    line.send(frames_of(ROWS))
+    line.receive()
+    assert line.counts().losses == 1
 
 
 def test_a_protocol_that_pyserial_has_not_is_told():

@@ -1,0 +1,135 @@
+"""How a gate is wired: `check` shows what a rig maps and says what is wrong with it, `draft` writes a first rig
+for somebody else's database.
+
+Exit code 0: the rig fits the vehicle and the rate; 2: it doesn't, or cannot be read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+from liftgate_hil.config.files import is_there, write_text
+from liftgate_hil.errors import ConfigError, printable
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig_table import MappedMessage, MappedSignal
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags of both actions."""
+    actions = parser.add_subparsers(dest="action", required=True, metavar="check|draft")
+    check = actions.add_parser(
+        "check", allow_abbrev=False, description="What a rig maps, and whether it fits."
+    )
+    check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
+    options.add_vehicle(check)
+    options.add_rate(check)
+    check.add_argument("--json", action="store_true", help="print the table as JSON")
+    draft = actions.add_parser(
+        "draft",
+        allow_abbrev=False,
+        description="A first rig for a database: what is sure is mapped, what is not stands there to be chosen.",
+    )
+    draft.add_argument("database", metavar="DBC", help="or ARXML, KCD, SYM")
+    draft.add_argument(
+        "--output", metavar="FILE", help="where to write it, beside the database; default: stdout"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    return _draft(args) if args.action == "draft" else _check(args)
+
+
+def _check(args: argparse.Namespace) -> int:
+    from liftgate_hil import session
+    from liftgate_hil.config.rig import read_rig
+    from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
+    from liftgate_hil.config.rig_table import mapped_messages
+    from liftgate_hil.config.shipped import find_config
+
+    path = find_config("rigs", args.file, "FILE")
+    vehicle = session.vehicle_from(args.vehicle, args.settings)
+    rig, issues = read_rig(path)
+    notes = []
+    if not issues.count:
+        try:
+            notes = notes_on_fit(rig, vehicle, args.rate)
+            check_fit(rig, vehicle, args.rate)
+        except ConfigError as error:
+            issues.take(error.issues)
+    messages = mapped_messages(rig)
+    if args.json:
+        answer = {
+            "file": str(path),
+            "database": str(rig.database),
+            "vehicle": args.vehicle,
+            "rate": args.rate,
+            "messages": [
+                {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]}
+                for each in messages
+            ],
+            "notes": notes,
+            "issues": issues.lines,
+        }
+        print(json.dumps(answer, indent=1))
+    else:
+        for line in [*_lines(messages), *(f"note: {note}" for note in notes)]:
+            print(printable(line))
+    issues.raise_if_any()
+    if not args.json:
+        print(f"{path}: fits {args.vehicle} at {args.rate:g} Hz")
+    return 0
+
+
+def _lines(messages: list[MappedMessage]) -> list[str]:
+    """The table: a line a message, below it a line a quantity."""
+    lines = []
+    for each in messages:
+        cycle = f", every {each.cycle_ms:g} ms" if each.cycle_ms else ""
+        stale = f", stale after {each.timeout_ms:g} ms" if each.timeout_ms else ""
+        digits = 8 if each.is_extended else 3
+        lines.append(
+            f"{each.direction} {each.message} 0x{each.identifier:0{digits}X}, {each.length} bytes{cycle}{stale}; "
+            f"protection: {each.protection}"
+        )
+        rows = [_cells(signal) for signal in each.signals]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        lines += ["    " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return lines
+
+
+def _cells(signal: MappedSignal) -> tuple[str, ...]:
+    step = f" in steps of {signal.step:.4g}" if signal.step else ""
+    is_same = signal.database_unit == signal.unit
+    units = f"[{signal.database_unit}]{'' if is_same else f' -> [{signal.unit}]'}"
+    return (
+        signal.quantity,
+        signal.signal,
+        units,
+        f"{signal.low:.6g} to {signal.high:.6g}{' ' + signal.unit if signal.unit else ''}{step}",
+        signal.conversion,
+    )
+
+
+def _draft(args: argparse.Namespace) -> int:
+    from liftgate_hil.config.drafting.draft import draft_rig
+
+    target = Path(args.output) if args.output else Path(args.database).with_suffix(".toml")
+    if args.output and is_there(target):
+        raise ConfigError(f"`output` {target}: is there already; allowed: a new file")
+    draft = draft_rig(Path(args.database), target)
+    if args.output:
+        write_text(target, draft.text)
+    else:
+        print(draft.text, end="")
+    told = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if args.output else []
+    told += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
+    for line in told:
+        print(printable(line), file=sys.stderr)
+    return 0

@@ -1,0 +1,57 @@
+"""The first frame that was refused for each cause, as the codec saw it: what it found, and what it expected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from liftgate_plant.compiler import compilable
+
+# Causes, in the order of receive.Counts' fields.
+(
+    ACCEPTED,
+    FOREIGN,
+    ERROR_FRAME,
+    REMOTE_FRAME,
+    WRONG_LENGTH,
+    OUT_OF_RANGE,
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+    UNQUALIFIED,
+) = range(9)
+
+REFUSAL = np.dtype(
+    [
+        ("count", "i8"),  # frames so far
+        ("time_ns", "i8"),  # model time of the first, and of it:
+        ("message", "i8"),  # row of the tables
+        ("signal", "i8"),  # row of the tables, of one out of range
+        ("found", "f8"),  # length, checksum, counter, or value in the database's unit
+        ("expected", "f8"),  # length, checksum, counter
+    ]
+)
+
+
+def no_refusals() -> Any:
+    """(9,) REFUSAL by cause, before the first frame; written in place."""
+    return np.zeros(9, dtype=REFUSAL).view(np.recarray)
+
+
+@compilable
+def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected: float) -> None:
+    """What is wrong with a frame, if it is the first of its kind."""
+    if refusals[cause].count == 0:
+        refusals[cause].signal = signal
+        refusals[cause].found = found
+        refusals[cause].expected = expected
+
+
+@compilable
+def note_outcome(refusals: Any, cause: int, message: int, now_ns: int) -> None:
+    """One frame more."""
+    row = refusals[cause]
+    if row.count == 0:
+        row.time_ns = now_ns
+        row.message = message
+    row.count += 1

@@ -1,0 +1,58 @@
+"""A listener that is told of compilations, which end when the run is stopped."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+from liftgate_hil.listener import Listener
+from liftgate_plant import compiler
+
+
+class _Watcher(compiler.Watcher):
+    """Tells a listener of compilations, and gives them up when the run is stopped."""
+
+    def __init__(self, listener: Listener, stopped: Callable[[], bool]) -> None:
+        self._listener = listener
+        self._stopped = stopped
+
+    def compiles(self, name: str, seconds: float) -> None:
+        """See Watcher."""
+        if self._stopped():
+            raise compiler.GivenUpError
+        self._listener.compiles(f"compiling the model ({name})", seconds)
+
+    def waits(self, name: str, seconds: float) -> None:
+        """See Watcher."""
+        if self._stopped():
+            raise compiler.GivenUpError
+        self._listener.compiles(
+            f"waiting for another process to compile the model ({name})", seconds
+        )
+
+    def ready(self, name: str, seconds: float) -> None:
+        """See Watcher."""
+        self._listener.compiled(name, seconds)
+
+    def not_kept(self, why: str) -> None:
+        """See Watcher."""
+        self._listener.say(f"machine code is not kept: {why}")
+
+
+def watcher_for(
+    listener: Listener, stopped: Callable[[], bool] = lambda: False
+) -> compiler.Watcher:
+    """Tells a listener of compilations, which GivenUpError ends when it is `stopped`."""
+    return _Watcher(listener, stopped)
+
+
+@contextlib.contextmanager
+def told_of_compiling(
+    listener: Listener, stopped: Callable[[], bool] = lambda: False
+) -> Iterator[None]:
+    """Within it a listener is told, see `watcher_for`."""
+    before = compiler.watch(watcher_for(listener, stopped))
+    try:
+        yield
+    finally:
+        compiler.watch(before)

@@ -1,0 +1,254 @@
+"""Which signals of a database may carry which quantity: by their names, units, sides and senders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from liftgate_hil.config.drafting.words import concepts_in, side_of, words_of
+from liftgate_hil.config.units import dimensions_named
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL, Rod
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+
+class Kind(NamedTuple):
+    """What a signal for a quantity is called; without sides the quantity is of the whole gate."""
+
+    section: str  # of a rig
+    quantity: str  # "{side}_current": of a drive
+    needs: tuple[frozenset[str], ...]  # concepts, all of one of them
+    avoids: frozenset[str] = frozenset()
+    dimensions: tuple[str, ...] = ()  # that its unit may have; (): no unit needed
+    is_flag: bool = False  # one bit
+
+
+def _needs(*spelled: str) -> tuple[frozenset[str], ...]:
+    return tuple(frozenset(each.split("+")) for each in spelled)
+
+
+_SENSORS = frozenset({"current", "voltage", "temperature", "hall", "angle"})
+_NOBODY = {"XXX", "Vector__XXX"}  # how databases say that they don't know the sender
+_NO_LIMIT = frozenset({"limit"})
+_NO_DRIVE = _NO_LIMIT | {"motor", "left", "right"}
+KINDS = (
+    Kind("inputs", "{side}_duty", _needs("duty"), _NO_LIMIT | {"actual"}, ("share",)),
+    Kind("inputs", "{side}_direction", _needs("direction"), _SENSORS | _NO_LIMIT | {"actual"}),
+    Kind("inputs", "latch_release", _needs("latch"), _SENSORS | {"actual"}),
+    Kind("outputs", "{side}_current", _needs("current"), _NO_LIMIT | {"duty"}, ("current",)),
+    Kind("outputs", "{side}_hall_count", _needs("hall+count"), _NO_LIMIT | {"speed"}, ("number",)),
+    Kind("outputs", "{side}_hall_speed", _needs("hall+speed"), _NO_LIMIT, ("number",)),
+    Kind("outputs", "{side}_hall_a", _needs("hall+channel a"), _NO_LIMIT | {"count"}, is_flag=True),
+    Kind("outputs", "{side}_hall_b", _needs("hall+channel b"), _NO_LIMIT | {"count"}, is_flag=True),
+    Kind("outputs", "{side}_speed", _needs("motor+speed", "hall+speed", "left+speed", "right+speed"), _NO_LIMIT,
+         ("rate of turning",)),
+    Kind("outputs", "{side}_position", _needs("motor+position", "left+position", "right+position"),
+         _NO_LIMIT | {"hall"}, ("angle",)),
+    Kind("outputs", "gate_angle", _needs("angle", "position+gate"), _NO_DRIVE | {"slope", "speed"}, ("angle",)),
+    Kind("outputs", "gate_rate", _needs("angle+speed", "speed+gate"), _NO_DRIVE | {"hall"},
+         ("rate of turning",)),
+    Kind("outputs", "latch_state", _needs("latch"), _SENSORS | {"release"}),
+    Kind("outputs", "terminal_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
+    Kind("outputs", "{side}_voltage", _needs("motor+voltage"), _NO_LIMIT, ("voltage",)),
+    Kind("outputs", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
+    Kind("outputs", "{side}_motor_temperature", _needs("motor+temperature"), _NO_LIMIT | {"ambient"},
+         ("temperature",)),
+    Kind("outputs", "road_slope", _needs("slope"), _NO_LIMIT, ("angle",)),
+    Kind("outputs", "gate_acceleration", _needs("acceleration+gate"), _NO_LIMIT, ("acceleration",)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A signal that may carry a quantity."""
+
+    quantity: str
+    message: Message
+    signal: Signal
+    fits: bool  # its unit, as far as it is known, is one of the quantity's
+    is_named: bool  # it has the very name that the quantity has
+    sender: str = ""  # where it is neither the ECU nor the gate
+
+    @property
+    def name(self) -> str:
+        """MESSAGE.SIGNAL."""
+        return f"{self.message.name}.{self.signal.name}"
+
+    @property
+    def unit(self) -> str:
+        """In the database."""
+        return (self.signal.unit or "").strip()
+
+
+Found = dict[str, dict[str, list[Candidate]]]  # section: quantity: candidates
+
+
+def find_candidates(messages: Mapping[str, Message]) -> Found:
+    """All candidates; several for a quantity where nothing tells them apart."""
+    found: Found = {"inputs": {}, "outputs": {}}
+    speaks_of_gate = any(map(_speaks_of_gate, messages.values()))
+    for message, section, sender in _roles(messages):
+        panel = _panel(message) if sender else {}
+        for quantity, candidate in panel.items():
+            found["inputs"].setdefault(quantity, []).append(candidate)
+        for signal in [] if panel else message.signals:
+            if is_protection(message, signal):
+                continue
+            several = list(_of(message, signal, section))
+            # What fits nowhere is told; what fits elsewhere is no candidate here.
+            fitting = [each for each in several if each.fits] or several
+            for candidate in fitting:
+                each = replace(candidate, sender=sender)
+                found[section].setdefault(candidate.quantity, []).append(each)
+    return {
+        section: {
+            quantity: _best(candidates, speaks_of_gate) for quantity, candidates in each.items()
+        }
+        for section, each in found.items()
+    }
+
+
+def _panel(message: Message) -> dict[str, Candidate]:
+    """What a test bench's panel moves, by the very names, where it moves the obstacle too; nothing of others."""
+    names = {"".join(words_of(signal.name)): signal for signal in message.signals}
+    found = {
+        quantity: Candidate(quantity, message, names[_joined(quantity)], True, True)
+        for quantity in PANEL
+        if _joined(quantity) in names
+    }
+    return found if {*found} & {*Rod._fields} else {}
+
+
+def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]]:
+    """The messages of use: what the ECU says of the motors is an input, what anybody else says may be an output.
+    With the sender, where it is neither ECU nor gate.
+    """
+    commands, sensors = _commands(messages), _sensors(messages)
+    nodes = {sender for message in messages.values() for sender in message.senders} - _NOBODY
+    ecus = _senders(messages, commands) & nodes if len(nodes) > 1 else set()
+    gates = _senders(messages, sensors) - ecus
+    for message in messages.values():
+        senders = {*message.senders} & nodes
+        if message.name in commands:
+            yield message, "inputs", ""
+        elif not senders & ecus:
+            is_known = not senders or not gates or bool(senders & gates)
+            yield message, "outputs", "" if is_known else ", ".join(sorted(senders))
+
+
+def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
+    return {sender for name in names for sender in messages[name].senders}
+
+
+def _sensors(messages: Mapping[str, Message]) -> list[str]:
+    """The messages with what the drives' sensors say: the gate's, where some speak of one."""
+    found = [
+        name
+        for name, message in messages.items()
+        if any(map(_is_of_a_drive, _all_of(message, "outputs")))
+    ]
+    return [name for name in found if _speaks_of_gate(messages[name])] or found
+
+
+def _is_of_a_drive(candidate: Candidate) -> bool:
+    return candidate.quantity.endswith(("_current", "_hall_count", "_hall_speed"))
+
+
+def _speaks_of_gate(message: Message) -> bool:
+    names = (message.name, *(signal.name for signal in message.signals))
+    return any("gate" in concepts_in(name) for name in names)
+
+
+def _all_of(message: Message, section: str) -> Iterator[Candidate]:
+    for signal in message.signals:
+        yield from _of(message, signal, section)
+
+
+def _commands(messages: Mapping[str, Message]) -> list[str]:
+    """The messages with what drives the motors, the ECU's: of a gate, where some speak of one."""
+    found = [
+        name
+        for name, message in messages.items()
+        if any(
+            candidate.quantity.endswith(("_duty", "_direction"))
+            for candidate in _all_of(message, "inputs")
+        )
+        and not any(map(_is_of_a_drive, _all_of(message, "outputs")))
+    ]
+    return [name for name in found if _speaks_of_gate(messages[name])] or found
+
+
+def is_protection(message: Message, signal: Signal) -> str:
+    """Whether a signal is one by name and length: "counter", "checksum", or ""."""
+    # The message's own name at its beginning says nothing of the signal.
+    own = [word for word in words_of(signal.name) if word not in words_of(message.name)]
+    said = concepts_in("_".join(own))
+    if signal.is_float or signal.is_signed or signal.multiplexer_signal is not None:
+        return ""
+    if "checksum" in said and signal.length in (8, 16):
+        return "checksum"
+    others = {"hall", "current", "motor", "position", "left", "right"}
+    if "counter" in said and not said & others and 2 <= signal.length <= 8:
+        return "counter"
+    return ""
+
+
+def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
+    """What one signal may be."""
+    quantities = BUS_INPUTS if section == "inputs" else BUS_OUTPUTS
+    own = concepts_in(signal.name)
+    # What the message is about counts where the signal's own name leaves it open.
+    all_said = own | (
+        concepts_in(message.name) & {"gate", "motor", "hall", "latch", "left", "right"}
+    )
+    side = side_of(signal.name, message.name)
+    plain = "".join(words_of(signal.name))
+    is_found = False
+    for kind in KINDS:
+        if kind.section != section:
+            continue
+        quantity = kind.quantity.format(side=side or "either")
+        is_named = plain in (_joined(quantity), _joined(kind.quantity.removeprefix("{side}_")))
+        if not is_named and not _fits(kind, own, all_said, signal):
+            continue
+        is_found = is_found or _is_of(kind, signal)
+        yield Candidate(quantity, message, signal, _is_of(kind, signal), is_named)
+    # The others of the catalogue, by their very names.
+    for quantity in quantities:
+        if plain == _joined(quantity) and not is_found:
+            yield Candidate(quantity, message, signal, True, True)
+
+
+def _joined(quantity: str) -> str:
+    return quantity.replace("_", "")
+
+
+def _fits(kind: Kind, own: set[str], said: set[str], signal: Signal) -> bool:
+    """Whether name and length may be those of a kind."""
+    if own & kind.avoids or not any(need <= said and need & own for need in kind.needs):
+        return False
+    return not kind.is_flag or signal.length == 1
+
+
+def _is_of(kind: Kind, signal: Signal) -> bool:
+    """Whether a signal's unit, as far as it is known, is one of a kind's."""
+    dimensions = dimensions_named((signal.unit or "").strip())
+    return not kind.dimensions or not dimensions or bool({*dimensions} & {*kind.dimensions})
+
+
+def _best(candidates: Sequence[Candidate], speaks_of_gate: bool) -> list[Candidate]:
+    """Those that say most: the quantity's very name, or that they are of a gate where there are such."""
+    tests = (
+        lambda each: each.fits,
+        lambda each: each.is_named,
+        lambda each: (
+            not speaks_of_gate
+            or "gate" in concepts_in(each.message.name) | concepts_in(each.signal.name)
+        ),
+    )
+    kept = list(candidates)
+    for test in tests:
+        kept = [each for each in kept if test(each)] or kept
+    return kept

@@ -1,0 +1,183 @@
+"""A first rig: what is sure is mapped, what is not stands there as a candidate with the reason, to be chosen."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.config.database import load_messages
+from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
+from liftgate_hil.config.drafting.lines import Line, line_for, quoted
+from liftgate_hil.config.drafting.protections import protection_lines
+from liftgate_hil.config.rig import rig_of_content
+from liftgate_hil.errors import printable
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import PANEL
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_WANTED = ("left_duty", "left_current", "gate_angle")  # without which an ECU hardly runs
+
+
+@dataclass
+class Draft:
+    """The text of a rig, and what is to be filled in by hand: key, and why."""
+
+    text: str
+    mapped: list[str] = field(default_factory=list)
+    open: list[tuple[str, str]] = field(default_factory=list)
+
+
+def draft_rig(database: Path, target: Path) -> Draft:
+    """The rig of a database for a file `target`, which is not written. Raises ConfigError."""
+    issues = ConfigIssues(str(database))
+    messages = load_messages(issues, database)
+    issues.raise_if_any()
+    found = find_candidates(messages)
+    lines = {section: list(_lines_of(section, _by_side(found[section]))) for section in found}
+    _one_quantity_a_signal(lines)
+    dbc = os.path.relpath(database.resolve(), target.resolve().parent)
+    head = [
+        f"# A first rig for {printable(database.name)}, drafted from names, units and senders: to be tried.",
+        "# What is not sure is commented out, below the reason. `liftgate-hil rig check` shows what it means.",
+        "",
+        f"dbc = {quoted(dbc)}",
+        "bitrate = 500000                         # the bus's",
+    ]
+    # What the rig's own checks refuse becomes a candidate with their reason.
+    while True:
+        text, faults = _text(head, lines, messages, target)
+        if not _withdraw(lines, faults):
+            break
+    mapped = [f"{line.section}.{line.quantity}" for line in _all(lines) if line.is_sure]
+    waiting = {
+        f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure
+    }
+    return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
+
+
+def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
+    return [line for each in lines.values() for line in each]
+
+
+def _by_side(found: Mapping[str, list[Candidate]]) -> dict[str, list[Candidate]]:
+    """Candidates of no side go to the drives: one to the left, which a one-drive gate has, several to either, and
+    so does one of a database that tells sides.
+    """
+    tells_sides = any(quantity.startswith("right_") for quantity in found)
+    result: dict[str, list[Candidate]] = {}
+    for quantity, candidates in found.items():
+        _, is_either, rest = quantity.rpartition("either_")
+        if not is_either:
+            result[quantity] = candidates
+        elif f"left_{rest}" in found or f"right_{rest}" in found:
+            continue
+        elif len(candidates) == 1 and not tells_sides:
+            result[f"left_{rest}"] = candidates
+        else:
+            result[f"left_{rest}"] = result[f"right_{rest}"] = candidates
+    return result
+
+
+def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Line]:
+    for quantity, candidates in found.items():
+        for candidate in candidates:
+            line = line_for(section, quantity, candidate)
+            if candidate.sender:
+                line = line.withdrawn(f"sent by {candidate.sender}: only if it isn't there")
+            if len(candidates) > 1:
+                line = line.withdrawn(f"one of {len(candidates)} that may be it")
+            elif candidate.quantity.startswith("either_") and candidate is not _only(
+                found, quantity
+            ):
+                line = line.withdrawn("of which drive?")
+            yield line
+
+
+def _only(found: Mapping[str, list[Candidate]], quantity: str) -> Candidate | None:
+    """The candidate, where the other drive does not have the same."""
+    other = (
+        quantity.replace("left_", "right_")
+        if "left_" in quantity
+        else quantity.replace("right_", "left_")
+    )
+    return None if found.get(other) == found[quantity] else found[quantity][0]
+
+
+def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
+    """A signal that may be two quantities is neither for sure."""
+    for section, each in lines.items():
+        for i, line in enumerate(each):
+            others = [other.quantity for other in each if other.signal == line.signal]
+            if line.is_sure and len(set(others)) > 1:
+                names = ", ".join(name for name in others if name != line.quantity)
+                lines[section][i] = line.withdrawn(f"may also be {names}")
+
+
+def _text(
+    head: list[str],
+    lines: Mapping[str, list[Line]],
+    messages: Mapping[str, Message],
+    target: Path,
+) -> tuple[str, dict[str, str]]:
+    """The file's text, and what a rig of it is refused for: key and reason."""
+    parts = list(head)
+    for section, each in lines.items():
+        parts += ["", f"[{section}]"]
+        for line in each:
+            parts += line.text()
+    used = dict.fromkeys((line.message.name, line.section) for line in _all(lines))
+    sure = {line.message.name for line in _all(lines) if line.is_sure}
+    for name, section in used:
+        is_cyclic = section == "outputs" or not all(
+            line.quantity in PANEL for line in _all(lines) if line.message.name == name
+        )
+        parts += protection_lines(messages[name], is_cyclic, is_used=name in sure)
+    text = "\n".join(parts) + "\n"
+    _, issues = rig_of_content(tomllib.loads(text), target)
+    faults = {}
+    for issue in issues.lines:
+        key, _, reason = issue.removeprefix(f"{issues.source}: ").partition(": ")
+        faults[key] = reason
+    return text, faults
+
+
+def _withdraw(lines: dict[str, list[Line]], faults: Mapping[str, str]) -> bool:
+    """Comment out what is refused; whether anything was."""
+    is_changed = False
+    for each in lines.values():
+        for i, line in enumerate(each):
+            key = f"{line.section}.{line.quantity}"
+            reason = next(
+                (
+                    said
+                    for at, said in faults.items()
+                    if at == key
+                    or at.startswith(f"{key}.")
+                    or at in (line.quantity, f"{line.quantity}.values")
+                    or at == f"{line.section} in {line.message.name}"
+                ),
+                "",
+            )
+            if line.is_sure and reason:
+                each[i] = line.withdrawn(reason)
+                is_changed = True
+    return is_changed
+
+
+def _missing(
+    faults: Mapping[str, str], waiting: Mapping[str, str], mapped: list[str]
+) -> Iterator[tuple[str, str]]:
+    """What the rig is refused for, and what it hardly does without."""
+    for key, reason in faults.items():
+        if key not in waiting:
+            yield key, reason
+    for quantity in _WANTED:
+        key = f"{'inputs' if quantity == 'left_duty' else 'outputs'}.{quantity}"
+        if key not in (*mapped, *waiting, *faults):
+            yield key, "nothing in the database is called so"

@@ -1,0 +1,176 @@
+"""A quantity's line in a drafted rig: mapped where its signal's unit, labels and range leave no doubt."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.bus_config import physical_range
+from liftgate_hil.config.drafting.candidates import Candidate
+from liftgate_hil.config.drafting.words import concepts_in, named_values, words_of
+from liftgate_hil.config.units import allowed_units, conversion, dimension_of
+from liftgate_hil.errors import printable
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+# A step of the signal, in our unit, that no database of a gate has: the unit is another.
+_COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
+_NO_VALUE = {
+    "sna", "invalid", "error", "fehler", "reserved", "reserviert", "unknown", "unbekannt", "init", "default", "na",
+    "fault", "undefined", "ungueltig", "unused",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Line:
+    """`quantity = …`; with a reason it is commented out."""
+
+    section: str
+    quantity: str
+    message: Message
+    signal: str  # MESSAGE.SIGNAL
+    keys: Mapping[str, str]  # beside the signal, in TOML
+    reason: str = ""
+    remark: str = ""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is mapped."""
+        return not self.reason
+
+    def withdrawn(self, reason: str) -> Line:
+        """The same, not sure."""
+        return replace(self, reason="; ".join(filter(None, (self.reason, reason))))
+
+    def text(self) -> list[str]:
+        """As it stands in the file."""
+        value = quoted(self.signal)
+        if self.keys:
+            rest = "".join(f", {key} = {said}" for key, said in self.keys.items())
+            value = f"{{ signal = {value}{rest} }}"
+        line = f"{self.quantity} = {value}"
+        if self.is_sure:
+            return [line + (f"  # {printable(self.remark)}" if self.remark else "")]
+        return [f"# {self.quantity}: {printable(self.reason)}", f"# {line}"]
+
+
+def quoted(text: str) -> str:
+    """A text in TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
+    """The line of a quantity's candidate."""
+    ours = (BUS_INPUTS if section == "inputs" else BUS_OUTPUTS)[quantity]
+    line = Line(section, quantity, candidate.message, candidate.name, {})
+    if ours.values:
+        return _enumeration(line, candidate.signal, ours.values)
+    if quantity.endswith("hall_speed"):
+        return line.withdrawn("ours is the counts in one sample period of the vehicle's sensors")
+    if quantity.endswith("_duty") and not candidate.unit and section == "inputs":
+        return _share_by_range(line, candidate.signal)
+    factors = conversion(ours, candidate.unit)
+    if factors is None and dimension_of(ours) == "number" and not candidate.unit:
+        factors = (1.0, 0.0)
+    low, high = physical_range(candidate.signal)
+    if factors is None:
+        said = (
+            f"{candidate.unit!r} is none of its units"
+            if candidate.unit
+            else "no unit in the database"
+        )
+        reason = f"{said} ({low:g} to {high:g}); one of {allowed_units(ours)}"
+        return replace(line, keys={"unit": '"?"'}).withdrawn(reason)
+    step = abs(factors[0] * float(candidate.signal.scale))
+    if step >= _COARSE.get(ours.unit, 1e300) and not candidate.signal.is_float:
+        return line.withdrawn(
+            f"steps of {step:g} {ours.unit} in the database's {candidate.unit!r} ({low:g} to {high:g}): is that "
+            "its unit?"
+        )
+    if (
+        quantity.endswith("_duty")
+        and not candidate.signal.is_float
+        and not 20.0 <= factors[0] * high <= 500.0
+    ):
+        return line.withdrawn(f"{low:g} to {high:g} in {candidate.unit!r}: is that its unit?")
+    is_same = factors == (1.0, 0.0)
+    return line if is_same else replace(line, remark=f"from {candidate.unit}")
+
+
+def _share_by_range(line: Line, signal: Signal) -> Line:
+    """A duty without a unit: 0 to 100 are per cent, 0 to 1 are shares, else nobody knows."""
+    low, high = physical_range(signal)
+    for top, unit in ((100.0, "%"), (1.0, "1")):
+        is_fine = signal.is_float or abs(float(signal.scale)) <= 0.1 * top
+        if high == top and low in (0.0, -top) and is_fine:
+            remark = f"no unit in the database, its range is {low:g} to {high:g}"
+            return replace(line, keys={"unit": quoted(unit)}, remark=remark)
+    scale = f"{100.0 / high:.6g}" if 0.0 < high < 1e9 else "1.0"
+    return replace(line, keys={"scale": scale}).withdrawn(
+        f"no unit in the database ({low:g} to {high:g}); scale if {high:g} is 100 %"
+    )
+
+
+def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
+    """Labels that name our values, or the one bit that its name explains."""
+    kind = next(
+        (
+            kind
+            for kind in ("direction", "latch_release", "latch_state")
+            if line.quantity.endswith(kind)
+        ),
+        "",
+    )
+    choices = {int(raw): str(label) for raw, label in (signal.choices or {}).items()}
+    labels = {label.casefold() for label in choices.values()}
+    if choices and all(name in labels for name in ours):
+        return line
+    asked = "{ " + ", ".join(f'{name} = "?"' for name in ours) + " }"
+    if not kind:
+        return replace(line, keys={"values": asked}).withdrawn("labels that are not ours")
+    if not choices:
+        values = _flag(line, signal, kind)
+        keys = {"values": values or asked}
+        remark = "no labels in the database, one bit by its name"
+        line = replace(line, keys=keys, remark=remark)
+        return line if values else line.withdrawn("no labels in the database; values by number")
+    named = named_values(kind, choices)
+    left = [
+        label
+        for label in choices.values()
+        if label not in named.values() and not _NO_VALUE & {*words_of(label)}
+    ]
+    pairs = [f"{name} = {quoted(named.get(name, '?'))}" for name in ours]
+    known = [pair for pair, name in zip(pairs, ours, strict=True) if name in named]
+    needed = ("open", "close") if kind == "direction" else ours
+    # What is sent has all of our values; labels that are never sent do not matter.
+    is_sure = all(name in named for name in needed) and not (left and line.section == "inputs")
+    if not is_sure:
+        said = ", ".join(f"{raw} {label!r}" for raw, label in sorted(choices.items())[:16])
+        return replace(line, keys={"values": "{ " + ", ".join(pairs) + " }"}).withdrawn(
+            f"labels {said}"
+        )
+    return replace(line, keys={"values": "{ " + ", ".join(known) + " }"})
+
+
+def _flag(line: Line, signal: Signal, kind: str) -> str:
+    """The values of one bit whose name says what 1 means; "" where it does not."""
+    said = concepts_in(signal.name)
+    words = {*words_of(signal.name)}
+    if signal.length != 1:
+        return ""
+    if kind == "latch_release" and "release" in said:
+        return "{ hold = 0, release = 1 }"
+    whole = "".join(words_of(signal.name))
+    is_shut = (
+        any(each in whole for each in ("latched", "closed", "locked", "verriegelt"))
+        and "un" not in whole
+    )
+    is_open = bool(words & {"open", "offen", "unlatched", "unlocked", "entriegelt"})
+    if kind == "latch_state" and is_shut != is_open:
+        return "{ open = 0, latched = 1 }" if is_shut else "{ open = 1, latched = 0 }"
+    return ""

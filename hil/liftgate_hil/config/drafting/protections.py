@@ -1,0 +1,47 @@
+"""The tables [messages.*] of a drafted rig: counters by their names; what a checksum covers no database says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.checksum import KINDS, PROFILES
+from liftgate_hil.config.drafting.candidates import is_protection
+from liftgate_hil.config.drafting.lines import quoted
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
+
+
+def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
+    """The table of a message; commented out where nothing of the message is mapped yet."""
+    parts: dict[str, list[Signal]] = {"counter": [], "checksum": []}
+    for signal in message.signals:
+        kind = is_protection(message, signal)
+        if kind:
+            parts[kind].append(signal)
+    lines = []
+    has_cycle = message.cycle_time and 0 < message.cycle_time <= 60_000
+    if is_cyclic and not has_cycle:
+        lines.append(
+            "# cycle_ms = 10                         # the database has none: to be filled in"
+        )
+    counters = parts["counter"]
+    for signal in counters:
+        line, why = f"counter = {quoted(signal.name)}", ""
+        if len(counters) > 1:
+            why = "one of several that are called so"
+        elif 0 < (signal.maximum or 0) < 2**signal.length - 1:
+            why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: of an E2E profile?"
+        lines.append(f"# {line}  # {why}" if why else line)
+    for signal in parts["checksum"]:
+        kinds = ", ".join(kind for kind in KINDS if kind != "none")
+        lines += [
+            f"# checksum = {quoted(signal.name)}  # the database does not say which:",
+            f'# checksum_kind = "crc8-sae-j1850"  # of {kinds}; or protection = of {", ".join(PROFILES)}',
+        ]
+    if not lines:
+        return []
+    head = f"[messages.{quoted(message.name)}]"
+    if is_used:
+        return ["", head, *lines]
+    return ["", *(line if line.startswith("# ") else f"# {line}" for line in (head, *lines))]

@@ -1,0 +1,152 @@
+"""What names of signals, messages and labels say, in English and German, abbreviated as databases do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+
+# Concept: how names say it. Words of four letters and more may be parts of longer ones; shorter ones, and those
+# after "=" (there is a gate in gateway, and a lock in clock), stand alone.
+WORDS: Mapping[str, tuple[str, ...]] = {
+    "left": ("left", "links", "l", "le", "li", "lh", "lt", "lhs", "hl", "lft", "lnks"),
+    "right": ("right", "rechts", "r", "re", "ri", "rh", "rt", "rhs", "hr", "rgt", "rght"),
+    "gate": ("=gate", "klappe", "=heck", "hatch", "trunk", "tailgate", "liftgate", "=lftgt", "hkl", "hk", "ptg",
+             "plg", "pltg", "plgm", "tg", "lg", "=ltgt", "=tlgt", "decklid", "=boot", "spindel", "spindle",
+             "backdoor", "heckdeckel"),
+    "motor": ("motor", "mot", "mtr", "=drive", "drv", "antrieb", "antr", "spindle", "spindel", "actuator", "aktor",
+              "drehz"),
+    "duty": ("duty", "pwm", "tastv", "tastgrad", "dc", "aussteuer", "stellgr", "=dtycyc", "dty"),
+    "direction": ("direction", "dir", "richtung", "=drctn", "=dirn", "bruecke", "bridge", "rtg"),
+    "latch": ("latch", "=ltch", "schloss", "riegel", "=lock", "unlock", "locked", "striker", "=unlck"),
+    "release": ("release", "unlock", "unlatch", "entrieg", "rls", "rel", "=rlse", "=unlck", "oeffnen"),
+    "current": ("current", "curr", "=crnt", "strom", "cur", "i", "amps"),
+    "hall": ("hall", "encoder", "enc", "inkrement", "impuls", "imp", "pulse", "pls", "edges"),
+    "count": ("count", "cnt", "=cntr", "ctr", "zaehl", "pos", "position", "zlr", "impulse", "pulses"),
+    "speed": ("speed", "spd", "drehz", "geschw", "rpm", "velocity", "vel", "n"),
+    "position": ("position", "posn", "pos", "turns", "umdr", "weg"),
+    "angle": ("angle", "winkel", "ang", "agl", "=angl", "wnkl", "wkl"),
+    "voltage": ("voltage", "volt", "spannung", "ubat", "vbat", "kl30", "klemme30", "bordnetz", "u", "v", "vltg",
+                "spg", "ub"),
+    "temperature": ("temperatur", "temp", "tmp", "te", "t"),
+    "ambient": ("ambient", "amb", "aussen", "outside", "outsd", "umgeb", "oat", "exterior"),
+    "slope": ("slope", "inclin", "=incl", "neigung", "steigung", "pitch", "=grade"),
+    "acceleration": ("accel", "acc", "accl", "beschl"),
+    "actual": ("actual", "act", "feedback", "fdbk", "fbk", "ist", "measured", "meas", "istwert"),
+    "limit": ("limit", "lim", "max", "min", "thresh", "schwelle", "average", "avg", "sum", "summe", "peak",
+              "total", "offset", "error", "fault", "fehler", "valid", "vld", "gueltig", "quality", "qf", "target"),
+    "counter": ("alive", "alv", "rolling", "msgcount", "messagecount", "bz", "botschaftsz", "rc", "sqc", "seq",
+                "sequence", "ctr", "counter", "cnt", "=cntr", "zaehler", "mc", "arc", "rollg", "lfd"),
+    "checksum": ("crc", "checksum", "=chks", "chk", "pruefsumme", "xor", "cs", "chksm", "cksm", "ps"),
+    "channel a": ("a", "halla"),
+    "channel b": ("b", "hallb"),
+}  # fmt: skip
+
+# Labels of an enumeration by our value's name; what may mean two of them is in none.
+_OPEN = (
+    "open",
+    "opening",
+    "auf",
+    "oeffnen",
+    "oeffnet",
+    "up",
+    "hoch",
+    "raise",
+    "heben",
+    "opn",
+    "moveopen",
+)
+_CLOSE = (
+    "close",
+    "closing",
+    "zu",
+    "schliessen",
+    "schliesst",
+    "down",
+    "runter",
+    "lower",
+    "senken",
+    "cls",
+    "clsng",
+)
+_COAST = (
+    "coast",
+    "off",
+    "aus",
+    "frei",
+    "freilauf",
+    "free",
+    "freewheel",
+    "idle",
+    "float",
+    "inactive",
+    "none",
+    "open loop",
+)
+_BRAKE = ("brake", "braking", "bremse", "bremsen", "brk", "shorted", "halten")
+LABELS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "direction": {"coast": _COAST, "open": _OPEN, "close": _CLOSE, "brake": _BRAKE},
+    "latch_release": {
+        "hold": ("hold", "off", "idle", "inactive", "none", "no", "ruhe", "aus", "false", "no request",
+                 "norequest", "not active", "no action", "keine", "nicht betaetigt", "halten", "locked"),
+        "release": ("release", "open", "unlock", "unlatch", "entriegeln", "on", "active", "request", "ein", "true",
+                    "yes", "oeffnen", "rls", "freigeben"),
+    },
+    "latch_state": {
+        "open": ("open", "offen", "auf", "frei", "released", "unlatched", "unlocked", "entriegelt", "not latched"),
+        "latched": ("latched", "closed", "locked", "verriegelt", "zu", "geschlossen", "eingerastet", "gesperrt",
+                    "fully latched", "primary", "hauptrast"),
+    },
+}  # fmt: skip
+_FILLING = {
+    "the", "motor", "mot", "mtr", "dir", "direction", "latch", "gate", "state", "status", "sts", "st", "cmd",
+    "command", "move", "moving", "bridge", "klappe", "heckklappe", "schloss", "is", "drive", "richtung", "lg",
+    "tg", "hkl", "rel", "ltch",
+}  # fmt: skip
+_UMLAUTS = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"}
+)
+_PREFIX = re.compile(
+    r"(?<![A-Za-z])[lr](?=[A-Z])"
+)  # of a ratio or a length, neither left nor right
+_PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name, in small letters: MotCurrLH_1 is mot, curr, lh, 1; rPwmLe, a ratio, is pwm, le."""
+    plain = _PREFIX.sub("", name.translate(_UMLAUTS))
+    return [part.lower() for part in _PART.findall(plain)]
+
+
+def concepts_in(name: str) -> set[str]:
+    """What a name speaks of."""
+    words = words_of(name)
+    whole = "".join(words)
+    return {concept for concept, spelled in WORDS.items() if _speaks(spelled, words, whole)}
+
+
+def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
+    return any(
+        each.removeprefix("=") in words or (len(each) >= 4 and each[0] != "=" and each in whole)
+        for each in spelled
+    )
+
+
+def side_of(*names: str) -> str:
+    """The drive that names speak of: the first of them that says left or right; "" where none does."""
+    for name in names:
+        sides = concepts_in(name) & {"left", "right"}
+        if len(sides) == 1:
+            return sides.pop()
+    return ""
+
+
+def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
+    """Our value: label, of those labels that name one of ours and are the only one to do so."""
+    found: dict[str, list[str]] = {}
+    for label in choices.values():
+        words = words_of(label)
+        said = " ".join(each for each in words if each not in _FILLING) or " ".join(words)
+        for ours, spelled in LABELS[kind].items():
+            if said in spelled or said.replace(" ", "") in spelled:
+                found.setdefault(ours, []).append(label)
+    return {ours: labels[0] for ours, labels in found.items() if len(labels) == 1}

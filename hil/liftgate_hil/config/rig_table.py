@@ -1,0 +1,116 @@
+"""What a rig maps, as a table: messages with their protection, quantities with their conversion and range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
+from liftgate_plant.signals import Signal
+
+_MOST = 1.7976931348623157e308
+
+
+class MappedSignal(NamedTuple):
+    """A quantity on the bus. Range and step are the signal's, in the quantity's unit."""
+
+    quantity: str
+    signal: str
+    database_unit: str
+    unit: str
+    conversion: str
+    low: float
+    high: float
+    step: float  # 0: a float
+
+
+class MappedMessage(NamedTuple):
+    """A message with quantities."""
+
+    message: str
+    identifier: int
+    is_extended: bool
+    direction: str  # "received" or "sent" by the gate
+    length: int  # bytes
+    cycle_ms: float  # 0: none
+    timeout_ms: float  # 0: it never goes stale
+    protection: str
+    signals: Sequence[MappedSignal]
+
+
+def mapped_messages(rig: Rig) -> list[MappedMessage]:
+    """The messages that a rig maps, those that the gate receives first."""
+    return [
+        *_messages(rig, "received", rig.inputs, BUS_INPUTS),
+        *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS),
+    ]
+
+
+def _messages(
+    rig: Rig, direction: str, wires: Sequence[SignalMapping], quantities: Mapping[str, Signal]
+) -> Iterator[MappedMessage]:
+    for name in dict.fromkeys(wire.message for wire in wires):
+        message, options = rig.messages[name], rig.options.get(name, MessageOptions())
+        own = [wire for wire in wires if wire.message == name]
+        cycle = float(options.cycle_ms if options.cycle_ms is not None else message.cycle_time or 0)
+        is_stale = direction == "received" and any(wire.quantity not in PANEL for wire in own)
+        yield MappedMessage(
+            message=name,
+            identifier=message.frame_id,
+            is_extended=bool(message.is_extended_frame),
+            direction=direction,
+            length=message.length,
+            cycle_ms=cycle,
+            timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
+            protection=_protection(options),
+            signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],
+        )
+
+
+def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:
+    signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
+    # A double times a factor may be more than a double.
+    low, high = (min(max(end, -_MOST), _MOST) for end in wire.quantity_range(signal))
+    return MappedSignal(
+        quantity=wire.quantity,
+        signal=wire.signal,
+        database_unit=signal.unit or "",
+        unit=quantity.unit,
+        conversion=_conversion(wire, quantity),
+        low=low,
+        high=high,
+        step=0.0 if signal.is_float else abs(wire.scale * float(signal.scale)),
+    )
+
+
+def _conversion(wire: SignalMapping, quantity: Signal) -> str:
+    """How theirs becomes ours, and who says so."""
+    if wire.basis == "unknown":
+        return "?"
+    if wire.values is not None:
+        pairs = ", ".join(f"{name} = {value}" for name, value in wire.values.items())
+        return f"{pairs} (by {'the rig' if wire.basis == 'values' else 'label'})"
+    if wire.basis == "unit" and (wire.scale, wire.offset) == (1.0, 0.0):
+        return ""
+    if wire.basis == "labels":
+        return "the same labels"
+    scale = "" if wire.scale == 1.0 else f"{wire.scale:.6g} "
+    offset = "" if wire.offset == 0.0 else f" {wire.offset:+.6g}"
+    who = " (by the rig)" if wire.basis == "rig" else ""
+    return f"[{quantity.unit}] = {scale}[{wire.unit}]{offset}{who}"
+
+
+def _protection(options: MessageOptions) -> str:
+    """Counter and checksum, in words."""
+    parts = []
+    if options.e2e is not None:
+        parts.append(options.e2e.profile)
+    if options.counter is not None:
+        parts.append(f"counter {options.counter}")
+    if options.checksum is not None:
+        kind = f" ({options.checksum_kind})" if options.e2e is None else ""
+        parts.append(f"checksum {options.checksum}{kind}")
+    return ", ".join(parts) or "none"

@@ -1,0 +1,172 @@
+"""What a run tells while it runs: where it is, what it waits for, the first frame refused for each cause, the
+ECU's story. It looks a few times a second, from outside the loop.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from liftgate_hil.codec.refusals import (
+    ACCEPTED,
+    BAD_CHECKSUM,
+    BAD_COUNTER,
+    OUT_OF_RANGE,
+    REMOTE_FRAME,
+    WRONG_LENGTH,
+)
+from liftgate_hil.listener import Listener, Status
+from liftgate_hil.signals import BUS_INPUTS, COLUMN_PLACE
+
+if TYPE_CHECKING:
+    from liftgate_hil.codec.receive import Reception
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.ecu.events import Event
+    from liftgate_hil.loop.tick import LoopConfig
+
+_EVERY_S = 0.1  # between two looks
+_PATIENCE_S = 2.0  # without a command, until it says that it waits
+_REFUSED = (REMOTE_FRAME, WRONG_LENGTH, OUT_OF_RANGE, BAD_CHECKSUM, BAD_COUNTER)
+_ANGLE, _LEFT, _RIGHT = (
+    COLUMN_PLACE[name] for name in ("gate_angle_deg", "left_current_a", "right_current_a")
+)
+
+
+class Moment(NamedTuple):
+    """Where a loop is."""
+
+    tick: int
+    row: Any  # (ROW_WIDTH,) the last one
+    sent: int  # frames
+    overruns: int
+
+
+class Lookout:
+    """Looks at a loop's `reception`, which the loop writes in place.
+
+    `events` gives what the ECU in this process has told after the first so many.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        config: LoopConfig,
+        reception: Reception,
+        listener: Listener,
+        events: Callable[[int], Sequence[Event]] = lambda told: (),
+    ) -> None:
+        self._rig = rig
+        self._config = config
+        self._reception = reception
+        self._listener = listener
+        self._events = events
+        self._told_events = 0
+        self._told_causes: set[int] = set()
+        self._command = rig.command_message()
+        self._row = _row_of(config, rig.command_identifier())
+        self._next = 0.0
+        self._heard = math.inf  # when it was last there, or the first look
+        self._was_heard = False
+        self._is_waiting = False
+
+    def look(self, moment: Moment, is_last: bool = False) -> None:
+        """Tell what is new; most calls come too soon, and cost nothing."""
+        now = time.monotonic()
+        if now < self._next and not is_last:
+            return
+        self._next = now + _EVERY_S
+        self._heard = min(self._heard, now)
+        time_s = moment.tick * self._config.step
+        for event in self._events(self._told_events):
+            self._told_events += 1
+            self._listener.happened(event.time, float(moment.row[_ANGLE]), event.text)
+        for cause in _REFUSED:
+            if self._reception.refusals[cause].count and cause not in self._told_causes:
+                self._told_causes.add(cause)
+                self._listener.say(self._refusal(cause))
+        if not is_last:
+            self._look_at_command(time_s, now)
+            self._listener.status(self._status(moment))
+
+    def _look_at_command(self, time_s: float, now: float) -> None:
+        """Whether it is there; where it is long in coming, what it is that is waited for."""
+        if self._reception.seen_ns[self._row] >= 0:
+            if self._is_waiting:
+                self._listener.say(f"{time_s:.3f} s: {self._command} comes")
+            self._heard, self._was_heard, self._is_waiting = now, True, False
+        elif self._was_heard:
+            self._listener.say(f"{time_s:.3f} s: {self._command} has stopped: motors off")
+            self._was_heard, self._is_waiting = False, True
+        elif not self._is_waiting and now - self._heard > _PATIENCE_S:
+            identifier = self._rig.messages[self._command].frame_id
+            self._listener.say(
+                f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"
+            )
+            self._is_waiting = True
+
+    def _status(self, moment: Moment) -> Status:
+        counts = self._reception.refusals["count"]
+        seen_ns = int(self._reception.seen_ns[self._row])
+        age = moment.tick * self._config.step - seen_ns * 1e-9 if seen_ns >= 0 else None
+        return Status(
+            time_s=moment.tick * self._config.step,
+            angle_deg=float(moment.row[_ANGLE]),
+            left_current_a=float(moment.row[_LEFT]),
+            right_current_a=float(moment.row[_RIGHT]),
+            command_age_s=age,
+            sent=moment.sent,
+            accepted=int(counts[ACCEPTED]),
+            refused=sum(int(counts[cause]) for cause in _REFUSED),
+            overruns=moment.overruns,
+        )
+
+    def _refusal(self, cause: int) -> str:
+        """The first frame refused for a cause, in words."""
+        refusal = self._reception.refusals[cause]
+        name = self._message_name(int(refusal.message))
+        head = f"{refusal.time_ns * 1e-9:.3f} s: {name} refused"
+        options = self._rig.options.get(name)
+        if cause == REMOTE_FRAME:
+            return f"{head}: a remote frame; allowed: data"
+        if cause == WRONG_LENGTH:
+            return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
+        if cause == BAD_CHECKSUM:
+            signal = (options and options.checksum) or "checksum"
+            if refusal.found == refusal.expected:
+                return f"{head}: {signal} or data ID: not those of this message"
+            found, expected = int(refusal.found), int(refusal.expected)
+            return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
+        if cause == BAD_COUNTER:
+            signal = (options and options.counter) or "counter"
+            return f"{head}: {signal} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
+        return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
+
+    def _out_of_range(self, row: int, found: float) -> str:
+        table = self._config.inputs.signals[row]
+        quantity = list(BUS_INPUTS)[int(table.quantity)]
+        mapping = next(wire for wire in self._rig.inputs if wire.quantity == quantity)
+        signal = self._rig.messages[mapping.message].get_signal_by_name(mapping.signal)
+        unit = f" {signal.unit}" if signal.unit else ""
+        head = f"{mapping.signal} is {found:g}{unit}"
+        if not table.low <= found <= table.high:
+            least, most = signal.minimum, signal.maximum
+            low, high = (table.low, table.high) if least is None or most is None else (least, most)
+            return f"{head}; allowed by the database: {low:g} to {high:g}{unit}"
+        ours = BUS_INPUTS[quantity]
+        allowed = f"{ours.low:g} to {ours.high:g}" + (f" {ours.unit}" if ours.unit else "")
+        return f"{head}; allowed for {quantity}: {', '.join(ours.values) or allowed}"
+
+    def _message_name(self, row: int) -> str:
+        identifier = int(self._config.inputs.messages[row].identifier) & 0x1FFFFFFF
+        for name, message in self._rig.messages.items():
+            if message.frame_id == identifier:
+                return name
+        return f"0x{identifier:X}"
+
+
+def _row_of(config: LoopConfig, identifier: int) -> int:
+    """The row of a message among those that are received."""
+    known: list[int] = config.inputs.messages["identifier"].tolist()
+    return known.index(identifier)

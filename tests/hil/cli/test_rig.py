@@ -1,0 +1,135 @@
+"""`rig check`: the table of what is mapped, all that is wrong with it, and an exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hil_support import write_rig
+
+from liftgate_hil.cli.main import main
+
+FOREIGN = Path(__file__).parents[2] / "system" / "foreign" / "foreign.toml"
+
+DATABASE = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+BO_ 2016 Out: 8 Gate
+ SG_ Current : 0|16@1+ (1,0) [0|0] "mA" ECU
+ SG_ Volt : 16|16@1+ (1,0) [0|0] "mV" ECU
+BO_ 512 Fine: 8 Gate
+ SG_ Angle : 0|16@1- (0.0001,0) [0|0] "rad" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+"""
+RIG = 'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\n'
+
+
+def test_the_shipped_rig_is_fine_and_shows_all_it_maps(capsys: pytest.CaptureFixture[str]):
+    assert main(["rig", "check", "liftgate"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert (
+        "received DriveCommand 0x120, 8 bytes, every 10 ms, stale after 30 ms; protection: counter "
+        "AliveCounter, checksum Checksum (crc8-sae-j1850)" in said.out
+    )
+    assert "sent BenchStatus 0x6E0" in said.out
+    assert said.out.splitlines()[-1].endswith("liftgate.toml: fits suv at 1000 Hz")
+
+
+def test_a_foreign_rig_shows_units_conversions_and_ranges(capsys: pytest.CaptureFixture[str]):
+    assert main(["rig", "check", str(FOREIGN), "--vehicle", "compact", "--rate", "2000"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert (
+        "left_current StromLinks [mA] -> [A] -81.923 to 81.897 A in steps of 0.02 [A] = 0.001 [mA]"
+        in lines
+    )
+    assert any(
+        "coast = Frei, open = Auf, close = Zu, brake = Halt (by the rig)" in x for x in lines
+    )
+    assert lines[-1].endswith("fits compact at 2000 Hz")
+
+
+def test_issues_come_with_the_table_of_what_could_be_made_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
+    path = write_rig(tmp_path, DATABASE, RIG + wires)
+    assert main(["rig", "check", str(path)]) == 2
+    said = capsys.readouterr()
+    assert "gate_angle  Angle  [rad] -> [deg]" in said.out
+    assert "?" in next(line for line in said.out.splitlines() if "left_current" in line)
+    assert "fits" not in said.out
+    faults = said.err.splitlines()
+    assert len(faults) == 2
+    assert "outputs.left_current: Out.Volt is in 'mV', a unit of voltage" in faults[0]
+    assert "outputs in Out: identifier 0x7E0; allowed: none that cars use for diag" in faults[1]
+
+
+def test_what_the_vehicle_and_the_rate_do_not_allow_is_an_issue_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    wires = 'left_current = "Fine.Current"\n[messages.Fine]\ncycle_ms = 2\n'
+    database = DATABASE.replace(
+        '"rad" ECU', '"rad" ECU\n SG_ Current : 16|16@1+ (1,0) [0|0] "mA" ECU'
+    )
+    path = write_rig(tmp_path, database, RIG + wires)
+    assert main(["rig", "check", str(path), "--rate", "200", "--set", "supply.voltage=14"]) == 2
+    faults = capsys.readouterr().err.splitlines()
+    assert "Fine.Current holds -0.0005 to 65.54 A, any motion of this vehicle needs" in faults[0]
+    assert "messages.Fine.cycle_ms: 2; allowed: 5 or more, a tick at --rate 200 Hz" in faults[1]
+
+
+def test_notes_are_told_and_no_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    wires = 'gate_angle = { signal = "Fine.Angle", scale = 1000 }\n'
+    path = write_rig(tmp_path, DATABASE, RIG + wires)
+    assert main(["rig", "check", str(path), "--rate", "1500"]) == 0
+    assert "note: " in capsys.readouterr().out
+
+
+def test_json_holds_the_table_and_the_issues(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    wires = 'left_current = "Out.Volt"\ngate_angle = "Fine.Angle"\n'
+    path = write_rig(tmp_path, DATABASE, RIG + wires)
+    assert main(["rig", "check", str(path), "--json"]) == 2
+    answer = json.loads(capsys.readouterr().out)
+    assert len(answer["issues"]) == 2
+    (fine,) = [each for each in answer["messages"] if each["message"] == "Fine"]
+    assert (fine["identifier"], fine["direction"], fine["cycle_ms"]) == (512, "sent", 10.0)
+    (angle,) = fine["signals"]
+    assert (angle["database_unit"], angle["unit"]) == ("rad", "deg")
+    assert angle["high"] == pytest.approx(187.7, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["rig", "check", "none"], "FILE none: neither a file nor a shipped name (liftgate)"),
+        (["rig", "check", "none.toml"], "FILE none.toml: no such file"),
+        (["rig", "draft", "none.dbc"], "none.dbc: no such file"),
+        (["rig", "draft", "their.toml"], "allowed: a file of .dbc, .arxml, .kcd, .sym"),
+    ],
+)
+def test_what_cannot_be_read_is_told_with_exit_2(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    said: str,
+):
+    monkeypatch.chdir(tmp_path)
+    write_rig(tmp_path, DATABASE, RIG)
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_labels_of_a_database_cannot_speak_to_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = write_rig(tmp_path, DATABASE.replace('"rad"', '"\x1b[2Jrad"'), RIG)
+    main(["rig", "draft", str(path.with_name("their.dbc"))])
+    main(["rig", "check", str(path)])
+    said = capsys.readouterr()
+    assert "\x1b" not in said.out + said.err

@@ -1,0 +1,216 @@
+"""Databases of other formats and encodings, and files that are none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cantools
+import pytest
+
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.errors import ConfigError
+
+ROOT = Path(__file__).parents[3]
+OURS = cantools.database.load_file(ROOT / "dbc/liftgate.dbc")
+RIG = """dbc = "{name}"
+[inputs]
+left_duty = "DriveCommand.LeftDuty"
+left_direction = "DriveCommand.LeftDirection"
+[outputs]
+left_current = "LeftDrive.MotorCurrent"
+gate_angle = "Gate.Angle"
+"""
+CYCLES = "[messages]\nDriveCommand.cycle_ms = 10\nLeftDrive.cycle_ms = 5\nGate.cycle_ms = 10\n"
+
+
+def issues_of(folder: Path, name: str) -> list[str]:
+    (folder / "r.toml").write_text(RIG.format(name=name))
+    with pytest.raises(ConfigError) as caught:
+        load_rig(folder / "r.toml")
+    return caught.value.issues
+
+
+@pytest.mark.parametrize("suffix", ["kcd", "KCD"])
+def test_the_same_bus_as_kcd_gives_the_same_tables(tmp_path: Path, suffix: str):
+    (tmp_path / f"ours.{suffix}").write_text(OURS.as_kcd_string(), encoding="utf-8")
+    path = tmp_path / "r.toml"
+    path.write_text(RIG.format(name=f"ours.{suffix}") + CYCLES)
+    (tmp_path / "dbc.toml").write_text(RIG.format(name="liftgate.dbc") + CYCLES)
+    other, own = load_rig(path), load_rig(tmp_path / "dbc.toml")
+    for config in ("input_config", "output_config"):
+        theirs, ours = getattr(other, config)(), getattr(own, config)()
+        for table in ("messages", "signals", "places"):
+            assert getattr(theirs, table).tobytes() == getattr(ours, table).tobytes()
+
+
+SYM = """FormatVersion=6.0 // Do not edit this line!
+Title="their bus"
+
+{SIGNALS}
+Sig=Duty signed 16 /u:% /f:0.01 /max:100 /min:-100
+Sig=Current signed 16 -m /u:mA /f:10
+
+{SENDRECEIVE}
+
+[Cmd]
+ID=100h
+Len=8
+CycleTime=20
+Sig=Duty 0
+
+[Out]
+ID=200h
+Len=8
+CycleTime=10
+Sig=Current 0
+"""
+
+
+def test_a_sym_is_read_with_its_units_and_cycles(tmp_path: Path):
+    (tmp_path / "their.sym").write_text(SYM, encoding="cp1252")
+    path = tmp_path / "r.toml"
+    path.write_text(
+        'dbc = "their.sym"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
+    )
+    rig = load_rig(path)
+    assert (rig.outputs[0].unit, rig.outputs[0].scale) == ("mA", 0.001)
+    assert rig.output_config().messages.cycle_ns.tolist() == [10_000_000]
+    assert rig.command_cycle_ms() == 20.0
+
+
+ARXML = """<?xml version="1.0" encoding="UTF-8"?>
+<AUTOSAR xmlns="http://autosar.org/schema/r4.0">
+<AR-PACKAGES><AR-PACKAGE><SHORT-NAME>P</SHORT-NAME><ELEMENTS>
+<UNIT><SHORT-NAME>mA</SHORT-NAME><DISPLAY-NAME>mA</DISPLAY-NAME></UNIT>
+<UNIT><SHORT-NAME>pct</SHORT-NAME><DISPLAY-NAME>%</DISPLAY-NAME></UNIT>
+{methods}
+{signals}
+{pdus}
+{frames}
+<CAN-CLUSTER><SHORT-NAME>Bus</SHORT-NAME><CAN-CLUSTER-VARIANTS><CAN-CLUSTER-CONDITIONAL>
+<BAUDRATE>500000</BAUDRATE><PHYSICAL-CHANNELS><CAN-PHYSICAL-CHANNEL><SHORT-NAME>Channel</SHORT-NAME>
+<FRAME-TRIGGERINGS>{triggerings}</FRAME-TRIGGERINGS>
+</CAN-PHYSICAL-CHANNEL></PHYSICAL-CHANNELS></CAN-CLUSTER-CONDITIONAL></CAN-CLUSTER-VARIANTS></CAN-CLUSTER>
+</ELEMENTS></AR-PACKAGE></AR-PACKAGES></AUTOSAR>
+"""
+
+
+def arxml(messages: list[tuple[str, int, str, str, float]]) -> str:
+    """Messages of one signal each: message, identifier, signal, unit, factor."""
+    parts: dict[str, list[str]] = {
+        each: [] for each in ("methods", "signals", "pdus", "frames", "triggerings")
+    }
+    for message, identifier, signal, unit, factor in messages:
+        parts["methods"].append(
+            f"<COMPU-METHOD><SHORT-NAME>C_{signal}</SHORT-NAME><CATEGORY>LINEAR</CATEGORY>"
+            f'<UNIT-REF DEST="UNIT">/P/{unit}</UNIT-REF><COMPU-INTERNAL-TO-PHYS><COMPU-SCALES>'
+            "<COMPU-SCALE><COMPU-RATIONAL-COEFFS>"
+            f"<COMPU-NUMERATOR><V>0</V><V>{factor}</V></COMPU-NUMERATOR>"
+            "<COMPU-DENOMINATOR><V>1</V></COMPU-DENOMINATOR></COMPU-RATIONAL-COEFFS></COMPU-SCALE>"
+            "</COMPU-SCALES></COMPU-INTERNAL-TO-PHYS></COMPU-METHOD>"
+        )
+        parts["signals"].append(
+            f"<SYSTEM-SIGNAL><SHORT-NAME>S_{signal}</SHORT-NAME><PHYSICAL-PROPS>"
+            "<SW-DATA-DEF-PROPS-VARIANTS><SW-DATA-DEF-PROPS-CONDITIONAL>"
+            f'<COMPU-METHOD-REF DEST="COMPU-METHOD">/P/C_{signal}</COMPU-METHOD-REF>'
+            "</SW-DATA-DEF-PROPS-CONDITIONAL></SW-DATA-DEF-PROPS-VARIANTS></PHYSICAL-PROPS></SYSTEM-SIGNAL>"
+            f"<SW-BASE-TYPE><SHORT-NAME>B_{signal}</SHORT-NAME><BASE-TYPE-ENCODING>2C</BASE-TYPE-ENCODING>"
+            "</SW-BASE-TYPE>"
+            f"<I-SIGNAL><SHORT-NAME>{signal}</SHORT-NAME><LENGTH>16</LENGTH>"
+            "<NETWORK-REPRESENTATION-PROPS><SW-DATA-DEF-PROPS-VARIANTS><SW-DATA-DEF-PROPS-CONDITIONAL>"
+            f'<BASE-TYPE-REF DEST="SW-BASE-TYPE">/P/B_{signal}</BASE-TYPE-REF>'
+            f'<COMPU-METHOD-REF DEST="COMPU-METHOD">/P/C_{signal}</COMPU-METHOD-REF>'
+            "</SW-DATA-DEF-PROPS-CONDITIONAL></SW-DATA-DEF-PROPS-VARIANTS></NETWORK-REPRESENTATION-PROPS>"
+            f'<SYSTEM-SIGNAL-REF DEST="SYSTEM-SIGNAL">/P/S_{signal}</SYSTEM-SIGNAL-REF></I-SIGNAL>'
+        )
+        parts["pdus"].append(
+            f"<I-SIGNAL-I-PDU><SHORT-NAME>Pdu{message}</SHORT-NAME><LENGTH>8</LENGTH>"
+            "<I-SIGNAL-TO-PDU-MAPPINGS><I-SIGNAL-TO-I-PDU-MAPPING>"
+            f"<SHORT-NAME>M_{signal}</SHORT-NAME>"
+            f'<I-SIGNAL-REF DEST="I-SIGNAL">/P/{signal}</I-SIGNAL-REF>'
+            "<PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER>"
+            "<START-POSITION>0</START-POSITION></I-SIGNAL-TO-I-PDU-MAPPING></I-SIGNAL-TO-PDU-MAPPINGS>"
+            "</I-SIGNAL-I-PDU>"
+        )
+        parts["frames"].append(
+            f"<CAN-FRAME><SHORT-NAME>{message}</SHORT-NAME><FRAME-LENGTH>8</FRAME-LENGTH>"
+            "<PDU-TO-FRAME-MAPPINGS><PDU-TO-FRAME-MAPPING><SHORT-NAME>PM</SHORT-NAME>"
+            "<PACKING-BYTE-ORDER>MOST-SIGNIFICANT-BYTE-LAST</PACKING-BYTE-ORDER>"
+            f'<PDU-REF DEST="I-SIGNAL-I-PDU">/P/Pdu{message}</PDU-REF>'
+            "<START-POSITION>0</START-POSITION></PDU-TO-FRAME-MAPPING></PDU-TO-FRAME-MAPPINGS></CAN-FRAME>"
+        )
+        parts["triggerings"].append(
+            f"<CAN-FRAME-TRIGGERING><SHORT-NAME>T{message}</SHORT-NAME>"
+            f'<FRAME-REF DEST="CAN-FRAME">/P/{message}</FRAME-REF>'
+            "<CAN-ADDRESSING-MODE>STANDARD</CAN-ADDRESSING-MODE>"
+            f"<IDENTIFIER>{identifier}</IDENTIFIER></CAN-FRAME-TRIGGERING>"
+        )
+    return ARXML.format(**{name: "\n".join(each) for name, each in parts.items()})
+
+
+def test_an_arxml_is_read_with_its_units(tmp_path: Path):
+    content = arxml([("Cmd", 256, "Duty", "pct", 0.01), ("Out", 512, "Current", "mA", 10.0)])
+    (tmp_path / "their.arxml").write_text(content, encoding="utf-8")
+    path = tmp_path / "r.toml"
+    path.write_text(
+        'dbc = "their.arxml"\n[inputs]\nleft_duty = "Cmd.Duty"\n[outputs]\nleft_current = "Out.Current"\n'
+        "[messages]\nCmd.cycle_ms = 10\nOut.cycle_ms = 10\n"
+    )
+    rig = load_rig(path)
+    (wire,) = rig.outputs
+    assert (wire.unit, wire.scale) == ("mA", 0.001)
+    assert rig.output_config().signals.factor.tolist() == [10.0]
+    assert rig.inputs[0].quantity_range(rig.messages["Cmd"].signals[0]) == (-327.68, 327.67)
+
+
+LABELLED = """VERSION ""
+BS_:
+BU_: ECU Gate
+BO_ 256 Cmd: 8 ECU
+ SG_ Duty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+ SG_ Dir : 32|4@1+ (1,0) [0|15] "" Gate
+BO_ 512 Out: 8 Gate
+ SG_ Angle : 0|16@1- (0.01,0) [0|0] "°" ECU
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+VAL_ 256 Dir 1 "Öffnen" 2 "Schließen" ;
+"""
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
+def test_letters_beyond_ascii_are_read_in_every_encoding(tmp_path: Path, encoding: str):
+    (tmp_path / "their.dbc").write_bytes(LABELLED.replace("\n", "\r\n").encode(encoding))
+    path = tmp_path / "r.toml"
+    path.write_text(
+        'dbc = "their.dbc"\n[inputs]\nleft_duty = "Cmd.Duty"\n'
+        'left_direction = { signal = "Cmd.Dir", values = { open = "Öffnen", close = "Schließen" } }\n'
+        '[outputs]\ngate_angle = "Out.Angle"\n',
+        encoding="utf-8",
+    )
+    rig = load_rig(path)
+    assert rig.input_config().names.theirs.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("x.cdd", "is a diagnostic database; allowed: a file of .dbc, .arxml, .kcd, .sym"),
+        ("x.ldf", "is a LIN database"),
+        ("x.xlsx", "is a spreadsheet"),
+        ("x.txt", "allowed: a file of .dbc, .arxml, .kcd, .sym"),
+        ("x", "allowed: a file of .dbc, .arxml, .kcd, .sym"),
+        ("x.arxml", "cannot be read"),
+        ("x.kcd", "cannot be read"),
+        ("x.sym", "cannot be read"),
+    ],
+)
+def test_what_is_no_can_database_is_told_as_what_it_is(tmp_path: Path, name: str, said: str):
+    (tmp_path / name).write_text("something else")
+    (issue,) = issues_of(tmp_path, name)
+    assert said in issue
+
+
+def test_a_database_without_messages_is_told(tmp_path: Path):
+    (tmp_path / "x.dbc").write_text('VERSION ""\nBS_:\nBU_: A\n')
+    (issue,) = issues_of(tmp_path, "x.dbc")
+    assert "has no messages" in issue

@@ -1,0 +1,126 @@
+"""What a run tells while it runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from liftgate_hil import session
+from liftgate_hil.codec.frames import REMOTE
+from liftgate_hil.codec.receive import NO_COUNTS, receive
+from liftgate_hil.ecu.events import IN_WORDS, Event
+from liftgate_hil.listener import Listener, Status
+from liftgate_hil.loop import lookout as module
+from liftgate_hil.loop.lookout import Lookout, Moment
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from tests.hil.hil_support import command_payload, frames_of
+
+COMMAND = 0x120
+
+
+class Told(Listener):
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.seen: list[Status] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
+        self.said.append(f"{time_s} {angle_deg} {text}")
+
+    def status(self, status: Status) -> None:
+        self.seen.append(status)
+
+
+class Bench:
+    """A gate that receives, and a lookout on it; its clock goes by hand."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 100.0
+        monkeypatch.setattr(module.time, "monotonic", lambda: self.now)
+        self.rig = session.rig_from("liftgate")
+        self.config = session.loop_config_of(session.vehicle_from("suv"), self.rig, 1000.0, 0)
+        self.reception = session.start_of(self.config).reception
+        self.counts = NO_COUNTS
+        self.told = Told()
+        self.events: list[Event] = []
+        self.lookout = Lookout(
+            self.rig, self.config, self.reception, self.told, lambda told: self.events[told:]
+        )
+        self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
+        self.row = np.zeros(ROW_WIDTH)
+        self.row[COLUMN_PLACE["gate_angle_deg"]] = 12.5
+        self.row[COLUMN_PLACE["left_current_a"]] = 1.5
+
+    def receive(self, payload: bytes, identifier: int = COMMAND, tick: int = 0) -> None:
+        frames = frames_of([(identifier, payload)])
+        self.counts = receive(
+            self.config.inputs, self.reception, self.counts, frames, tick * self.config.step_ns
+        )
+
+    def look(self, tick: int = 0, after: float = 1.0, is_last: bool = False) -> list[str]:
+        self.now += after
+        before = len(self.told.said)
+        self.lookout.look(Moment(tick, self.row, 7, 3), is_last)
+        return self.told.said[before:]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
+    bench.receive(command_payload(bench.rig, 1), tick=10)
+    assert bench.look(tick=15) == []
+    (status,) = bench.told.seen
+    assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 3)
+
+
+def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
+    good = command_payload(bench.rig, 1)
+    bench.receive(good, tick=10)
+    bench.receive(good, tick=20)
+    bench.receive(good[:-1], tick=30)
+    spoilt = bytearray(command_payload(bench.rig, 2))
+    right = spoilt[bench.sum_at]
+    spoilt[bench.sum_at] ^= 0xFF
+    bench.receive(bytes(spoilt), tick=40)
+    bench.receive(command_payload(bench.rig, 2, LeftDuty=102.0), tick=50)
+    bench.receive(b"", COMMAND | REMOTE, tick=60)
+    said = sorted(bench.look(tick=70))
+    assert said == [
+        "0.020 s: DriveCommand refused: AliveCounter is 1; expected 2",
+        f"0.030 s: DriveCommand refused: {len(good) - 1} bytes; expected {len(good)}",
+        f"0.040 s: DriveCommand refused: Checksum is 0x{right ^ 0xFF:X}; expected 0x{right:X}",
+        "0.050 s: DriveCommand refused: LeftDuty is 102 %; allowed by the database: 0 to 100 %",
+        "0.060 s: DriveCommand refused: a remote frame; allowed: data",
+    ]
+    bench.receive(good[:-1], tick=80)
+    assert bench.look(tick=90) == []
+    assert bench.told.seen[-1].refused == 6
+
+
+def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
+    assert bench.look(after=0.0) == []
+    assert bench.look(tick=1000) == []
+    assert bench.look(tick=2500, after=1.5) == [
+        "2.500 s: waits for DriveCommand (0x120), motors off"
+    ]
+    assert bench.look(tick=9000, after=9.0) == []
+    bench.receive(command_payload(bench.rig, 1), tick=9100)
+    assert bench.look(tick=9101) == ["9.101 s: DriveCommand comes"]
+    bench.reception.seen_ns[:] = -1
+    assert bench.look(tick=9200) == ["9.200 s: DriveCommand has stopped: motors off"]
+    bench.receive(command_payload(bench.rig, 2), tick=9300)
+    assert bench.look(tick=9301) == ["9.301 s: DriveCommand comes"]
+
+
+def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
+    bench.events.append(Event(0.5, IN_WORDS, "opening"))
+    assert bench.look() == ["0.5 12.5 opening"]
+    bench.events.append(Event(0.9, IN_WORDS, "open"))
+    assert bench.look(after=0.0) == []  # too soon
+    assert bench.look(after=0.0, is_last=True) == ["0.9 12.5 open"]
+    assert bench.look() == []
