@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from tools.hostile.case import Case, Outcome
@@ -27,7 +27,14 @@ def shell_code(status: int) -> int:
 class Child:
     """A call on its way."""
 
-    def __init__(self, case: Case, folder: Path, limit: float, is_forked: bool) -> None:
+    def __init__(
+        self,
+        case: Case,
+        folder: Path,
+        limit: float,
+        is_forked: bool,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.case, self.folder = case, folder
         self._began = time.monotonic()
         self._limit = limit
@@ -44,6 +51,7 @@ class Child:
                 process = subprocess.Popen(
                     [*COMMAND, *case.arguments], cwd=folder, stdout=out, stderr=err,
                     stdin=subprocess.DEVNULL,
+                    env={**os.environ, **(environment or {})},
                 )  # fmt: skip
             self.pid = process.pid
             process.returncode = 0  # waited for here
