@@ -24,6 +24,12 @@ def shell_code(status: int) -> int:
     return status if status >= 0 else 128 - status
 
 
+def _used_by(pid: int) -> float:
+    """CPU seconds of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class Child:
     """A call on its way."""
 
@@ -40,6 +46,7 @@ class Child:
         self._limit = limit
         self._status: int | None = None
         self._is_late = False
+        self._used = self._used_before = 0.0
         # Beside the folder: a case may have files of any name in it.
         self._said = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
         if is_forked:
@@ -59,9 +66,10 @@ class Child:
     def poll(self) -> bool:
         """Whether it has ended; it is killed where that took too long."""
         if self._status is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            pid, status, used = os.wait4(self.pid, os.WNOHANG)
             if pid:
                 self._status = os.waitstatus_to_exitcode(status)
+                self._used = used.ru_utime + used.ru_stime
             elif time.monotonic() - self._began > self._limit:
                 self._is_late = True
                 os.kill(self.pid, signal.SIGKILL)
@@ -71,7 +79,12 @@ class Child:
     def signal(self, number: int) -> None:
         """Send it one, if it is still there."""
         if not self.poll():
+            self._used_before = _used_by(self.pid)
             os.kill(self.pid, number)
+
+    def used_since_signal(self) -> float:
+        """CPU seconds, which a busy machine does not lengthen; those of its children, too, as far as it waited."""
+        return self._used - self._used_before
 
     def outcome(self) -> Outcome:
         """What came of it."""

@@ -15,6 +15,7 @@ from tools.hostile.judging import common_faults, rows_in, whole_outputs
 from tools.hostile.running import Child
 
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
+_BUSY = 10.0  # times longer than it takes by itself may something last on a busy machine
 _COLD = 0.15  # share of those that have to compile first
 _RECORDS = ["--record", "out.csv", "--record", "out.log"]
 
@@ -81,8 +82,9 @@ def signal_case(
     if is_pythons_own(outcome):
         return case, outcome, []
     faults = common_faults(outcome)
-    if took > patience and not is_over:
-        faults.append(f"it took {took:.2f} s to end")
+    used = 0.0 if is_cold else child.used_since_signal()  # what a compiler used before counts there
+    if not is_over and (used > patience or took > _BUSY * patience):
+        faults.append(f"it took {took:.2f} s to end, {used:.2f} s of CPU")
     if outcome.code not in _codes(command, SIGNALS[which], is_over):
         faults.append(f"exit code {outcome.code}")
     faults += whole_outputs(folder, list(command.outputs), is_finished=is_over)
