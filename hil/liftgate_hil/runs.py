@@ -207,6 +207,7 @@ def _nothing(job: Job, reason: str, ticks: int) -> Result:
             clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
         ),
         recording=job.options.records,
+        trace=Trace(job.trace).columns() if job.trace else {},
     )
 
 

@@ -23,6 +23,7 @@ from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.runs import Result
+from liftgate_plant.compiler import GivenUpError
 
 TEXT = """
 import os
@@ -280,6 +281,19 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
     last = (folder / "demo.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[0]) == pytest.approx(float(time), abs=0.002)
     assert (folder / "demo.png").is_file()
+
+
+def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def given_up(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        raise GivenUpError
+
+    monkeypatch.setattr("liftgate_hil.runs._run", given_up)
+    assert demo() == 143
+    assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
+    assert not (folder / "demo.png").exists()
 
 
 def test_the_json_of_one_that_is_stopped_says_by_what(
