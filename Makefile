@@ -13,19 +13,23 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo test test-package test-vcan lint setup bench study coverage clean
+.PHONY: demo docs test test-package test-vcan lint setup bench study coverage clean
 
 setup: $(VENV)/.ready
 
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) tools/make_venv.py $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[mf4]" --group dev
+	$(BIN)/python -m pip install --quiet --editable ".[mf4,parquet]" --group dev
 	touch $@
 
 demo: setup
 	mkdir -p $(OUT)
 	$(BIN)/liftgate-hil demo --output $(OUT)
+
+# What of the documents the program writes: the demo's picture, and every key of vehicle, rig and scenario files.
+docs: setup
+	$(BIN)/python -m tools.docs
 
 # What is judged by its behaviour in real time gets the machine for itself.
 test: lint

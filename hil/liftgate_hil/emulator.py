@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.errors import RecordingError
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
+from liftgate_hil.recording.content import Content
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
+from liftgate_hil.signals import columns_of
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
@@ -83,7 +84,7 @@ class Emulator:
         from liftgate_hil.recording.process import RecorderProcess
         from liftgate_hil.transport.find import open_line
 
-        options, drives = self.options, self.setup.vehicle.drives
+        options = self.options
         loop = recorder = None
         try:
             with contextlib.ExitStack() as stack:
@@ -92,7 +93,13 @@ class Emulator:
                 memory = memory_for(options.rate)
                 stack.callback(memory.close)
                 if options.records:
-                    recorder = RecorderProcess(options.records, memory, drives, name)
+                    recorder = RecorderProcess(
+                        options.records,
+                        self._content(name),
+                        options.limit(),
+                        memory,
+                        self.listener.say,
+                    )
                     stack.callback(recorder.close)
                 loop = RealtimeRun(
                     config=self.config,
@@ -117,35 +124,38 @@ class Emulator:
         finally:
             # The counts of the line and the recorder are whole only when they are closed.
             if loop is not None:
-                self.summary = loop.summary(recorder.lost_rows if recorder is not None else 0)
+                self.summary = loop.summary()
+            if recorder is not None:
+                self.summary.recording_lost_rows = recorder.lost_rows
+                self.summary.recordings = recorder.files
 
     def _in_python(self) -> None:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
         from liftgate_hil.loop.clock import RealtimeClock
         from liftgate_hil.loop.histogram import distribution
         from liftgate_hil.loop.python_loop import Loop
-        from liftgate_hil.recording.open import open_recorder
+        from liftgate_hil.loop.recorder import RecordingTaker
+        from liftgate_hil.recording.guarded import raise_failures
+        from liftgate_hil.recording.open import open_recorders
         from liftgate_hil.transport.find import open_transport
 
         options, rig = self.options, self.rig
         with contextlib.ExitStack() as stack:
             transport = self._opened(open_transport, stack)
             # Only wall time has an epoch; the other clocks' recordings are the same every time.
-            epoch = time.time() if options.clock == "realtime" else 0.0
+            epoch_ns = time.time_ns() if options.clock == "realtime" else 0
             name = self.channel or transport.name
-            recorders = []
-            for path in options.records:
-                recorder = open_recorder(path, self.setup.vehicle.drives, name, epoch)
-                stack.callback(recorder.close)
-                recorders.append(recorder)
+            recorders = open_recorders(
+                options.records, self._content(name), options.limit(), self.listener.say, stack
+            )
+            recording = RecordingTaker(recorders, epoch_ns)
             loop = Loop(
                 config=self.config,
                 state=self.state,
                 timeline=self.setup.scenario.timeline,
                 transport=transport,
-                recorders=recorders,
                 peers=self.peers,
-                takers=self.takers,
+                takers=[*self.takers, recording] if recorders else self.takers,
                 lookout=self._lookout(),
                 bitrate=self.way.bitrate(rig),
             )
@@ -156,10 +166,14 @@ class Emulator:
                 self._clocked(loop, clock)
             finally:
                 loop.finish()
+                recording.flush()
                 self.summary = loop.summary(options.clock, Timing(distribution(clock.lateness)))
-        failures = [recorder.failure for recorder in recorders if recorder.failure]
-        if failures:
-            raise RecordingError("; ".join(failures))
+        self.summary.recordings = [file for each in recorders for file in each.files]
+        raise_failures(recorders)
+
+    def _content(self, channel: str) -> Content:
+        """What recordings hold."""
+        return Content(columns_of(self.setup.vehicle.drives), channel)
 
     def _lookout(self) -> Lookout:
         from liftgate_hil.loop.lookout import Lookout

@@ -43,15 +43,6 @@ def causes(error: LiftgateError) -> list[str]:
     return [str(error)]
 
 
-def words_of(error: BaseException) -> str:
-    """What an error says on one line, whatever raised it: drivers break lines, or say nothing at all."""
-    try:
-        text = " ".join(str(error).split())
-    except Exception:
-        text = ""
-    return text or type(error).__name__
-
-
 class ConfigError(LiftgateError):
     """Faults in what the user gave; `issues` has one line for each."""
 
@@ -94,6 +85,11 @@ def text_of(error: BaseException) -> str:
         return str(error)
     except Exception as other:
         return f"(its text: {type(other).__name__})"
+
+
+def words_of(error: BaseException) -> str:
+    """The same on one line; drivers break theirs, or say nothing at all."""
+    return " ".join(text_of(error).split()) or type(error).__name__
 
 
 def shown(value: object) -> str:

@@ -1,7 +1,7 @@
 """python-can and cantools, loaded without asammdf.
 
 python-can imports asammdf, and with it pandas, wherever that is installed: 0.6 s that only its MF4 writer
-needs. MF4 files are made by a process of their own (`recording.bus_log`), so here it is kept out.
+needs. MF4 files are written by `recording.mf4_file`, without python-can, so here it is kept out.
 """
 
 import sys

@@ -21,22 +21,31 @@ from numpy.typing import NDArray
 
 from liftgate_hil import session
 from liftgate_hil.compiling import told_of_compiling
-from liftgate_hil.config.arguments import numbers_of, paths_of, text_or_none, texts_of
+from liftgate_hil.config.arguments import (
+    numbers_of,
+    paths_of,
+    size_of,
+    text_or_none,
+    texts_of,
+)
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.sources import Source, sources_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, RecordingError, causes
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, causes
 from liftgate_hil.listener import Listener
-from liftgate_hil.loop.closed_loop import Episode, Extremes, RecordingTaker, Trace
+from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
 from liftgate_hil.loop.lookout import Lookout
-from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.recorder import RecordingTaker, Taker
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.signals import COLUMNS
+from liftgate_hil.recording.content import Content
+from liftgate_hil.signals import COLUMNS, columns_of
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way, open_transport
 from liftgate_plant.compiler import GivenUpError
@@ -63,6 +72,7 @@ class Result:
     recording: tuple[Path, ...] = ()
     pinch_time_s: float = 0.0  # of the largest pinch force
     expectations: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
     trace: Mapping[str, NDArray[np.float64]] = field(
         default_factory=dict
     )  # every row, if asked for
@@ -100,6 +110,8 @@ def run(
     rate: float = 1000.0,
     duration: float | None = None,
     record: str | Path | Sequence[str | Path] = (),
+    record_limit: int | str | None = None,
+    record_keep: int | None = None,
     bus: str | None = None,
     wall_timeout: float | None = None,
     trace: bool = False,
@@ -111,11 +123,12 @@ def run(
     "lockstep" or "realtime".
     `parameters` replace the scenario's, `settings` (KEY=VALUE) the vehicle's keys; `vehicle`, `rig`, `initial`
     ("closed", "open" or degrees) and `seed` win over the scenario's. `rate` [Hz], `duration` [s of model time],
-    files to `record`, `trace`: keep every row. A C library runs in a process of its own.
+    files to `record`, each in parts of at most `record_limit` (bytes, "500MB"), of which the last `record_keep`
+    stay, `trace`: keep every row. A C library runs in a process of its own.
 
     Raises ConfigError for what cannot be meant. What goes wrong in the run itself is the result's verdict.
     """
-    from liftgate_hil.recording.open import check_record
+    from liftgate_hil.recording.open import check_file
 
     if clock not in session.CLOCKS:
         raise ConfigError(f"`clock` {clock}: allowed: {', '.join(session.CLOCKS)}")
@@ -124,7 +137,9 @@ def run(
         rate=rate,
         clock=clock,
         duration=duration,
-        records=tuple(check_record(name) for name in paths_of("record", record)),
+        records=tuple(check_file("record", name) for name in paths_of("record", record)),
+        record_limit=size_of("record_limit", record_limit),
+        record_keep=record_keep,
         wall_timeout=wall_timeout,
     )
     job = Job(
@@ -154,8 +169,10 @@ def execute(
     for note in notes_on_fit(parts.rig, parts.setup.vehicle, parts.options.rate):
         job.listener.say(f"note: {note}")
     if is_library(job.ecu):
-        return _isolated(job, stopped)
-    return run_job(job, (), stopped, parts=parts)
+        result = _isolated(job, stopped)
+    else:
+        result = run_job(job, (), stopped, parts=parts)
+    return replace(result, sources=parts.sources)
 
 
 def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
@@ -190,6 +207,7 @@ def _nothing(job: Job, reason: str, ticks: int) -> Result:
             clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
         ),
         recording=job.options.records,
+        trace=Trace(job.trace).columns() if job.trace else {},
     )
 
 
@@ -201,6 +219,7 @@ class Parts:
     rig: Rig
     options: session.RunOptions
     way: Way | None  # of the wire, if there is to be one
+    sources: Mapping[str, Source]  # the files among them
 
 
 def resolve(job: Job) -> Parts:
@@ -220,7 +239,20 @@ def resolve(job: Job) -> Parts:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
-    return Parts(setup, rig, job.options, way)
+    return Parts(setup, rig, job.options, way, sources_of(_files_of(job, setup, rig)))
+
+
+def _files_of(job: Job, setup: session.Setup, rig: Rig) -> dict[str, Path]:
+    """The files that a job was made from; of objects that a program made there are none."""
+    files = {"rig": Path(rig.source), "dbc": rig.database}
+    vehicle = job.vehicle if job.vehicle is not None else setup.vehicle_name
+    if isinstance(vehicle, str | Path):
+        files["vehicle"] = find_config("vehicles", str(vehicle))
+    if isinstance(job.scenario, str | Path):
+        files["scenario"] = find_config("scenarios", str(job.scenario))
+    if is_library(job.ecu):
+        files["ecu"] = Path(job.ecu)
+    return files
 
 
 def run_job(
@@ -302,7 +334,8 @@ def _free(
     memory: Memory | None,
 ) -> Result:
     """In machine code, as fast as it goes."""
-    from liftgate_hil.recording.open import open_recorder
+    from liftgate_hil.recording.guarded import failures_of
+    from liftgate_hil.recording.open import open_recorders
 
     options, setup = parts.options, parts.setup
     scenario = setup.scenario
@@ -313,14 +346,14 @@ def _free(
     if ticks is None:
         raise ConfigError("`duration`: missing; allowed: in the scenario, or given")
     reason = ""
-    recorders = []
+    content = Content(columns_of(setup.vehicle.drives), _PRIVATE)
     with contextlib.ExitStack() as stack:
-        for path in options.records:
-            recorder = open_recorder(path, parts.setup.vehicle.drives, _PRIVATE, 0.0)
-            stack.callback(recorder.close)
-            recorders.append(recorder)
+        say = job.listener.say
+        recorders = open_recorders(options.records, content, options.limit(), say, stack)
+        recording = RecordingTaker(recorders)
+        stack.callback(recording.flush)
         if recorders:
-            takers = [*takers, RecordingTaker(recorders)]
+            takers = [*takers, recording]
         episode = Episode(
             config,
             session.start_of(config, setup.start_angle),
@@ -344,10 +377,9 @@ def _free(
         except LiftgateError as error:
             reason = "; ".join(causes(error))
         summary = episode.summary(parts.rig.bitrate)
-    failures = [recorder.failure for recorder in recorders if recorder.failure]
-    if failures:
-        raise RecordingError("; ".join(failures))
-    return result_of(takers, adapter, summary, reason, options.records)
+    summary.recordings = [file for each in recorders for file in each.files]
+    reason = "; ".join([*([reason] if reason else []), *failures_of(recorders)])
+    return result_of(takers, adapter, summary, reason)
 
 
 def _on_bus(
@@ -386,7 +418,7 @@ def _on_bus(
             raise
         except LiftgateError as error:
             reason = "; ".join(causes(error))
-    return result_of(takers, adapter, emulator.summary, reason, parts.options.records)
+    return result_of(takers, adapter, emulator.summary, reason)
 
 
 def result_of(
@@ -394,7 +426,6 @@ def result_of(
     adapter: Adapter,
     summary: Summary,
     reason: str,
-    records: tuple[Path, ...],
 ) -> Result:
     """What the takers have seen."""
     extremes = next(each for each in takers if isinstance(each, Extremes))
@@ -408,7 +439,7 @@ def result_of(
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),
         summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
-        recording=records,
+        recording=tuple(map(Path, summary.recordings)),
         pinch_time_s=extremes.pinch_time,
         trace=trace,
     )

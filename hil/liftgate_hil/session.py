@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, time_of
+from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, time_of, whole_of
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.rig_fit import check_fit
 from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
@@ -21,12 +21,14 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
+from liftgate_hil.recording.rotation import Limit
 from liftgate_plant.dynamics import initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
 RATES = (200.0, 10_000.0)  # Hz
+LEAST_LIMIT = 1_000_000  # bytes of a recording's file
 
 
 def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
@@ -204,8 +206,15 @@ class RunOptions:
     overrun_limit: float = 1.0  # s that the loop may fall behind
     wall_timeout: float | None = None  # s that lockstep waits for a command; None: for ever
     records: tuple[Path, ...] = ()
+    record_limit: int | None = None  # bytes of a recording's file; None: any
+    record_keep: int | None = None  # files of a recording that stay, the last ones; None: all
     realtime: bool = False  # ask for FIFO scheduling, locked memory, a CPU
     cpu: int | None = None  # which
+
+    def limit(self) -> Limit | None:
+        """Of a recording's files."""
+        size = self.record_limit
+        return None if size is None else Limit(size, self.record_keep)
 
     def check(self) -> None:
         """Raises ConfigError where one cannot be, or they cannot be had together."""
@@ -213,6 +222,13 @@ class RunOptions:
         for name in ("duration", "wall_timeout", "overrun_limit"):
             if (value := getattr(self, name)) is not None:
                 time_of(name, value)
+        for name, least in (("record_limit", LEAST_LIMIT), ("record_keep", 2)):
+            if (value := getattr(self, name)) is not None:
+                whole_of(name, value, least)
+        if self.record_keep is not None and self.record_limit is None:
+            raise ConfigError(
+                f"`record_keep` {self.record_keep}: allowed: together with `record_limit`"
+            )
         if len({path.resolve() for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
             raise ConfigError(f"`record` {names}: allowed: a file once")

@@ -1,16 +1,28 @@
-"""The version of the installed package; the one place that looks it up."""
+"""The versions of the installed packages; the one place that looks them up."""
 
 from __future__ import annotations
 
 import functools
+import platform
+from importlib import metadata
+
+UNKNOWN = "unknown"
+PACKAGES = ("numba", "numpy", "scipy", "python-can", "cantools", "pyserial")  # a run rests on
 
 
 @functools.cache
-def version() -> str:
-    """The version in the installed package's metadata; "unknown" for sources that were never installed."""
-    from importlib import metadata
-
+def version(package: str = "liftgate-hil") -> str:
+    """The version in an installed package's metadata; "unknown" for what was never installed."""
     try:
-        return metadata.version("liftgate-hil")
+        return metadata.version(package)
     except metadata.PackageNotFoundError:
-        return "unknown"
+        return UNKNOWN
+
+
+def versions() -> dict[str, str]:
+    """By name: this package's, Python's, and those of `PACKAGES`."""
+    return {
+        "liftgate-hil": version(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+    }

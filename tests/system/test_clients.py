@@ -118,7 +118,7 @@ def test_a_signal_ends_the_emulator_in_order(tmp_path: Path, group: str, number:
     assert out.startswith("ticks ")
     assert "Traceback" not in error
     status = [line for line in lines_of(log) if " 6E0#" in line][-1]
-    payload = bytes.fromhex(status.split("#")[1])
+    payload = bytes.fromhex(status.split("#")[1].removesuffix("T"))
     values = cantools.database.load_file(DBC).decode_message(0x6E0, payload)
     assert values["EmulatorState"] == "stopped"
 

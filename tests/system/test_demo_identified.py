@@ -46,6 +46,7 @@ def identified(
     names = ["--estimate", ",".join(TRUTH)]
     assert main(["identify", *map(str, arguments), *names, "--json", "--quiet"]) == 0
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert {"measurement 1", "vehicle", "rig", "dbc"} == set(result["provenance"]["sources"])
     for name, value in TRUTH.items():
         found = result["parameters"][name]
         assert result["identifiable"][name], (name, found)

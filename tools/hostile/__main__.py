@@ -46,7 +46,7 @@ def main() -> int:
         "--limit", type=float, default=60.0, metavar="S", help="that a case may take"
     )
     parser.add_argument(
-        "--patience", type=float, default=2.0, metavar="S", help="to end after a signal"
+        "--patience", type=float, default=2.0, metavar="S", help="of CPU, to end after a signal"
     )
     parser.add_argument(
         "--replay", metavar="NAME", help="one case again, e.g. config-17; says what comes of it"

@@ -66,6 +66,7 @@ class Bases:
             ["validate", str(kept), "--quiet"],
             ["identify", str(kept), "--estimate", "motor.resistance", "--quiet"],
             ["run", "--bus", "virtual:warm", "--clock", "free", "--duration", "0.05", "--quiet"],
+            ["demo", "--duration", "0.05", "--no-record", "--quiet"],
         ]
         for call in calls:
             code = main(call)

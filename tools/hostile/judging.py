@@ -12,7 +12,7 @@ from tools.hostile.running import CRASHED
 
 # What Python and its libraries say where we should have.
 _FOREIGN = re.compile(
-    r"Traceback|Exception ignored|\bWarning\b|Fatal Python|Segmentation|core dumped|LLVM ERROR|"
+    r"Traceback|Exception ignored|\w*Warning\b|Fatal Python|Segmentation|core dumped|LLVM ERROR|"
     r"leaked|Error in sys\.|object has no attribute"
 )
 _LONGEST = 4000  # characters of a line; a list of what is allowed takes some

@@ -63,9 +63,8 @@ def tree(chance: random.Random, content: dict[str, Any], words: list[str]) -> di
         container, key = chance.choice(places)
         other, at = chance.choice(places)
         now = container[key]
-        near = (
-            [now * factor for factor in (-1, 0.1, 3, 1000)] if isinstance(now, int | float) else []
-        )
+        is_number = isinstance(now, int | float) and abs(now) < 1e200
+        near = [now * factor for factor in (-1, 0.1, 3, 1000)] if is_number else []
         value = chance.choice([*VALUES, *near * 4, *[other[at]] * 8, chance.choice(words)])
         if value is _REMOVE:
             del container[key]

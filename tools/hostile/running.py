@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from tools.hostile.case import Case, Outcome
@@ -24,15 +24,29 @@ def shell_code(status: int) -> int:
     return status if status >= 0 else 128 - status
 
 
+def _used_by(pid: int) -> float:
+    """CPU seconds of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class Child:
     """A call on its way."""
 
-    def __init__(self, case: Case, folder: Path, limit: float, is_forked: bool) -> None:
+    def __init__(
+        self,
+        case: Case,
+        folder: Path,
+        limit: float,
+        is_forked: bool,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.case, self.folder = case, folder
         self._began = time.monotonic()
         self._limit = limit
         self._status: int | None = None
         self._is_late = False
+        self._used = self._used_before = 0.0
         # Beside the folder: a case may have files of any name in it.
         self._said = [folder.with_suffix(suffix) for suffix in (".out", ".err")]
         if is_forked:
@@ -44,6 +58,7 @@ class Child:
                 process = subprocess.Popen(
                     [*COMMAND, *case.arguments], cwd=folder, stdout=out, stderr=err,
                     stdin=subprocess.DEVNULL,
+                    env={**os.environ, **(environment or {})},
                 )  # fmt: skip
             self.pid = process.pid
             process.returncode = 0  # waited for here
@@ -51,9 +66,10 @@ class Child:
     def poll(self) -> bool:
         """Whether it has ended; it is killed where that took too long."""
         if self._status is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            pid, status, used = os.wait4(self.pid, os.WNOHANG)
             if pid:
                 self._status = os.waitstatus_to_exitcode(status)
+                self._used = used.ru_utime + used.ru_stime
             elif time.monotonic() - self._began > self._limit:
                 self._is_late = True
                 os.kill(self.pid, signal.SIGKILL)
@@ -63,7 +79,12 @@ class Child:
     def signal(self, number: int) -> None:
         """Send it one, if it is still there."""
         if not self.poll():
+            self._used_before = _used_by(self.pid)
             os.kill(self.pid, number)
+
+    def used_since_signal(self) -> float:
+        """CPU seconds, which a busy machine does not lengthen; those of its children, too, as far as it waited."""
+        return self._used - self._used_before
 
     def outcome(self) -> Outcome:
         """What came of it."""

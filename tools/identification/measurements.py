@@ -80,6 +80,15 @@ def measure(
     start = REST._replace(angle=math.radians(angle_deg))
     base = load_of(vehicle)._replace(latch_released=1.0)
     out = trajectory(plant_of(vehicle), Sensors(), base, start, 0, times, rows, _STEP)
+    columns = sensed(times, voltage, out, rng)
+    columns["road_slope_deg"] = np.full(len(times), slope_deg)
+    return columns
+
+
+def sensed(
+    times: Floats, voltage: Floats, out: Floats, rng: np.random.Generator
+) -> dict[str, Floats]:
+    """Columns of what the logger sees of OUTPUTS (n, 7) under a motor voltage (n,) [V]."""
     current = out[:, 0] + CURRENT_NOISE * rng.standard_normal(len(times))
     angle = out[:, 6] + ANGLE_NOISE * rng.standard_normal(len(times))
     return {
@@ -89,7 +98,6 @@ def measure(
         "left_speed_rps": np.round(out[:, 2]),
         "left_hall_count": np.floor(4.0 * out[:, 4] + 0.5),
         "gate_angle_deg": np.round(angle, 3),
-        "road_slope_deg": np.full(len(times), slope_deg),
     }
 
 

@@ -8,6 +8,7 @@ bus the ECU is a second process. On a serial line it needs a port of its own, th
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,12 +19,13 @@ from liftgate_hil.cli.with_ecu import run_loop
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
+    from liftgate_hil.report.pinch import PinchEvent
+    from liftgate_hil.report.run_plot import DrawnObstacle
     from liftgate_hil.runs import Result
+    from liftgate_hil.session import Setup
 
-_EVERY = 10  # rows of the picture
-# The reference ECU presses 142 N on the demo's rod, a drive that stalls over 500 N; EN 12453 (doors of buildings)
-# lets 400 N pass for a moment.
-_MOST_FORCE = 400.0  # N
+_MOST_ROWS = 100_000  # of the picture
+_USUAL_EVERY = 10  # of a run whose length nobody knows, every so many rows
 _FREE_DEG = 5.0  # a reversal opens the gate by more
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 
@@ -39,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"
     )
     parser.add_argument(
-        "--output", default=".", metavar="FOLDER", help="for demo.log, demo.csv and demo.png"
+        "--output",
+        default=".",
+        metavar="FOLDER",
+        help="for demo.log, demo.csv and demo.png; made where there is none",
     )
     parser.add_argument(
         "--no-record", action="store_true", help="write no demo.log, demo.csv and demo.png"
@@ -49,83 +54,127 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     from liftgate_hil.cli.run import report
+    from liftgate_hil.report.pinch import pinch_event
 
     stopped = StopSignals()
     folder = _folder(args)
     has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
     args.scenario = args.scenario or "demo"
-    shown = run_loop(args, stopped, has_wire, trace=_EVERY)
-    _tell(args, shown, folder)
-    report(args, shown.summary)
-    return _judge(args, shown, stopped)
+    setup = options.setup_of(args)
+    shown = run_loop(args, stopped, has_wire, trace=_every(args, setup))
+    event = pinch_event(shown.trace)
+    if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
+        _draw(setup, shown, event, folder)
+    if not args.quiet and not args.json:
+        _tell(args, shown, event, folder)
+    report(args, shown, stopped, pinch=None if event is None else event.as_dict())
+    return _judge(args, setup, shown, event, stopped)
+
+
+def _every(args: argparse.Namespace, setup: Setup) -> int:
+    """Every so many rows are kept for the picture: all of the demo's."""
+    duration = setup.scenario.duration if args.duration is None else args.duration
+    if duration is None:
+        return _USUAL_EVERY
+    return int(max(1, math.ceil(duration * args.rate / _MOST_ROWS)))
 
 
 def _folder(args: argparse.Namespace) -> Path:
     """Where it writes; adds the demo's recordings. Raises ConfigError."""
     folder = Path(args.output)
-    if not folder.is_dir():
-        raise ConfigError(f"`output` {args.output}: no such folder; allowed: one that exists")
     if (args.serial is None) != (args.ecu_serial is None):
         raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
     if not args.no_record:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(
+                f"`output` {args.output}: cannot be made: {error.strerror}; allowed: a folder"
+            ) from error
         args.record = [*args.record, str(folder / "demo.log"), str(folder / "demo.csv")]
     return folder
 
 
-def _tell(args: argparse.Namespace, shown: Result, folder: Path) -> None:
-    """Print what happened, and draw it."""
+def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path) -> None:
+    """The picture. Raises ConfigError."""
+    from liftgate_hil.report.run_plot import RunPicture, plot_run
+    from liftgate_hil.signals import columns_of
+
+    picture = RunPicture(
+        title=f"liftgate-hil demo: {setup.vehicle_name}, clock {shown.summary.clock}",
+        columns={name: shown.trace[name] for name in columns_of(setup.vehicle.drives)},
+        event=event,
+        obstacles=_obstacles(setup),
+        marks=[(each.time, "reversal") for each in shown.events if "reversing" in each.text],
+    )
+    try:
+        plot_run(folder / "demo.png", picture)
+    except OSError as error:
+        raise ConfigError(f"`output` {folder}: demo.png: {error.strerror}") from error
+
+
+def _obstacles(setup: Setup) -> list[DrawnObstacle]:
+    """Those of the scenario."""
+    from liftgate_hil.report.run_plot import DrawnObstacle
+
+    return [
+        DrawnObstacle(math.degrees(each.angle), float(each.start), float(each.end))
+        for each in setup.scenario.timeline.obstacles
+    ]
+
+
+def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, folder: Path) -> None:
+    """Print what happened."""
     import numpy as np
 
-    from liftgate_hil.report.run_plot import plot_run
-
-    columns, events = shown.trace, shown.events
+    columns = shown.trace
     if len(columns["time_s"]) < 2:
-        return  # stopped before it began
-    if not args.no_record:
-        reversals = [(event.time, "reversal") for event in events if "reversing" in event.text]
-        title = " ".join(each for each in ("liftgate-hil demo", args.vehicle) if each)
-        plot_run(folder / "demo.png", columns, reversals, title)
-    if args.quiet or args.json:
         return
-    for event in events:
-        angle = float(np.interp(event.time, columns["time_s"], columns["gate_angle_deg"]))
-        print(f"{event.time:7.3f} s  {angle:6.2f} deg  {event.text}")
-    if (force := shown.maxima["pinch_force_n"]) > 0.0:
-        print(f"pinch force at most {force:.1f} N, at {shown.pinch_time_s:.3f} s")
+    for each in shown.events:
+        angle = float(np.interp(each.time, columns["time_s"], columns["gate_angle_deg"]))
+        print(f"{each.time:7.3f} s  {angle:6.2f} deg  {each.text}")
+    if event is not None:
+        print("\n".join(event.lines()))
     if not args.no_record:
-        names = ", ".join(str(folder / f"demo.{kind}") for kind in ("log", "csv", "png"))
-        print(f"written: {names}")
+        print(f"picture: {folder / 'demo.png'}")
 
 
-def _judge(args: argparse.Namespace, shown: Result, stopped: StopSignals) -> int:
+def _judge(
+    args: argparse.Namespace,
+    setup: Setup,
+    shown: Result,
+    event: PinchEvent | None,
+    stopped: StopSignals,
+) -> int:
     """The exit code: 1 where the whole demo did not show what it is there to show; the signal's where it did not
     come to its end. A part of it, or another scenario, is not judged.
     """
-    from liftgate_hil.session import scenario_from
-
-    whole = scenario_from(args.scenario).duration if args.duration is None else args.duration
+    whole = setup.scenario.duration if args.duration is None else args.duration
     time = shown.summary.model_time_s
     if whole is not None and time < whole and stopped():
         print(f"liftgate-hil demo: stopped at {time:.3f} s of {whole:g} s", file=sys.stderr)
         return stopped.exit_code
     if args.scenario != "demo" or args.duration is not None:
         return 0
-    reasons = failures(shown, tells=args.ecu == "reference")
+    reasons = failures(shown, event, tells=args.ecu == "reference")
     for reason in reasons:
         print(f"liftgate-hil demo: failed: {reason}", file=sys.stderr)
     return 1 if reasons else 0
 
 
-def failures(shown: Result, tells: bool) -> list[str]:
+def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
     """What a whole demo did not do as it should; an ECU of ours `tells` that it reverses."""
+    from liftgate_hil.report.pinch import LIMITS
+
     found = []
-    force, columns, summary = shown.maxima["pinch_force_n"], shown.trace, shown.summary
-    if not force > 0.0:
+    columns, summary = shown.trace, shown.summary
+    if event is None:
         found.append("the gate never met the obstacle")
-    elif not _is_freed(shown):
+    elif not event.back_deg > _FREE_DEG:
         found.append("the gate did not reverse")
-    if force > _MOST_FORCE:
-        found.append(f"pinch force {force:.1f} N; allowed: up to {_MOST_FORCE:.0f} N")
+    for limit in LIMITS:
+        if event is not None and limit.is_judged and event.over(limit):
+            found.append(event.fault(limit))
     if tells and not any("reversing" in event.text for event in shown.events):
         found.append("the ECU did not detect the obstacle")
     if columns["latched"][-1] < 0.5:
@@ -140,12 +189,3 @@ def failures(shown: Result, tells: bool) -> list[str]:
             "(liftgate-hil doctor says what to do)"
         )
     return found
-
-
-def _is_freed(shown: Result) -> bool:
-    """Whether the gate opened again after it had pressed hardest."""
-    import numpy as np
-
-    times, angles = shown.trace["time_s"], shown.trace["gate_angle_deg"]
-    pressed = np.interp(shown.pinch_time_s, times, angles)
-    return bool(angles[times > shown.pinch_time_s].max(initial=-np.inf) > pressed + _FREE_DEG)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from liftgate_hil.identify.data import Data
     from liftgate_hil.identify.problem import Problem, Sought
     from liftgate_hil.measurement.measurement import Measurement
+    from liftgate_hil.report.provenance import Provenance
     from liftgate_plant.vehicle import Vehicle
 
 MODEL_NAMES = ("full", "third-order", "second-order")
@@ -147,8 +150,29 @@ def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -
     return result
 
 
+def origin_of(args: argparse.Namespace) -> Provenance:
+    """What the result of these flags is made from, as the files are now."""
+    from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.config.sources import sources_of
+    from liftgate_hil.measurement.read import needs_rig
+    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.session import rig_from
+
+    files = {f"measurement {k + 1}": Path(name) for k, name in enumerate(args.files)}
+    files |= {f"map {k + 1}": Path(name) for k, name in enumerate(args.maps)}
+    if getattr(args, "parameters", None):
+        files["parameters"] = Path(args.parameters)
+    with contextlib.suppress(ConfigError):  # told where it is needed
+        files["vehicle"] = find_config("vehicles", args.vehicle)
+        if any(needs_rig(Path(name), {}) for name in args.files):
+            rig = rig_from(args.rig)
+            files |= {"rig": Path(rig.source), "dbc": rig.database}
+    return provenance_of(args.command_line, sources_of(files))
+
+
 def deliver(
     args: argparse.Namespace,
+    provenance: Provenance,
     content: Mapping[str, Any],
     text: Callable[[], str],
     page: Callable[[], str],
@@ -157,6 +181,7 @@ def deliver(
     from liftgate_hil.report.files import write_report
     from liftgate_hil.report.json_result import write_json
 
+    content = {**content, "provenance": provenance.as_dict()}
     if args.json:
         print(json.dumps(content, allow_nan=False))
     elif not args.quiet:

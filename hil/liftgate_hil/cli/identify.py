@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from liftgate_hil.identify.problem import Sought
     from liftgate_hil.identify.result import Identification
+    from liftgate_hil.report.provenance import Provenance
     from liftgate_plant.vehicle import Vehicle
 
 
@@ -119,9 +120,10 @@ def run(args: argparse.Namespace) -> int:
 
     targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}
     check_targets(targets, args.files)
+    origin = fitting.origin_of(args)
     if args.plan:
-        return _plan(args)
-    _deliver(args, identified(args))
+        return _plan(args, origin)
+    _deliver(args, origin, identified(args))
     return 0
 
 
@@ -243,7 +245,7 @@ def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float
     return np.array([given[name] for name in columns])
 
 
-def _deliver(args: argparse.Namespace, result: Identification) -> None:
+def _deliver(args: argparse.Namespace, origin: Provenance, result: Identification) -> None:
     """Print and write the result."""
     from liftgate_hil.report.files import write_report
     from liftgate_hil.report.json_result import identification_json
@@ -256,9 +258,9 @@ def _deliver(args: argparse.Namespace, result: Identification) -> None:
     def page() -> str:
         from liftgate_hil.report.html import identification_html
 
-        return identification_html(result)
+        return identification_html(result, origin)
 
-    fitting.deliver(args, identification_json(result), text, page)
+    fitting.deliver(args, origin, identification_json(result), text, page)
     if args.save_vehicle:
         write_report(args.save_vehicle, "--save-vehicle", _vehicle_text(args, result))
 
@@ -289,7 +291,7 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     return vehicle_text(find_config("vehicles", args.vehicle), settings, values, origin)
 
 
-def _plan(args: argparse.Namespace) -> int:
+def _plan(args: argparse.Namespace, origin: Provenance) -> int:
     """Rank experiments."""
     from liftgate_hil.identify.design import candidates, plan
     from liftgate_hil.report.plan import plan_json, plan_text
@@ -310,5 +312,5 @@ def _plan(args: argparse.Namespace) -> int:
     columns = [fitting.KINDS[kind][0] for kind in kinds]
     result = plan(vehicle, model, sought, columns, candidates(vehicle, args.duration, 1000.0))
     # No page: --html is refused above.
-    fitting.deliver(args, plan_json(result), lambda: plan_text(result), str)
+    fitting.deliver(args, origin, plan_json(result), lambda: plan_text(result), str)
     return 0

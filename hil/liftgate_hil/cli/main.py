@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import errno
 import importlib
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
 from liftgate_hil.cli import stopping, streams
@@ -23,6 +25,8 @@ COMMANDS = {
     "validate": "a vehicle's model against measurements",
     "rig": "what a rig maps and whether it fits; a first rig for a foreign database",
     "init": "a folder to start from: database, vehicle, rig, scenario, a test, an ECU in C",
+    "compile": "the machine code of all loops ahead of time: for container images and CI caches",
+    "completion": "a script with which bash, zsh or fish complete flags and names",
     "doctor": "is this machine fit for real time: kernel, limits, buses, timer lateness",
 }
 
@@ -83,11 +87,11 @@ def _command(argv: Sequence[str] | None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
-    module.add_arguments(parser)
+    _add_arguments(parser, module)
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
     args = parser.parse_args(arguments)
+    args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
     try:
         return int(module.run(args))
     except ConfigError as error:
@@ -108,6 +112,24 @@ def _fault_of(error: OSError) -> str:
         return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}{error.strerror or error}"
+
+
+def whole_parser() -> Parser:
+    """All subcommands and flags as one parser; `main` loads only that of the one it is asked for."""
+    root = Parser(prog="liftgate-hil")
+    subcommands = root.add_subparsers()
+    for name, text in COMMANDS.items():
+        module = importlib.import_module(f"liftgate_hil.cli.{name}")
+        _add_arguments(subcommands.add_parser(name, help=text), module)
+        if name == "run":
+            _add_arguments(root, module)
+    return root
+
+
+def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """The flags of a subcommand's file, and `--version`."""
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
+    module.add_arguments(parser)
 
 
 def _overview() -> str:

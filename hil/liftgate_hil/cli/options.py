@@ -88,7 +88,8 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
 
 def run_options(args: argparse.Namespace) -> RunOptions:
     """What the flags of `add_loop` and `add_output` say. Raises ConfigError."""
-    from liftgate_hil.recording.open import check_record
+    from liftgate_hil.config.arguments import size_of
+    from liftgate_hil.recording.open import check_file
     from liftgate_hil.session import RunOptions
 
     return RunOptions(
@@ -97,7 +98,9 @@ def run_options(args: argparse.Namespace) -> RunOptions:
         duration=args.duration,
         overrun_limit=args.overrun_limit,
         wall_timeout=args.wall_timeout,
-        records=tuple(check_record(name) for name in args.record),
+        records=tuple(check_file("record", name) for name in args.record),
+        record_limit=size_of("record_limit", args.record_limit),
+        record_keep=args.record_keep,
         realtime=args.realtime,
         cpu=args.cpu,
     )
@@ -229,8 +232,19 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="write a recording; the suffix picks the format: .csv the plant, .log .asc .blf .mf4 "
-        ".trc the bus (repeatable)",
+        help="write a recording; the suffix picks the format: .csv .parquet the plant, .log .asc .blf .trc "
+        "the bus, .mf4 both (repeatable)",
+    )
+    parser.add_argument(
+        "--record-limit",
+        metavar="SIZE",
+        help="begin a new file at this size, e.g. 500MB: run.0001.csv, run.0002.csv, …",
+    )
+    parser.add_argument(
+        "--record-keep",
+        type=whole(2, 10**9),
+        metavar="N",
+        help="of these files keep the last N; default: all",
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

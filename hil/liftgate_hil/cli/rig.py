@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check = actions.add_parser(
         "check",
         allow_abbrev=False,
-        help="a table of what is mapped, and all issues",
+        help="what a rig maps, and whether it fits",
         description="What a rig maps, and whether it fits.",
     )
     check.add_argument("file", metavar="FILE", help="a rig, or the name of a shipped one")
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     draft = actions.add_parser(
         "draft",
         allow_abbrev=False,
-        help="a first rig for a foreign database",
+        help="a first rig for a database",
         description="A first rig for a database: what is sure is mapped, what is not stands there to be chosen.",
     )
     draft.add_argument("database", metavar="DBC", help="or ARXML, KCD, SYM")

@@ -6,14 +6,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 
 if TYPE_CHECKING:
-    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.runs import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,13 +29,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    report(args, run_loop(args, StopSignals()).summary)
+    stopped = StopSignals()
+    report(args, run_loop(args, stopped), stopped)
     return 0
 
 
-def report(args: argparse.Namespace, summary: Summary) -> None:
-    """Say how it went."""
+def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
+    """Say how it went; the JSON holds `more`, too."""
     if args.json:
-        print(json.dumps(summary.as_dict()))
+        print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
     elif not args.quiet:
-        print("\n".join(summary.lines()))
+        print("\n".join(result.summary.lines()))
+
+
+def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
+    """For programs. The keys are public; a number that is not known is null."""
+    from liftgate_hil.report.provenance import provenance_of
+
+    return {
+        **result.summary.as_dict(),
+        "stop_reason": stopped.name or "duration",
+        "maxima": _known(result.maxima),
+        "minima": _known(result.minima),
+        "provenance": provenance_of(args.command_line, result.sources).as_dict(),
+    }
+
+
+def _known(values: Mapping[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, CSV or MF4 out.
+"""The plant alone, offline, as fast as it goes: a voltage step or measured inputs in, a table out.
 
 It starts unlatched and at rest. A sample of the input holds from its time until the next one.
 """
@@ -9,16 +9,19 @@ import argparse
 import contextlib
 import itertools
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.errors import ConfigError
+from liftgate_hil.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from liftgate_hil.recording.content import Content
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
@@ -62,7 +65,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write every N-th step; default: 1",
     )
     parser.add_argument(
-        "--output", default="-", metavar="FILE", help=".csv or .mf4; default: CSV to stdout"
+        "--output",
+        default="-",
+        metavar="FILE",
+        help=".csv, .parquet or .mf4; default: CSV to stdout",
     )
 
 
@@ -74,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
-    from liftgate_hil.recording.rows import check_output, write_rows
+    from liftgate_hil.recording.content import Content
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
@@ -83,13 +89,11 @@ def run(args: argparse.Namespace) -> int:
 
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
-    check_output(args.output)
-    if args.output == "-" and sys.stdout is None:
-        raise ConfigError("`output` -: stdout is closed; allowed: a file")
+    output = _output_of(args.output)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
-    notes: tuple[str, ...] = ()
     samples = constant_voltage(args.voltage or 0.0)
+    notes: tuple[str, ...] = ()
     if args.input:
         samples, notes = read_samples(Path(args.input), parse_maps(args.maps))
     duration = args.duration if args.duration is not None else scenario.duration
@@ -110,8 +114,9 @@ def run(args: argparse.Namespace) -> int:
     state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
+    content = Content(columns_of(vehicle.drives, offline=True), title="liftgate-hil simulate")
     with told_of_compiling(Teller(is_quiet=False), stopped), contextlib.suppress(GivenUpError):
-        write_rows(args.output, whole, columns_of(vehicle.drives, offline=True))
+        _write(output, content, whole)
     return stopped.exit_code if stopped() else 0
 
 
@@ -133,3 +138,44 @@ def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
             f"{row + 1}; allowed: up to {_MOST_SECONDS:g} s and {_MOST_ROWS:g} rows, or as long as `duration` says"
         )
     return length
+
+
+def _output_of(name: str) -> Path | None:
+    """The file to write; None: stdout. Raises ConfigError."""
+    from liftgate_hil.recording.open import TABLES, check_file
+
+    if name != "-":
+        return check_file("output", name, TABLES)
+    if sys.stdout is None:
+        raise ConfigError("`output` -: stdout is closed; allowed: a file")
+    return None
+
+
+def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:
+    """Write all rows, until that fails. Raises ConfigError, RecordingError."""
+    from liftgate_hil.recording.csv_file import CsvRecorder
+    from liftgate_hil.recording.guarded import raise_failures
+    from liftgate_hil.recording.open import open_recorder
+    from liftgate_hil.recording.target import why
+
+    if output is None:
+        try:
+            table = CsvRecorder(sys.stdout.buffer, content)
+            for rows in blocks:
+                table.write_rows(rows)
+            table.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise RecordingError(f"`output` -: {why(error)}") from error
+        return
+    recorder = open_recorder(output, content, argument="output", is_salvaged=False)
+    try:
+        recorder.begin(0)
+        for rows in blocks:
+            recorder.write_rows(rows)
+            if recorder.failure:
+                break
+    finally:
+        recorder.close()
+    raise_failures([recorder])

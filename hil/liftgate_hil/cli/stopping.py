@@ -56,6 +56,11 @@ class StopSignals:
         return self.received != 0
 
     @property
+    def name(self) -> str:
+        """SIGINT or SIGTERM; empty where there was none."""
+        return signal.Signals(self.received).name if self.received else ""
+
+    @property
     def exit_code(self) -> int:
         """For what was to come to an end, and was stopped before."""
         return 128 + self.received

@@ -7,6 +7,7 @@ import os
 import sys
 from typing import Any
 
+from liftgate_hil.cli.options import as_flags
 from liftgate_hil.listener import Listener, Status
 
 
@@ -23,7 +24,7 @@ class Teller(Listener):
     def say(self, text: str) -> None:
         """See Listener."""
         if not self._is_quiet:
-            self._print(text)
+            self._print(as_flags(text))
 
     def starts(self, what: str) -> None:
         """See Listener."""

@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.session import vehicle_from
 
     check_targets({"--result": args.result, "--html": args.html}, args.files)
+    origin = fitting.origin_of(args)
     vehicle = vehicle_from(args.vehicle, args.settings)
     if args.parameters:
         vehicle = _with_result(vehicle, Path(args.parameters))
@@ -53,9 +54,9 @@ def run(args: argparse.Namespace) -> int:
     def page() -> str:
         from liftgate_hil.report.html import validation_html
 
-        return validation_html(result)
+        return validation_html(result, origin)
 
-    fitting.deliver(args, validation_json(result), text, page)
+    fitting.deliver(args, origin, validation_json(result), text, page)
     return 0
 
 

@@ -55,3 +55,18 @@ def empty_frames(capacity: int) -> Frames:
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, MAX_BYTES), dtype=np.uint8),
     )
+
+
+def no_logged() -> NDArray[np.void]:
+    """No frame."""
+    return np.zeros(0, dtype=LOGGED)
+
+
+def logged(frames: Frames, time_ns: int, is_sent: bool) -> NDArray[np.void]:
+    """Frames (n,) LOGGED, all of one time."""
+    rows = np.zeros(frames.count, dtype=LOGGED)
+    rows["time_ns"], rows["is_sent"] = time_ns, is_sent
+    rows["identifier"] = frames.identifiers[: frames.count]
+    rows["length"] = frames.lengths[: frames.count]
+    rows["payload"] = frames.data[: frames.count]
+    return rows

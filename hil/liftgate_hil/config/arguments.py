@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import Path
@@ -10,6 +11,8 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.errors import ConfigError
 
 _SEEDS = 2**32
+_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII)
 
 
 def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
@@ -26,6 +29,23 @@ def time_of(name: str, value: object) -> float:
     if not is_number or not 0.0 < value <= 1e9:  # type: ignore[operator]
         raise ConfigError(f"`{name}` {show(value)}: allowed: above 0, up to 1e+09 s")
     return float(value)  # type: ignore[arg-type]
+
+
+def whole_of(name: str, value: object, least: int) -> int:
+    """A whole number of at least so much. Raises ConfigError."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number from {least:,} on")
+    return int(value)
+
+
+def size_of(name: str, value: object) -> int | None:
+    """Bytes, as a number or as a text with a unit ("500MB"), or None. Raises ConfigError."""
+    match = _SIZE.fullmatch(value) if isinstance(value, str) else None
+    if match:
+        return round(float(match[1]) * _UNITS[match[2].upper()])
+    if value is None or (isinstance(value, Integral) and not isinstance(value, bool)):
+        return None if value is None else int(value)
+    raise ConfigError(f"`{name}` {show(value)}: allowed: bytes, or a size such as 500MB, 2GB")
 
 
 def seed_of(value: object) -> int:

@@ -9,21 +9,21 @@ from importlib import metadata
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check
+from liftgate_hil.version import PACKAGES
 
-_PACKAGES = ("numba", "numpy", "python-can", "cantools", "pyserial")
-WARM = "liftgate-hil --bus virtual:warm --duration 0.01 --quiet"
+WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
     """Which software this is."""
     found, missing = [f"Python {platform.python_version()}"], []
-    for name in ("liftgate-hil", *_PACKAGES):
+    for name in ("liftgate-hil", *PACKAGES):
         try:
             found.append(f"{name} {version_of(name)}")
         except metadata.PackageNotFoundError:
             missing.append(name)
     text = ", ".join(found)
-    needed = [name for name in missing if name in _PACKAGES]
+    needed = [name for name in missing if name in PACKAGES]
     if needed:
         return Check(
             "software",
@@ -49,13 +49,13 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
         return Check(
             "compiled model",
             "warning",
-            f"cannot be kept, {folder} cannot be written: every start compiles it, 10 to 60 s",
+            f"cannot be kept, {folder} cannot be written: every start compiles it, 15 to 30 s",
             "set XDG_CACHE_HOME to a folder that this user may write",
         )
     return Check(
         "compiled model",
         "warning",
-        "not there yet: the first start compiles it, 10 to 60 s",
+        "not there yet: the first start compiles it, 15 to 30 s",
         f"{WARM} (once for this version, machine and user)",
     )
 

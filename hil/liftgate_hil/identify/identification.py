@@ -11,26 +11,20 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
+from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
+from liftgate_hil.identify.delays import at_best_delay
+from liftgate_hil.identify.descent import Report
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
 from liftgate_hil.identify.problem import ALL, Problem
 from liftgate_hil.identify.profile import profile
 from liftgate_hil.identify.residuals import Frame, phases_of, series_of, speed_series
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Validation
-from liftgate_hil.identify.search import (
-    Found,
-    Report,
-    better,
-    errors_of,
-    log_likelihood_deviance,
-    loss_of,
-    past_kinks,
-    sampled_rows,
-    search,
-)
+from liftgate_hil.identify.search import Found, better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
+from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, sampled_rows
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
@@ -47,10 +41,8 @@ _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
 _HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
-_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
-_ROUGH_ROUNDS = 6
+_ROUGH_ROUNDS = 30
 _NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
-_TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
@@ -71,10 +63,7 @@ def identify(
     began = time.perf_counter()
     kept = _comparable(problem)
     given_std = None if given_std is None else given_std[kept]
-    _check_excited(problem)
-    found = past_kinks(problem, _search(problem, report, given_std), report, given_std)
-    if problem.is_delay_sought:
-        found = _at_best_delay(problem, found, report, given_std)
+    found = _from_few_rows(problem, report, given_std)
     _check_followed(problem, found.errors)
     known, covariance, is_robust, jitter = _uncertainty(problem, found, given_std)
     estimates = _estimates(problem, found.point, covariance, known)
@@ -141,18 +130,19 @@ def _uncertainty(
         for errors, own in zip(found.errors.T, there.T, strict=True)
     )
     told = np.isfinite(np.diag(covariance))
-    own, slopes = np.ix_(told, told), found.slopes[:, :, told]
+    own = np.ix_(told, told)
+    slopes = found.slopes if np.all(told) else found.slopes[:, :, told]
     inverse = covariance[own]
     if not white and np.any(told):
         series = _score_series(problem, slopes, found.errors, root)
         robust = statistics.robust_covariance(series, inverse, inverse_std[told])
         covariance[own] = widened(inverse, robust)
     rounding = statistics.rounding_information(problem.measured, slopes, root)
-    covariance[own] += inverse @ rounding @ inverse
+    covariance[own] += statistics.sandwich(inverse, rounding)
     jitter = 0.0
     if np.any(told):
         jitter, scores = jitter_of(problem, found, slopes, inverse_std[told], given_std)
-        covariance[own] += inverse @ scores @ inverse
+        covariance[own] += statistics.sandwich(inverse, scores)
     return known, covariance, not white, jitter
 
 
@@ -169,6 +159,32 @@ def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats
 
 def _scatter(jitter: float) -> str:
     return f"; the inputs' stamps scatter by {1e3 * jitter:.2g} ms" if jitter > 0.0 else ""
+
+
+def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
+    """The best that is found, where there are many rows from what a few of them say."""
+    few = coarse_of(problem)
+    if few is None:
+        _check_excited(problem)
+        return _best(problem, _search(problem, report, given_std), report, given_std)
+    coarse, kept = few
+    std = None if given_std is None else given_std[kept]
+    _check_excited(coarse)
+    rough = _best(coarse, _search(coarse, report, std), report, std)
+    problem.evaluations += coarse.evaluations
+    found = search(problem, report, given_std, rough.point)
+    is_lost = is_far_off(problem, found.errors, _NEAR_PERCENT)
+    if is_lost and not is_far_off(coarse, rough.errors, _NEAR_PERCENT):
+        found = _search(problem, report, given_std)
+    return _best(problem, found, report, given_std)
+
+
+def _best(problem: Problem, found: Found, report: Report | None, given_std: Floats | None) -> Found:
+    """A search's end, or what lies behind a kink or at another delay."""
+    found = past_kinks(problem, found, report, given_std)
+    if problem.is_delay_sought:
+        found = at_best_delay(problem, found, report, given_std)
+    return found
 
 
 def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
@@ -190,37 +206,7 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
     if problem.is_delay_sought:
         begin[-1] = rough.point[-1]
     second = search(problem, report, given_std, begin)
-    return second if first is None else better(problem, first, second)
-
-
-def _at_best_delay(
-    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
-) -> Found:
-    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
-    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
-    """
-    low, high = problem.bounds
-    for _ in range(_TRIES):
-        root, slopes = found.weighting.root, found.slopes[:, :, :-1]
-        _, inverse_std = problem.priors()
-        inverse = statistics.pseudo_inverse(statistics.information(slopes, root, inverse_std[:-1]))
-        best, begin = found.history[-1] * (1.0 - 1e-6), found.point
-        for delay in found.point[-1] + _DELAYS:
-            at = np.clip(np.append(found.point[:-1], delay), low, high)
-            errors = errors_of(problem.measured, problem.predicted(at))
-            score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
-            step = inverse @ score
-            loss = loss_of(problem.measured, errors - slopes @ step, given_std)
-            if loss < best:
-                best = loss
-                begin = np.clip(at + np.append(step, 0.0), low, high)
-        if begin is found.point:
-            break
-        other = better(problem, found, search(problem, report, given_std, begin))
-        if other is found:
-            break
-        found = other
-    return found
+    return second if first is None else better(first, second)
 
 
 def validate(problem: Problem) -> Validation:
@@ -247,7 +233,7 @@ def _comparable(problem: Problem) -> list[int]:
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)
-        if len(np.unique(column[np.isfinite(column)])) <= 1
+        if not np.nanmax(column, initial=-np.inf) > np.nanmin(column, initial=np.inf)
     ]
     if len(still) == len(problem.outputs):
         raise NothingToTellError(f"{', '.join(still)}: constant from beginning to end")
@@ -277,10 +263,10 @@ def _check_followed(problem: Problem, errors: Floats) -> None:
 
 
 def _check_excited(problem: Problem) -> None:
-    measured = problem.measured
-    slopes = problem.derivative(problem.initial)[:, :, : len(problem.sought)]
-    slopes = np.where(np.isfinite(measured)[:, :, None], slopes, 0.0)
-    if not np.any(np.isfinite(slopes) & (slopes != 0.0)):
+    begin = problem.initial
+    slopes = problem.slopes(begin, problem.predicted(begin))[:, :, : len(problem.sought)]
+    there = np.isfinite(problem.measured)[:, :, None]
+    if not np.any(there & np.isfinite(slopes) & (slopes != 0.0)):
         raise NothingToTellError(
             "nothing that was measured depends on what is sought: the input excites nothing"
         )

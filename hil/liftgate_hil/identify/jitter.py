@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import Found, weighting_of
-from liftgate_hil.identify.statistics import information, pseudo_inverse
+from liftgate_hil.identify.search import Found
+from liftgate_hil.identify.statistics import normal_equations, pseudo_inverse
+from liftgate_hil.identify.weighting import weighting_of
 
 Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
@@ -126,13 +127,17 @@ class _Moves:
     def _slopes(self, moved: Sequence[Sequence[Change]], signs: Floats) -> Effects:
         there = self._there[self.rows]
         effects = np.zeros((len(moved), *there.shape), dtype=np.float32)
-        for effect, changes, own in zip(effects, moved, signs, strict=True):
+
+        def fill(which: int) -> None:
             late = [np.zeros(each) for each in self._counts]
-            for (number, k), sign in zip(changes, own, strict=True):
+            for (number, k), sign in zip(moved[which], signs[which], strict=True):
                 late[number][k] = sign * self._shift
-            later = self._problem.predicted(self._point, late)
-            earlier = self._problem.predicted(self._point, [-each for each in late])
-            effect[there] = (later - earlier)[self.rows][there] / (2.0 * self._shift)
+            later = self._problem.prediction(self._point, late)
+            earlier = self._problem.prediction(self._point, [-each for each in late])
+            effects[which][there] = (later - earlier)[self.rows][there] / (2.0 * self._shift)
+
+        self._problem.on_all_cpus(fill, range(len(moved)))
+        self._problem.evaluations += 2 * len(moved)
         return effects
 
 
@@ -155,8 +160,8 @@ def _fitted(
 ) -> tuple[float, Floats]:
     """(σ, what is left of the residuals) of the mixed model, for a weighting."""
     own, cross, seen = _products(effects, slopes, errors, root)
-    inverse = pseudo_inverse(information(slopes, root, inverse_std))
-    score = np.einsum("noj,no->j", slopes, errors @ root @ root.T)
+    matrix, score = normal_equations(slopes, errors, root)
+    inverse = pseudo_inverse(matrix + np.diag(inverse_std**2))
     values, axes = np.linalg.eigh(own - cross @ inverse @ cross.T)
     heard = values > _HEARD * np.max(values, initial=0.0)
     if not np.any(heard):

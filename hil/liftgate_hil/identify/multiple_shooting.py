@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 
 _LENGTH = 0.25  # s of a piece, at least
 _SAMPLES = 20  # rows of a piece, at least
+_MOST = 50  # pieces of an experiment: evenly spread, they say enough to begin with
 
 
 def in_segments(problem: Problem) -> Problem | None:
@@ -68,14 +69,16 @@ def in_segments(problem: Problem) -> Problem | None:
 
 
 def _edges(data: Data) -> list[tuple[int, int]]:
-    """First and last row (exclusive) of each piece."""
+    """First and last row (exclusive) of each piece, of the whole or of some evenly spread."""
     edges, first = [], 0
     while first < len(data.times) - 2:
         last = int(np.searchsorted(data.times, data.times[first] + _LENGTH))
         last = min(max(last, first + _SAMPLES), len(data.times))
         edges.append((first, last))
         first = last - 1
-    return edges
+    if len(edges) <= _MOST:
+        return edges
+    return [edges[k] for k in np.linspace(0, len(edges) - 1, _MOST).astype(int)]
 
 
 def _zero(problem: Problem, number: int, name: str) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,16 @@ from liftgate_hil.identify.data import (
     without_end,
 )
 from liftgate_hil.identify.parameters import FreeParameter, with_values
-from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, Start, trajectory
+from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
+from liftgate_hil.identify.workers import on_all_cpus
 from liftgate_plant.dynamics import Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 Floats = NDArray[np.float64]
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
@@ -68,7 +72,7 @@ class Problem:
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
     _counted: dict[int, NDArray[np.intp]] = field(init=False, default_factory=dict)
-    _last_derivative: tuple[bytes, Floats] = field(init=False, default=(b"", np.zeros(0)))
+    _is_ready: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         full = MODELS[self.model] == 0
@@ -172,15 +176,32 @@ class Problem:
         """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
         for each experiment by how much each of its `changes` comes later than its stamp says.
         """
+        self.evaluations += 1
+        return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
+
+    def on_all_cpus(
+        self, simulate: Callable[[Item], Result], items: Sequence[Item]
+    ) -> list[Result]:
+        """What `simulate` gives of each item, by `prediction`. Machine code that is not there yet is made
+        beforehand: here an interrupt ends that.
+        """
+        if not self._is_ready:
+            data, plant, base = self.data[0], plant_of(self.vehicle), load_of(self.vehicle)
+            first = data.rows[:1], data.inputs[:1]
+            trajectory(plant, _IDEAL, base, REST, MODELS[self.model], *first, self.longest)
+            self._is_ready = True
+        return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
+
+    def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
+        """`predicted` within `on_all_cpus`."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
-        self.evaluations += 1
         parts = []
         for number in range(len(self.data)):
             own = None if late is None else late[number]
             rows = self._rows(vehicle, plant, point, number, own)
             parts.append(self._samples(number, rows, self.outputs))
-        whole = np.concatenate(parts)
+        whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
         for column, earlier in self._counted.items():
             whole[:, column] = 0.5 * (whole[:, column] + whole[earlier, column])
         return whole
@@ -188,8 +209,12 @@ class Problem:
     def states(self, point: Floats, number: int) -> Floats:
         """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
         vehicle = self.vehicle_at(point)
-        rows = self._rows(vehicle, plant_of(vehicle), point, number)
-        return self._samples(number, rows, OUTPUTS)
+
+        def samples(each: int) -> Floats:
+            rows = self._rows(vehicle, plant_of(vehicle), point, each)
+            return self._samples(each, rows, OUTPUTS)
+
+        return self.on_all_cpus(samples, [number])[0]
 
     def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
         """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
@@ -242,28 +267,62 @@ class Problem:
         out[:, 5] += aside.get("right_offset", 0.0)
         return out
 
+    def slopes(self, point: Floats, predicted: Floats) -> Floats:
+        """(rows, outputs, unknowns): one-sided differences from `predicted`, which is of the point. Half the
+        simulations of `derivative`, and good to about 1e-5.
+        """
+        _, high = self.bounds
+        steps = _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        steps = np.where(point + steps > high, -steps, steps)
+
+        def slope(k: int) -> Floats:
+            return self._difference(_moved(point, k, steps[k]), point, k, predicted)
+
+        return self._slopes(slope, len(point))
+
     def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
         """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound; over half the
-        `widths` (unknowns,) to either side where these are given.
+        `widths` (unknowns,) to either side where these are given and wider.
 
-        A simulation costs microseconds a sample and is smooth to 1e-12, so differences are good to about 1e-8.
+        A simulation costs half a microsecond a row and is smooth to 1e-12, so differences are good to about 1e-8.
         """
-        if widths is None:
-            widths = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
-        key = point.tobytes() + widths.tobytes()
-        if self._last_derivative[0] == key:
-            return self._last_derivative[1]
+        narrow = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
+        widths = narrow if widths is None else np.maximum(widths, narrow)
         low, high = self.bounds
-        slopes = np.empty((*self.measured.shape, len(point)))
-        for k, width in enumerate(widths):
-            above, below = point.copy(), point.copy()
-            above[k] = min(point[k] + 0.5 * width, high[k])
-            below[k] = max(point[k] - 0.5 * width, low[k])
-            slopes[:, :, k] = (self.predicted(above) - self.predicted(below)) / (
-                above[k] - below[k]
-            )
-        self._last_derivative = (key, slopes)
-        return slopes
+
+        def slope(k: int) -> Floats:
+            above = _moved(point, k, min(0.5 * widths[k], high[k] - point[k]))
+            below = _moved(point, k, max(-0.5 * widths[k], low[k] - point[k]))
+            return self._difference(above, below, k, self.prediction(below))
+
+        self.evaluations += len(point)
+        return self._slopes(slope, len(point))
+
+    def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
+        """Slope (rows, outputs) between two points that differ in an unknown, the latter's prediction known."""
+        slope = self.prediction(above)
+        with np.errstate(invalid="ignore"):  # of predictions that diverged
+            slope -= predicted
+        slope /= above[k] - below[k]
+        return slope
+
+    def _slopes(self, slope: Callable[[int], Floats], count: int) -> Floats:
+        """(rows, outputs, unknowns) from each unknown's (rows, outputs), on all CPUs."""
+        self.evaluations += count
+        # An unknown's slopes stay beside each other: so they are filled, and summed up.
+        slopes = np.empty((count, *self.measured.shape))
+
+        def fill(k: int) -> None:
+            slopes[k] = slope(k)
+
+        self.on_all_cpus(fill, range(count))
+        return np.moveaxis(slopes, 0, 2)
+
+
+def _moved(point: Floats, k: int, step: float) -> Floats:
+    other = point.copy()
+    other[k] += step
+    return other
 
 
 def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:

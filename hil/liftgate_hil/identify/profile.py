@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.result import Estimate, Profile
-from liftgate_hil.identify.search import Found, deviance, search
+from liftgate_hil.identify.search import Found, search
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ def profile(
     """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each.
     What is known beforehand counts as it does in the search.
     """
-    best = deviance(problem, found)
+    best = found.deviance
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
     values, deviances = [estimate.value], [0.0]
     for direction in (-1.0, 1.0):
@@ -34,7 +34,7 @@ def profile(
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)
-            deviances.append(deviance(problem, there) - best)
+            deviances.append(there.deviance - best)
     order = np.argsort(values)
     x, y = np.array(values)[order], np.array(deviances)[order]
     return Profile(estimate.name, x, y, _crossing(x, y, -1), _crossing(x, y, 1))

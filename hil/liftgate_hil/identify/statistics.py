@@ -6,7 +6,6 @@ MATLAB's `compare`; the robust covariance is that of Newey and West (1987) with 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -21,10 +20,12 @@ BAND = 2.5758  # of the standard normal distribution, 99 %
 _SIGNIFICANT = (
     1e-3  # of the Ljung-Box test: fewer than this share of white residuals are called not white
 )
+_FAR_OUT = 700.0  # half a χ² beyond which exp gives 0
 _SAME = 10  # samples of the same value, whose rounding is one and the same
 _SAME_LEVEL = 1e-7  # of an output's range
 _APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
 _PART = 5e-3  # of a parameter that lies in such directions, at which it is named
+_BLOCK = 16384  # rows that are summed up at a time
 _BINS = 200  # of time for the long-run covariance, at least
 _LINK = 0.05  # of two parameters' shares in common, at which they are named together
 _ROUNDING = (
@@ -41,10 +42,25 @@ class Uncertainty(NamedTuple):
     apart: tuple[tuple[int, ...], ...]  # groups that cannot be told apart
 
 
+def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floats, Floats]:
+    """(Σ ψᵀ Λ⁻¹ ψ (p, p), Σ ψᵀ Λ⁻¹ ε (p,)) of slopes ψ (rows, outputs, p) and errors ε (rows, outputs), with
+    Λ⁻¹ = W Wᵀ.
+    """
+    count = slopes.shape[2]
+    matrix, gradient = np.zeros((count, count)), np.zeros(count)
+    by_unknown = np.moveaxis(slopes, 2, 0)
+    for first in range(0, len(slopes), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        weighted = (by_unknown[:, rows] @ root).reshape(count, -1)
+        matrix += weighted @ weighted.T
+        gradient += weighted @ (errors[rows] @ root).ravel()
+    return matrix, gradient
+
+
 def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
     """M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
-    weighted = np.einsum("noj,oq->nqj", slopes, root).reshape(-1, slopes.shape[2])
-    total: Floats = weighted.T @ weighted + np.diag(inverse_std**2)
+    matrix, _ = normal_equations(slopes, np.zeros(slopes.shape[:2]), root)
+    total: Floats = matrix + np.diag(inverse_std**2)
     return total
 
 
@@ -97,6 +113,14 @@ def _together(projector: Floats) -> list[list[int]]:
     return sorted(groups)
 
 
+def sandwich(inverse: Floats, scores: Floats) -> Floats:
+    """M⁻¹ S M⁻¹ of a covariance S (p, p), with no variance below 0 where M can hardly be inverted."""
+    values, vectors = np.linalg.eigh(scores)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ inverse
+    result: Floats = root.T @ root
+    return result
+
+
 def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Floats) -> Floats:
     """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) and the priors' share,
     for residuals that are correlated in time; `series` (m, p) of scores for each experiment, evenly in time;
@@ -104,13 +128,22 @@ def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Fl
     """
     size: Floats = np.sqrt(np.mean(np.concatenate(series) ** 2, axis=0))
     width = _bandwidth([each / np.where(size > 0.0, size, 1.0) for each in series])
-    total = np.diag(inverse_std**2)
+    root = inverse_std[:, None] * inverse
+    result: Floats = root.T @ root
     for scores in series:
-        total = total + scores.T @ scores
-        for lag in range(1, min(width, len(scores) - 1) + 1):
-            shifted = scores[lag:].T @ scores[:-lag]
-            total = total + (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
-    result: Floats = inverse @ total @ inverse
+        sums = _window_sums(scores @ inverse, min(width, len(scores) - 1) + 1)
+        result = result + sums.T @ sums / (width + 1.0)
+    return result
+
+
+def _window_sums(values: Floats, width: int) -> Floats:
+    """(n + width − 1, p): sums over `width` rows, the first and last ones over those there are. Their products
+    sum up to those of the rows at all lags, weighted by Bartlett's kernel, at a cost that does not grow with the
+    width.
+    """
+    edge = np.zeros((width, values.shape[1]))
+    sums = np.cumsum(np.concatenate([edge, values, edge[1:]]), axis=0)
+    result: Floats = sums[width:] - sums[:-width]
     return result
 
 
@@ -141,19 +174,18 @@ def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floa
     inverse = root @ root.T
     for column, values in enumerate(measured.T):
         there = np.flatnonzero(np.isfinite(values))
-        step = _rounding_step(values[there])
+        step = rounding_step(values[there])
         if step == 0.0:
             continue
         scores = np.einsum("noj,o->nj", slopes[there], inverse[:, column])
-        edges = np.flatnonzero(np.diff(values[there], prepend=np.nan, append=np.nan) != 0.0)
-        for first, last in itertools.pairwise(edges):
-            if last - first >= _SAME:
-                whole = np.sum(scores[first:last], axis=0)
-                total += step * step / 12.0 * np.outer(whole, whole)
+        edges = np.flatnonzero(np.diff(values[there], prepend=np.nan) != 0.0)
+        long = np.diff(edges, append=len(there)) >= _SAME
+        sums = np.add.reduceat(scores, edges)[long]
+        total += step * step / 12.0 * sums.T @ sums
     return total
 
 
-def _rounding_step(values: Floats) -> float:
+def rounding_step(values: Floats) -> float:
     """The step of a rounded output: the largest that all its levels are multiples of, from one of them on; next to
     0 of one that is not rounded, 0 of one that never changes.
     """
@@ -194,8 +226,13 @@ def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
     result = np.zeros(lags + 1)
     if power > 0.0:
         for lag in range(min(lags, len(errors) - 1) + 1):
-            result[lag] = float(centred[lag:] @ centred[: len(errors) - lag]) / power
+            result[lag] = _product(centred[lag:], centred[: len(errors) - lag]) / power
     return result
+
+
+def _product(a: Floats, b: Floats) -> float:
+    """Σ a b. Not by BLAS, whose threads cost more than they save here."""
+    return float(np.einsum("n,n->", a, b))
 
 
 def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats:
@@ -205,8 +242,8 @@ def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats
     result = np.zeros(2 * lags + 1)
     if power > 0.0:
         for lag in range(-min(lags, len(e) - 1), min(lags, len(e) - 1) + 1):
-            part = e[lag:] @ u[: len(u) - lag] if lag >= 0 else e[:lag] @ u[-lag:]
-            result[lags + lag] = float(part) / power
+            pair = (e[lag:], u[: len(u) - lag]) if lag >= 0 else (e[:lag], u[-lag:])
+            result[lags + lag] = _product(*pair) / power
     return result
 
 
@@ -217,15 +254,29 @@ def is_nothing(errors: Floats, measured: Floats) -> bool:
 
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
     """Ljung and Box's test of a residual's first autocorrelations."""
-    from scipy.special import gammaincc
-
     count = len(errors)
     lags = min(lags, count // 4)
     if lags < 1:
         return True
     rho = autocorrelation(errors, lags)[1:]
     statistic = count * (count + 2) * np.sum(rho**2 / (count - np.arange(1, lags + 1)))
-    return bool(gammaincc(0.5 * lags, 0.5 * statistic) > _SIGNIFICANT)
+    return chi_square_tail(float(statistic), lags) > _SIGNIFICANT
+
+
+def chi_square_tail(value: float, freedom: int) -> float:
+    """The probability that χ² with so many degrees of freedom is larger (Abramowitz and Stegun, 26.4.4 f.)."""
+    half = 0.5 * value
+    if half > _FAR_OUT:
+        return 0.0
+    if freedom % 2 == 0:
+        total, term, first = 0.0, math.exp(-half), 1.0
+    else:
+        total, first = math.erfc(math.sqrt(half)), 1.5
+        term = math.exp(-half) * math.sqrt(half) / math.gamma(1.5)
+    for k in range(freedom // 2):
+        total += term
+        term *= half / (first + k)
+    return total
 
 
 def fit_percent(measured: Floats, simulated: Floats) -> float:

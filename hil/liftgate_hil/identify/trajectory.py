@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
+from liftgate_hil.identify.workers import check_wanted
 from liftgate_plant import dynamics, gate, integrate
 from liftgate_plant.compiler import compilable, compiled, fill, picked
 from liftgate_plant.dynamics import DriveState, Load, Plant, State
@@ -209,7 +210,10 @@ def trajectory(
     rows: Floats,
     longest: float,
 ) -> Floats:
-    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds."""
+    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds.
+
+    Raises UnwantedError in a worker whose result nobody waits for any more.
+    """
     out = np.empty((len(times), len(OUTPUTS)))
     # Machine code tells 0 from 0.0, and an array from every other sample of one: each would be compiled anew.
     start = Start(*(float(value) for value in start))
@@ -217,5 +221,6 @@ def trajectory(
     kept = np.zeros(_KEPT)
     kept[_ROW] = -1.0
     while kept[_ROW] < len(times):
+        check_wanted()
         compiled(run)(plant, sensors, base, start, model, times, rows, longest, out, kept)
     return out

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import request_table
 from liftgate_hil.errors import EcuError, PlantDivergedError
@@ -22,7 +21,7 @@ from liftgate_hil.loop.episode import (
     run_stretch,
 )
 from liftgate_hil.loop.lookout import Lookout, Moment
-from liftgate_hil.loop.recorder import Recorder, Taker
+from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState
@@ -34,23 +33,6 @@ from liftgate_plant.compiler import compiled
 
 ROWS = 4096  # of a stretch: what is written stays in the processor's cache
 FRAMES = 16384
-
-
-class RecordingTaker:
-    """Hands blocks on to recorders."""
-
-    def __init__(self, recorders: Sequence[Recorder]) -> None:
-        self._recorders = recorders
-
-    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
-        logged = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
-        times = (frames["time_ns"] * 1e-9).tolist()
-        for recorder in self._recorders:
-            recorder.write_rows(rows)
-            if logged.count:
-                recorder.write_frames(logged, times)
-            recorder.flush()  # this process may be the worker of an ECU that crashes
 
 
 class Episode:

@@ -1,4 +1,4 @@
-"""The Python loop: a clock, transports and recorders around `tick`."""
+"""The Python loop: a clock, a transport and those who look on around `tick`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.frames import Frames, empty_frames, logged
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.lookout import Lookout, Moment
-from liftgate_hil.loop.recorder import Recorder, Taker
+from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
@@ -58,7 +58,6 @@ class Loop:
     state: LoopState
     timeline: Timeline
     transport: Transport
-    recorders: Sequence[Recorder] = ()
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     lookout: Lookout | None = None
@@ -99,12 +98,10 @@ class Loop:
         self.load.add(replies)
         rows = np.empty((1, ROW_WIDTH))
         write_row(rows[0], truth, sensed)
-        for recorder in self.recorders:
-            recorder.write_frames(frames, [truth.time_s] * frames.count)
-            recorder.write_frames(replies, [truth.time_s] * replies.count)
-            recorder.write_rows(rows)
+        time_ns = self.state.tick * self.config.step_ns
+        seen = np.concatenate([logged(frames, time_ns, False), logged(replies, time_ns, True)])
         for taker in self.takers:
-            taker.take(rows, ())
+            taker.take(rows, seen)
         if self.lookout is not None:
             moment = Moment(self.state.tick, rows[0], self.frames_sent, self.ticks_missed)
             self.lookout.look(moment, is_last=stop)

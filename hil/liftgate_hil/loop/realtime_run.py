@@ -64,10 +64,10 @@ class RealtimeRun:
     rig: Rig
     bitrate: float  # bit/s; NaN: the load is not known
     limit_ns: int
-    lookout: Lookout
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
+    lookout: Lookout | None = None
     realtime: Realtime | None = None
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
@@ -124,7 +124,7 @@ class RealtimeRun:
         rows = self.memory.shared.histograms
         return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
-    def summary(self, lost_rows: int = 0) -> Summary:
+    def summary(self) -> Summary:
         """The figures so far."""
         control = self.memory.shared.control[0]
         seconds = self.state.tick * self.config.step
@@ -148,7 +148,6 @@ class RealtimeRun:
             received=self.state.counts,
             link=link,
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
-            recording_lost_rows=lost_rows,
         )
 
     def _course(self, ticks: int) -> realtime_loop.RunParams:
@@ -206,6 +205,8 @@ class RealtimeRun:
         self._look_out(is_last=True)
 
     def _look_out(self, is_last: bool = False) -> None:
+        if self.lookout is None:
+            return
         shared = self.memory.shared
         control = shared.control[0]
         row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]

@@ -8,17 +8,26 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.frames import Frames
+from liftgate_hil.codec.frames import no_logged
+
+_ROWS = 100  # that may wait for their recorders
 
 
 class Recorder(Protocol):
     """Takes what happened, a format what it can hold. Closing it completes the file."""
 
+    @property
+    def written(self) -> int:
+        """Bytes so far."""
+
+    def begin(self, epoch_ns: int) -> None:
+        """Once, before anything is written: the wall clock at the run's start [ns since 1970]; 0: none counts."""
+
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """Ticks (n, ROW_WIDTH), in the order of signals.COLUMNS."""
 
-    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
-        """Frames on the bus, either way, with the time of each [s since the run's start]."""
+    def write_frames(self, frames: Any) -> None:
+        """Frames on the bus (n,) LOGGED, either way, in the order of time."""
 
     def flush(self) -> None:
         """Hand what was written to the operating system, so that a kill loses nothing of it."""
@@ -31,6 +40,36 @@ class Taker(Protocol):
     """Gets what happened, a block at a time."""
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED, but none from the loops on a bus; good until
+        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED, but none from the real-time loop; good until
         it returns.
         """
+
+
+class RecordingTaker:
+    """Hands on to recorders what it takes, small blocks together."""
+
+    def __init__(self, recorders: Sequence[Recorder], epoch_ns: int = 0) -> None:
+        self._recorders = recorders
+        self._rows: list[NDArray[np.float64]] = []
+        self._frames: list[Any] = [no_logged()]
+        for recorder in recorders:
+            recorder.begin(epoch_ns)
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        self._rows.append(rows if len(rows) >= _ROWS else rows.copy())
+        self._frames.append(frames.copy())
+        if sum(map(len, self._rows)) >= _ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Down to the operating system: this process may be the worker of an ECU that crashes."""
+        rows, frames = self._rows, self._frames
+        self._rows, self._frames = [], [no_logged()]
+        logged = np.concatenate(frames)
+        for recorder in self._recorders:
+            if rows:
+                recorder.write_rows(rows[0] if len(rows) == 1 else np.concatenate(rows))
+            if len(logged):
+                recorder.write_frames(logged)
+            recorder.flush()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -88,11 +89,20 @@ def block(
 
 
 def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Floats]:
-    """Rows (n, ROW_WIDTH) of signals.COLUMNS from the initial state to that after `steps` steps, in blocks. A row
-    holds a state and the inputs from then on.
+    """Rows (n, ROW_WIDTH) of signals.COLUMNS from the initial state to that after `steps` steps, in blocks, the
+    next one made while the caller has the last. A row holds a state and the inputs from then on.
 
     Raises PlantDivergedError.
     """
+    blocks = _blocks(offline, state, samples, steps)
+    with ThreadPoolExecutor(1) as pool:  # machine code needs no interpreter lock
+        ahead = pool.submit(next, blocks, None)
+        while (rows := ahead.result()) is not None:
+            ahead = pool.submit(next, blocks, None)
+            yield rows
+
+
+def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Floats]:
     run = compiled(block)
     now = OfflineState(state, sensors.initial_sensors(offline.sensors, state), NOT_ARMED, 0)
     for first in range(0, steps + 1, _BLOCK):

@@ -83,6 +83,7 @@ class Summary:
     received: Counts = NO_COUNTS
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's words for the last one
+    recordings: list[str] = field(default_factory=list)  # files that were written
     recording_lost_rows: int = 0  # that the recorder was too slow for
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
@@ -156,6 +157,8 @@ class Summary:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
+        if self.recordings:
+            lines.append(f"written: {', '.join(self.recordings)}")
         return lines
 
 

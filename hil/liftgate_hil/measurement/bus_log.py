@@ -65,7 +65,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         outputs=tuple(wire for wire in rig.outputs if wire.quantity in _SENSED),
     )
     messages = list(dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs)))
-    seconds, frames = read_frames(path, messages, rig)
+    seconds, frames, cut = read_frames(path, messages, rig)
     if frames.count == 0:
         raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
     if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # nor NaN
@@ -92,7 +92,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         columns[column][np.searchsorted(marks, track.times)] = values
     _check_ranges(path, columns)
     ordered = {name: columns[name] for name in (*INPUTS, *OUTPUTS) if name in columns}
-    notes = [*_refusals(_add(counts, sensor_counts)), *_late_panel(given, before)]
+    notes = [*cut, *_refusals(_add(counts, sensor_counts)), *_late_panel(given, before)]
     return Measurement(str(path), (marks - marks[0]) / 1e9, ordered, True, tuple(notes))
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +17,15 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
 
 _MOST_BYTES = 64  # of a frame
+CUT = "its last line is cut off, and left out"
 
 
-def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats, Frames]:
-    """Times [s] and frames of these messages of the rig. Raises ConfigError where the log cannot be read."""
+def read_frames(
+    path: Path, messages: Collection[str], rig: Rig
+) -> tuple[Floats, Frames, tuple[str, ...]]:
+    """Times [s] and frames of these messages of the rig, and what was noticed. Raises ConfigError where the log
+    cannot be read.
+    """
     wanted = {
         rig.messages[name].frame_id | (EXTENDED if rig.messages[name].is_extended_frame else 0)
         for name in messages
@@ -28,19 +36,39 @@ def read_frames(path: Path, messages: Collection[str], rig: Rig) -> tuple[Floats
 
     times, frames = read_mf4_frames(path)
     ours = np.flatnonzero(np.isin(frames.identifiers & ~FD, list(wanted)))
-    return times[ours], Frames(
-        len(ours), frames.identifiers[ours], frames.lengths[ours], frames.data[ours]
+    return (
+        times[ours],
+        Frames(len(ours), frames.identifiers[ours], frames.lengths[ours], frames.data[ours]),
+        (),
     )
 
 
-def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]:
+def _is_cut(path: Path) -> bool:
+    """Whether a text ends within a line, as a full disk or a kill leaves it. Raises OSError."""
+    with path.open("rb") as stream:
+        if stream.seek(0, os.SEEK_END) == 0:
+            return False
+        stream.seek(-1, os.SEEK_END)
+        return stream.read() != b"\n"
+
+
+def _opened(can: Any, path: Path, is_cut: bool) -> Any:
+    """A reader of the log; of one that is cut of its whole lines."""
+    if not is_cut:
+        return can.LogReader(path)
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return can.CanutilsLogReader(io.StringIO(text[: text.rfind("\n") + 1]))
+
+
+def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames, tuple[str, ...]]:
     from liftgate_hil.python_can import can
 
     check_file(path)
     times: list[float] = []
     rows: list[tuple[int, bytes]] = []
     try:
-        with can.LogReader(path) as reader:
+        is_cut = path.suffix.lower() == ".log" and _is_cut(path)
+        with _opened(can, path, is_cut) as reader:
             for message in reader:
                 identifier = message.arbitration_id
                 identifier |= EXTENDED if message.is_extended_id else 0
@@ -65,4 +93,5 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames]
         frames.identifiers[row] = identifier
         frames.lengths[row] = len(payload)
         frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
-    return np.array(times, dtype=np.float64), frames._replace(count=len(rows))
+    notes = (CUT,) if is_cut else ()
+    return np.array(times, dtype=np.float64), frames._replace(count=len(rows)), notes

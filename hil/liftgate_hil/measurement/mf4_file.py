@@ -26,6 +26,7 @@ class Mf4File:
     path: Path
     names: Sequence[str]
     sample: str = "sample"
+    notes: Sequence[str] = ()
 
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """See Columns."""

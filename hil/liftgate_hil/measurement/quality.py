@@ -82,17 +82,31 @@ def outliers(
     if len(at) < width:
         return np.zeros(0, dtype=np.int64)
     samples = values[at]
-    windows = sliding_window_view(samples, width)
-    median = np.median(windows, axis=1)
-    deviation = np.median(np.abs(windows - median[:, None]), axis=1)
     changes = np.abs(np.diff(samples))
     usual = float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0
-    inner = slice(half_window, len(samples) - half_window)
+    inner = samples[half_window : len(samples) - half_window]
+    low, high = extremes(samples, width)
+    # The median lies between the extremes: most samples need none.
+    rows = np.flatnonzero(np.maximum(inner - low, high - inner) > 10.0 * usual)
+    windows = sliding_window_view(samples, width)[rows]
+    median = np.median(windows, axis=1)
+    deviation = np.median(np.abs(windows - median[:, None]), axis=1)
     least = np.maximum(limit * _SIGMA * deviation, 10.0 * usual)
     if allowance is not None:
-        least = np.maximum(least, allowance[at][inner])
-    off = np.abs(samples[inner] - median) > least
-    return at[half_window + np.flatnonzero(off)]
+        least = np.maximum(least, allowance[at][half_window + rows])
+    off = np.abs(inner[rows] - median) > least
+    return at[half_window + rows[off]]
+
+
+def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
+    """Least and largest (n − width + 1,) of so many in a row, from those of half as many."""
+    low = high = values
+    have = 1
+    while have < width:
+        more = min(have, width - have)
+        low, high = np.minimum(low[:-more], low[more:]), np.maximum(high[:-more], high[more:])
+        have += more
+    return low, high
 
 
 def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
@@ -107,8 +121,8 @@ def explained(measurement: Measurement, side: str, values: Floats, known: Expect
     for name, share in volts.items():
         column = measurement.columns.get(f"{side}_{name}")
         if column is not None:
-            near = sliding_window_view(np.pad(column[at], HALF_WINDOW, "edge"), 2 * HALF_WINDOW + 1)
-            result[at] += 1.5 * known.stall_current * share * np.ptp(near, axis=1)
+            low, high = extremes(np.pad(column[at], HALF_WINDOW, "edge"), 2 * HALF_WINDOW + 1)
+            result[at] += 1.5 * known.stall_current * share * (high - low)
     return result
 
 

@@ -32,12 +32,17 @@ def read_measurement(
     """The measurement in a file. `rig`, or what loads it, is asked for a bus log only; so is `before`, the inputs
     until a test bench's panel first says something of them. Raises ConfigError with all faults.
     """
-    kind = path.suffix.lower()
-    if kind in BUS_LOGS or (kind == ".mf4" and is_bus_log(path, mapping)):
+    if needs_rig(path, mapping):
         from liftgate_hil.measurement.bus_log import read_bus_log
 
         return read_bus_log(path, rig() if callable(rig) else rig, before or {})
     return read_table(path, open_columns(path, SUFFIXES), mapping)
+
+
+def needs_rig(path: Path, mapping: ColumnMap) -> bool:
+    """Whether a file holds frames, which a rig explains. Raises ConfigError where it cannot be read."""
+    kind = path.suffix.lower()
+    return kind in BUS_LOGS or (kind == ".mf4" and is_bus_log(path, mapping))
 
 
 def open_columns(path: Path, allowed: Sequence[str] = TABLES) -> Columns:

@@ -29,5 +29,9 @@ class Columns(Protocol):
     def sample(self) -> str:
         """What one of its samples is called: "row", or "sample" where each column has its own times."""
 
+    @property
+    def notes(self) -> Sequence[str]:
+        """What was noticed when it was opened."""
+
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """These columns; one that holds anything but finite numbers is left out, and noted."""

@@ -258,7 +258,7 @@ def _measurement(
 ) -> Measurement:
     """All columns over one time base."""
     columns: dict[str, Floats] = {}
-    notes: list[str] = []
+    notes = list(reading.file.notes)
     start = times[0] if len(times) else 0.0
     for name, (at, values) in own.items():
         if name in OUTPUTS:

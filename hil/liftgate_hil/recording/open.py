@@ -1,91 +1,157 @@
-"""The recorder for a file name."""
+"""The recorder for a file name: the suffix says the format."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
 
-import numpy as np
-from numpy.typing import NDArray
-
-from liftgate_hil.codec.frames import Frames
-from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.recorder import Recorder
-from liftgate_hil.recording.bus_log import CONVERTED, CandumpRecorder, ConvertedRecorder
-from liftgate_hil.recording.table import CsvRecorder
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.guarded import GuardedRecorder, Say, silent
+from liftgate_hil.recording.rotation import Limit, Part, Parts
+from liftgate_hil.recording.salvage import SalvagedRecorder
+from liftgate_hil.recording.target import is_special, open_salvage, open_target, why
+
+Make = Callable[[BinaryIO, Content], Recorder]
 
 
-def check_record(name: str) -> Path:
-    """The path of a `record` value. Raises ConfigError."""
-    path = Path(name)
-    allowed = (".csv", ".log", *CONVERTED)
+def _csv(stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.csv_file import CsvRecorder
+
+    return CsvRecorder(stream, content)
+
+
+def _candump(stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.candump_file import CandumpRecorder
+
+    return CandumpRecorder(stream, content)
+
+
+def _python_can(suffix: str, stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.python_can_file import PythonCanRecorder
+
+    return PythonCanRecorder(stream, content, suffix)
+
+
+def _mf4(stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.mf4_file import Mf4Recorder
+
+    return Mf4Recorder(stream, content)
+
+
+def _parquet(stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.parquet_file import ParquetRecorder
+
+    return ParquetRecorder(stream, content)
+
+
+@dataclass(frozen=True)
+class Format:
+    """What a suffix means."""
+
+    make: Make
+    has_rows: bool = False
+    has_frames: bool = False
+    is_text: bool = False  # written as it comes: a kill cannot spoil it, and a pipe can take it
+    module: str = ""  # that it needs
+    extra: str = ""  # of this package, which brings it
+
+
+FORMATS = {
+    ".csv": Format(_csv, has_rows=True, is_text=True),
+    ".log": Format(_candump, has_frames=True, is_text=True),
+    ".asc": Format(partial(_python_can, ".asc"), has_frames=True),
+    ".blf": Format(partial(_python_can, ".blf"), has_frames=True),
+    ".trc": Format(partial(_python_can, ".trc"), has_frames=True),
+    ".mf4": Format(_mf4, has_rows=True, has_frames=True, module="asammdf", extra="mf4"),
+    ".parquet": Format(_parquet, has_rows=True, module="pyarrow", extra="parquet"),
+}
+TABLES = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
+
+
+def check_file(argument: str, name: str, allowed: tuple[str, ...] = tuple(FORMATS)) -> Path:
+    """The path of a file to write that an argument names. Raises ConfigError."""
+    path, what = Path(name), f"`{argument}` {name}"
     if path.suffix not in allowed:
         raise ConfigError(
-            f"`record` {name}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
+            f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
         )
-    if path.is_dir():
-        raise ConfigError(f"`record` {name}: is a folder; allowed: a file")
-    if not path.parent.is_dir():
-        raise ConfigError(f"`record` {name}: no folder {path.parent}; allowed: one that exists")
-    if path.suffix == ".mf4" and importlib.util.find_spec("asammdf") is None:
+    form = FORMATS[path.suffix]
+    try:
+        if not path.parent.is_dir():
+            raise ConfigError(f"{what}: no folder {path.parent}; allowed: one that exists")
+        if path.is_dir():
+            raise ConfigError(f"{what}: is a folder; allowed: a file")
+        if is_special(path) and not form.is_text:
+            raise ConfigError(f"{what}: a pipe or a device; allowed: a file")
+    except OSError as error:
+        raise ConfigError(f"{what}: cannot be written: {why(error)}") from error
+    except ValueError as error:  # a NUL in the name
+        raise ConfigError(f"{what}: cannot be written: {error}") from error
+    if form.module and importlib.util.find_spec(form.module) is None:
         raise ConfigError(
-            f"`record` {name}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+            f"{what}: {path.suffix} needs {form.module}; "
+            f"allowed after: pip install 'liftgate-hil[{form.extra}]'"
         )
     return path
 
 
-class GuardedRecorder:
-    """A recorder whose faults don't end the run: after the first it writes no more, and `failure` tells."""
+def open_recorder(
+    path: Path,
+    content: Content,
+    limit: Limit | None = None,
+    say: Say = silent,
+    argument: str = "record",
+    is_salvaged: bool = True,
+) -> GuardedRecorder:
+    """The recorder for a file, or for several of a limited size; `is_salvaged`: a kill costs next to nothing.
 
-    def __init__(self, path: Path, recorder: Recorder) -> None:
-        self._path = path
-        self._recorder = recorder
-        self.failure = ""
-
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        """See Recorder."""
-        self._try(self._recorder.write_rows, rows)
-
-    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
-        """See Recorder."""
-        self._try(self._recorder.write_frames, frames, times)
-
-    def flush(self) -> None:
-        """See Recorder."""
-        self._try(self._recorder.flush)
-
-    def close(self) -> None:
-        """See Recorder."""
-        failed = bool(self.failure)
-        try:
-            self._recorder.close()
-        except (OSError, LiftgateError) as error:
-            if not failed:
-                self._fail(error)
-
-    def _try(self, action: Callable[..., None], *arguments: object) -> None:
-        if not self.failure:
-            try:
-                action(*arguments)
-            except OSError as error:
-                self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        text = error.strerror if isinstance(error, OSError) else None
-        self.failure = f"`record` {self._path}: recording ended: {text or error}"
-
-
-def open_recorder(path: Path, drives: int, channel: str, epoch: float) -> GuardedRecorder:
-    """The recorder whose format the suffix says. Raises ConfigError where the file cannot be written."""
-    recorder: Recorder
+    Raises ConfigError where the file cannot be written.
+    """
+    what = f"`{argument}` {path}"
     try:
-        if path.suffix == ".csv":
-            recorder = CsvRecorder(path, drives)
-        elif path.suffix == ".log":
-            recorder = CandumpRecorder(path, channel, epoch)
-        else:
-            recorder = ConvertedRecorder(path, channel, epoch)
-        return GuardedRecorder(path, recorder)
+        parts = Parts(path, partial(_open_part, content, is_salvaged), limit)
+    except ConfigError as error:
+        raise ConfigError(f"`{argument}` {error}") from error
     except OSError as error:
-        raise ConfigError(f"`record` {path}: cannot be written: {error.strerror}") from error
+        raise ConfigError(f"{what}: cannot be written: {why(error)}") from error
+    return GuardedRecorder(what, parts, say)
+
+
+def open_recorders(
+    paths: Sequence[Path],
+    content: Content,
+    limit: Limit | None,
+    say: Say,
+    stack: contextlib.ExitStack,
+) -> list[GuardedRecorder]:
+    """The recorders of a run; the stack closes them. Raises ConfigError where a file cannot be written."""
+    recorders = []
+    for path in paths:
+        recorder = open_recorder(path, content, limit, say)
+        stack.callback(recorder.close)
+        recorders.append(recorder)
+    return recorders
+
+
+def _open_part(content: Content, is_salvaged: bool, path: Path) -> Part:
+    """One file. Raises ConfigError, OSError."""
+    form = FORMATS[path.suffix]
+    texts: list[tuple[Path, Recorder]] = []
+    try:
+        for suffix, has_it in ((".log", form.has_frames), (".csv", form.has_rows)):
+            if has_it and is_salvaged and not form.is_text:
+                salvage = path.with_name(path.name + suffix)
+                texts.append((salvage, FORMATS[suffix].make(open_salvage(salvage), content)))
+        return SalvagedRecorder(form.make(open_target(path), content), texts)
+    except BaseException:
+        for salvage, text in texts:
+            text.close()
+            salvage.unlink()
+        raise

@@ -1,6 +1,7 @@
 """Recording in a process of its own, so that neither formatting nor a slow disk ever holds up a tick.
 
 It reads the loop's rings. When the emulator ends, or is killed, it writes what is left and completes the files.
+On its stdout it says what is worth knowing, a JSON object a line.
 
     python -m liftgate_hil.recording.process JOB      JOB: what `Job` holds, as JSON
 """
@@ -10,23 +11,31 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import queue
 import select
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from liftgate_hil.codec.frames import Frames
+import numpy as np
+
+from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.recorder import Recorder
 from liftgate_hil.loop.rings import Memory, RingReader
-from liftgate_hil.recording.open import GuardedRecorder, open_recorder
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.guarded import GuardedRecorder, Say, failures_of, silent
+from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.recording.rotation import Limit
 
 _PAUSE = 0.05  # s between two looks at the rings
-_READY = "ready"
+_LATE_NS = 100_000_000  # that a frame may come out of turn: received ones are logged a tick after they came
 
 
 @dataclass
@@ -34,22 +43,42 @@ class Job:
     """What to record."""
 
     paths: list[str]
-    drives: int
+    columns: list[str]
     channel: str
+    limit: int | None  # of a file, bytes
+    keep: int | None
     rows: int  # sizes of the rings
     frames: int
     descriptor: int
 
 
 class RecorderProcess:
-    """The process, seen from the emulator's side. Raises ConfigError where a file cannot be written."""
+    """The process, seen from the emulator's side; `say` is told at once what fails."""
 
-    def __init__(self, paths: Sequence[Path], memory: Memory, drives: int, channel: str) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        content: Content,
+        limit: Limit | None,
+        memory: Memory,
+        say: Say = silent,
+    ) -> None:
         rows, frames = memory.sizes
         names = [str(path) for path in paths]
-        job = Job(names, drives, channel, rows, frames, memory.descriptor)
+        job = Job(
+            paths=names,
+            columns=list(content.columns),
+            channel=content.channel,
+            limit=limit.size if limit else None,
+            keep=limit.keep if limit else None,
+            rows=rows,
+            frames=frames,
+            descriptor=memory.descriptor,
+        )
         self._names = ", ".join(names)
-        self._is_ready = False
+        self._say = say
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._is_ready = self._is_closing = False
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", __name__, json.dumps(asdict(job))],
             stdin=subprocess.PIPE,
@@ -58,42 +87,61 @@ class RecorderProcess:
             start_new_session=True,  # a Ctrl-C is for the emulator
             text=True,
         )
+        self._reader = threading.Thread(target=self._read, name="recorder's words", daemon=True)
+        self._reader.start()
         self.lost_rows = 0
+        self.files: list[str] = []
 
     def wait_until_ready(self) -> None:
         """Until its files are open. Raises ConfigError."""
-        assert self._process.stdout is not None
-        answer = self._process.stdout.readline().strip()
-        if answer != _READY:
+        answer = self._answers.get() or {}
+        if "ready" not in answer:
             self._process.wait()
             raise ConfigError(
-                answer or f"`record` {self._names}: the recording process could not be started"
+                answer.get("issues")
+                or f"`record` {self._names}: the recording process could not be started"
             )
         self._is_ready = True
 
     def close(self) -> None:
         """Have the files completed. Raises RecordingError."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
+        self._is_closing = True
         with contextlib.suppress(OSError):
             self._process.stdin.close()
-        with self._process.stdout as stream:
-            lines = stream.read().splitlines()
+        self._reader.join()
         self._process.wait()
         if not self._is_ready:
             return  # there is nothing to complete, and the reason has been told
-        if not lines or not lines[-1].startswith("{"):
-            raise RecordingError(
-                f"`record` {self._names}: the recording process was ended from outside"
-            )
-        answer = json.loads(lines[-1])
-        self.lost_rows = int(answer["lost"])
+        answer = self._answers.get()
+        if answer is None:
+            raise RecordingError(self._ended())
+        self.lost_rows, self.files = int(answer["lost"]), answer["files"]
         if answer["failures"]:
             raise RecordingError("; ".join(answer["failures"]))
 
+    def _ended(self) -> str:
+        return f"`record` {self._names}: the recording process was ended from outside"
+
+    def _read(self) -> None:
+        """What it says, until it ends."""
+        assert self._process.stdout is not None
+        is_complete = False
+        with self._process.stdout as stream:
+            for line in stream:
+                answer = json.loads(line) if line.endswith("\n") else {}
+                if "failed" in answer:
+                    self._say(answer["failed"])
+                elif answer:
+                    is_complete = "files" in answer
+                    self._answers.put(answer)
+        if self._is_ready and not self._is_closing and not is_complete:
+            self._say(self._ended())
+        self._answers.put(None)
+
 
 class Writer:
-    """Takes rows from the rings to the recorders."""
+    """Takes rows and frames from the rings to the recorders."""
 
     def __init__(self, memory: Memory, recorders: Sequence[Recorder]) -> None:
         shared = memory.shared
@@ -101,24 +149,38 @@ class Writer:
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
         self._recorders = recorders
+        self._waiting: Any = no_logged()
+        self._has_begun = False
 
     @property
     def lost(self) -> int:
         """Rows that came and went between two looks."""
         return self._rows.lost + self._frames.lost
 
-    def take(self) -> None:
-        """Write what has come since the last time, down to the operating system."""
+    def take(self, is_last: bool = False) -> None:
+        """Write what has come since the last time, down to the operating system; frames in the order of time."""
         rows = self._rows.take()
-        logged = self._frames.take()
-        frames = Frames(len(logged), logged["identifier"], logged["length"], logged["payload"])
-        times = ((logged["time_ns"] + self._control["epoch_ns"]) * 1e-9).tolist()
+        frames = self._in_order(self._frames.take(), is_last)
+        if not self._has_begun and (len(rows) or len(frames)):
+            self._has_begun = True
+            for recorder in self._recorders:
+                recorder.begin(int(self._control["epoch_ns"][0]))
         for recorder in self._recorders:
             if len(rows):
                 recorder.write_rows(rows)
-            if frames.count:
-                recorder.write_frames(frames, times)
+            if len(frames):
+                recorder.write_frames(frames)
             recorder.flush()
+
+    def _in_order(self, come: Any, is_last: bool) -> Any:
+        """The frames that none will come before; the others wait."""
+        frames = np.concatenate([self._waiting, come])
+        frames = frames[np.argsort(frames["time_ns"], kind="stable")]
+        count = len(frames)
+        if count and not is_last:
+            count = int(np.searchsorted(frames["time_ns"], frames["time_ns"][-1] - _LATE_NS))
+        self._waiting = frames[count:]
+        return frames[:count]
 
 
 def main() -> int:
@@ -127,26 +189,34 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     job = Job(**json.loads(sys.argv[1]))
     memory = Memory(job.rows, job.frames, job.descriptor)
+    content = Content(job.columns, job.channel)
+    limit = None if job.limit is None else Limit(job.limit, job.keep)
     recorders: list[GuardedRecorder] = []
     try:
         for path in job.paths:
-            recorders.append(open_recorder(Path(path), job.drives, job.channel, 0.0))
+            recorders.append(
+                open_recorder(Path(path), content, limit, lambda text: _tell(failed=text))
+            )
     except ConfigError as error:
-        print(error, flush=True)
+        _tell(issues=error.issues)
         return 2
-    with contextlib.suppress(OSError):  # whoever asked may be gone
-        print(_READY, flush=True)
+    _tell(ready=True)
     writer = Writer(memory, recorders)
     while not select.select([0], [], [], _PAUSE)[0]:
         writer.take()
-    writer.take()
+    writer.take(is_last=True)
     for recorder in recorders:
         recorder.close()
-    failures = [recorder.failure for recorder in recorders if recorder.failure]
-    with contextlib.suppress(OSError):
-        print(json.dumps({"failures": failures, "lost": writer.lost}), flush=True)
+    failures = failures_of(recorders)
+    files = [file for recorder in recorders for file in recorder.files]
+    _tell(failures=failures, files=files, lost=writer.lost)
     # A file on a full disk would be tried again, with a traceback.
     os._exit(1 if failures else 0)
+
+
+def _tell(**words: Any) -> None:
+    with contextlib.suppress(OSError):  # whoever asked may be gone
+        print(json.dumps(words), flush=True)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from liftgate_hil.identify.result import Estimate, Experiment, Identification, S
 from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.findings import (
+    EXCUSES,
     experiment_warnings,
     strong_correlations,
     warnings_of,
@@ -25,11 +26,12 @@ from liftgate_hil.report.numbers import (
     significant,
 )
 from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table
+from liftgate_hil.report.provenance import Provenance
 
 _MOST = 8  # experiments with figures of their own; a page of more is too large to open
 
 
-def identification_html(result: Identification) -> str:
+def identification_html(result: Identification, provenance: Provenance | None = None) -> str:
     """Warnings, parameters, fits, figures, residual tests, notes."""
     experiments = result.experiments
     return page(
@@ -47,11 +49,12 @@ def identification_html(result: Identification) -> str:
             section("Prediction errors and residual tests", *_residuals(experiments)),
             section("Loss and noise", _criteria(result), _noise(result), _history(result)),
             section("Notes", bullets([*result.notes, *_left_out(experiments)])),
+            _origin(provenance),
         ],
     )
 
 
-def validation_html(result: Validation) -> str:
+def validation_html(result: Validation, provenance: Provenance | None = None) -> str:
     """Warnings, fits, figures, errors by phase, residual tests, notes."""
     experiments = result.experiments
     return page(
@@ -64,8 +67,15 @@ def validation_html(result: Validation) -> str:
             section("Errors by phase", _phases(experiments)),
             section("Prediction errors and residual tests", *_residuals(experiments)),
             section("Notes", bullets([*result.notes, *_left_out(experiments)])),
+            _origin(provenance),
         ],
     )
+
+
+def _origin(provenance: Provenance | None) -> str:
+    if provenance is None:
+        return ""
+    return section("Provenance", table(("", ""), provenance.rows(), ("", "name")))
 
 
 def _parameters(estimates: Sequence[Estimate]) -> str:
@@ -165,6 +175,8 @@ def _residual(series: Series) -> str:
     counts = whiteness(series)
     if series.is_white:
         return "white"
+    if series.excuse:
+        return EXCUSES[series.excuse]
     return (
         f"not white: {counts.own} of {counts.own_lags} lags outside, "
         f"{counts.input} of {counts.input_lags} with the voltage"

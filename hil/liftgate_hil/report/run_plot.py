@@ -1,25 +1,72 @@
-"""Pictures of a recording."""
+"""The picture of a run: all of it, and beside it the pinch event at a scale on which it can be judged."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Columns = Mapping[str, NDArray[np.float64]]
-
-_PANELS = (
-    ("gate angle [deg]", ("gate_angle_deg",)),
-    ("motor current [A]", ("left_current_a", "right_current_a")),
-    ("Hall speed [counts/s]", ("left_hall_count", "right_hall_count")),
-    ("pinch force [N]", ("pinch_force_n",)),
+from liftgate_hil.report.drawing import (
+    FINAL,
+    GRID,
+    INITIAL,
+    INK,
+    MARK,
+    line,
+    new_figure,
+    png,
+    style,
 )
+from liftgate_hil.report.pinch import LIMITS, Limit, PinchEvent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+Columns = Mapping[str, Floats]
+
+_FONT, _SMALL = 11.0, 10.0
+_SIZE = (13.0, 9.5)  # inch
+_DPI = 100
 _WINDOW = 0.05  # s over which Hall counts are differenced
+_ZOOM = (0.12, 0.40)  # s before the first touch, and after the largest force
+# Both drives of a symmetric gate run on one line: a wide one under a narrow, dashed one shows that there are two.
+_DRIVES = {"left": (FINAL, "-", 2.6), "right": (INITIAL, (0, (3, 2)), 1.3)}
+_FORCE = "#a8246e"
 
 
-def hall_speed(times: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+class DrawnObstacle(NamedTuple):
+    """Where an obstacle stands [deg], and when it is there [s]."""
+
+    angle_deg: float
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class RunPicture:
+    """What is drawn: rows, the contact in them, obstacles, moments (time [s], text)."""
+
+    title: str
+    columns: Columns
+    event: PinchEvent | None
+    obstacles: Sequence[DrawnObstacle] = ()
+    marks: Sequence[tuple[float, str]] = ()
+
+    def between(self, low: float, high: float) -> RunPicture:
+        """The rows of a time only."""
+        times = self.columns["time_s"]
+        rows = slice(*np.searchsorted(times, (low, high)).tolist())
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return RunPicture(self.title, columns, self.event, self.obstacles, self.marks)
+
+
+def hall_speed(times: Floats, counts: Floats) -> Floats:
     """Counts per second over a short window, as an ECU would see them."""
     rows = max(1, round(_WINDOW / float(np.median(np.diff(times)))))
     speed = np.zeros(len(counts))
@@ -27,43 +74,188 @@ def hall_speed(times: NDArray[np.float64], counts: NDArray[np.float64]) -> NDArr
     return speed
 
 
-def plot_run(path: Path, columns: Columns, marks: Sequence[tuple[float, str]], title: str) -> None:
-    """Angle, currents, Hall speed and pinch force over time, with marked moments; a PNG."""
-    import matplotlib
+def plot_run(path: Path, picture: RunPicture) -> None:
+    """Draw a run into a PNG. Raises OSError."""
+    path.write_bytes(png(run_figure(picture), _DPI))
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
 
-    times = columns["time_s"]
-    figure, axes = plt.subplots(len(_PANELS), 1, figsize=(11, 10), sharex=True)
-    for axis, (label, names) in zip(axes, _PANELS, strict=True):
-        for name in names:
-            if name not in columns:
-                continue
-            values = columns[name]
-            if name.endswith("_hall_count"):
-                values = hall_speed(times, values)
-            style = "--" if name.startswith("right_") else "-"
-            axis.plot(times, values, style, linewidth=1.2, label=name.split("_")[0])
-        if len(names) > 1:
-            axis.legend(loc="upper right", fontsize=8)
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-        for time, _ in marks:
-            axis.axvline(time, color="tab:red", linewidth=1.0, linestyle=":")
-    for time, text in marks:
-        axes[0].annotate(
-            text,
-            (time, axes[0].get_ylim()[1]),
-            xytext=(4, -12),
-            textcoords="offset points",
-            color="tab:red",
-            fontsize=9,
+def run_figure(picture: RunPicture) -> Figure:
+    """Angle, motor currents, Hall speed and pinch force over time; where there is one, the pinch event beside."""
+    columns = dict(picture.columns)
+    for side in _DRIVES:
+        counts = columns.pop(f"{side}_hall_count", None)
+        if counts is not None:
+            columns[f"{side}_hall_speed"] = hall_speed(columns["time_s"], counts)
+    whole = RunPicture(picture.title, columns, picture.event, picture.obstacles, picture.marks)
+    with style():
+        import matplotlib
+        from matplotlib.axes import Axes
+
+        matplotlib.rcParams.update(
+            {
+                "font.size": _FONT,
+                "axes.labelsize": _FONT,
+                "axes.titlesize": _FONT + 1.0,
+                "legend.fontsize": _SMALL,
+            }
         )
-    axes[-1].set_xlabel("time [s]")
-    axes[0].set_title(title)
-    figure.tight_layout()
-    try:
-        figure.savefig(path, dpi=110)
-    finally:
-        plt.close(figure)
+        figure = new_figure(_SIZE[1], _SIZE[0])
+        figure.suptitle(picture.title, fontsize=_FONT + 3.0)
+        if picture.event is None:
+            _draw_whole(figure.subplots(4, 1, sharex=True), whole)
+        else:
+            parts: Any = figure.subfigures(1, 2, width_ratios=(1.35, 1.0))
+            left, right = parts
+            _draw_whole(left.subplots(4, 1, sharex=True), whole)
+            _draw_event(right.subplots(3, 1, sharex=True, height_ratios=(2.1, 1.0, 1.0)), whole)
+            left.align_ylabels()
+            right.align_ylabels()
+        for axis in figure.findobj(Axes):
+            axis.tick_params(labelsize=_SMALL)  # the labels are made when they are drawn
+    return figure
+
+
+def _draw_whole(axes: Iterable[Axes], picture: RunPicture) -> None:
+    angle, current, speed, force = axes
+    angle.set_title("the whole run", loc="left")
+    _draw_angle(angle, picture)
+    angle.legend(loc="upper right")
+    _draw_drives(current, picture, "_current_a", "motor current [A]")
+    _draw_drives(speed, picture, "_hall_speed", "Hall speed [counts/s]")
+    _draw_force(force, picture)
+    event = picture.event
+    for axis in (angle, current, speed, force):
+        for time, _ in picture.marks:
+            axis.axvline(time, color=INK, linewidth=1.0, linestyle=":")
+    for time, text in picture.marks:
+        angle.annotate(text, (time, 0.0), (4, 4), textcoords="offset points", fontsize=_SMALL)
+    if event is not None:
+        _annotate(force, (event.time_s, event.force_n), f"{event.force_n:.1f} N", (10, -4))
+    force.set_xlabel("time [s]")
+
+
+def _draw_event(axes: Iterable[Axes], whole: RunPicture) -> None:
+    event = whole.event
+    assert event is not None
+    low, high = event.start_s - _ZOOM[0], max(event.time_s + _ZOOM[1], event.end_s + 0.05)
+    picture = whole.between(low, high)
+    force, angle, current = axes
+    force.set_title(f"{high - low:.2f} s around the pinch; limits borrowed", loc="left")
+    _draw_force(force, picture)
+    top = max(event.force_n, *(limit.force for limit in LIMITS))
+    force.set_ylim(0.0, 1.12 * top)
+    for limit in LIMITS:
+        dashes = "-" if limit.is_judged else "--"
+        force.axhline(limit.force, color=INITIAL, linewidth=1.3, linestyle=dashes)
+        force.annotate(
+            _limit_text(limit),
+            (1.0, limit.force),
+            (-2, 4),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            ha="right",
+            fontsize=_SMALL,
+            color=INITIAL,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.0, "alpha": 0.8},
+        )
+    _draw_margin(force, event, (low, high))
+    _draw_angle(angle, picture)
+    _draw_drives(current, picture, "_current_a", "motor current [A]")
+    for name, time in (("first touch", event.start_s), ("turned", event.turn_s)):
+        if np.isfinite(time):
+            for axis in (force, angle, current):
+                axis.axvline(time, color=INK, linewidth=0.9, linestyle=":")
+            place = force.get_xaxis_transform()
+            force.text(
+                time,
+                0.99,
+                name,
+                transform=place,
+                rotation=90,
+                ha="right",
+                va="top",
+                fontsize=_SMALL,
+            )
+    _draw_reversal(angle, event)
+    current.set_xlim(low, high)
+    current.set_xlabel("time [s]")
+
+
+def _limit_text(limit: Limit) -> str:
+    time = f" for {limit.longest:g} s" if limit.longest else ""
+    return f"{limit.force:.0f} N{time}: {limit.source}{'' if limit.is_judged else ' (not judged)'}"
+
+
+def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> None:
+    """The peak, and an arrow from there to the judged limit."""
+    limit = LIMITS[0]
+    text = "\n".join(
+        [
+            f"peak {event.force_n:.1f} N",
+            f"at {event.time_s:.3f} s, {event.angle_deg:.2f} deg",
+            *(_margin_text(event.force_n, each.force) for each in LIMITS if not each.longest),
+        ]
+    )
+    axis.annotate(
+        "",
+        (event.time_s, limit.force),
+        (event.time_s, event.force_n),
+        arrowprops={"arrowstyle": "<->", "color": INK, "shrinkA": 4, "shrinkB": 1},
+    )
+    axis.plot([event.time_s], [event.force_n], "o", color=_FORCE, markersize=7, zorder=5)
+    place = (event.time_s + 0.03 * (span[1] - span[0]), 0.5 * (event.force_n + limit.force))
+    axis.text(*place, text, va="center", fontsize=_FONT)
+
+
+def _margin_text(force: float, limit: float) -> str:
+    margin = limit - force
+    return f"{abs(margin):.1f} N {'below' if margin >= 0.0 else 'above'} {limit:.0f} N"
+
+
+def _draw_reversal(axis: Axes, event: PinchEvent) -> None:
+    """When and where the gate turned."""
+    if not np.isfinite(event.turn_s):
+        text, place = "did not reverse", (event.start_s, event.start_deg)
+    else:
+        text = (
+            f"turned {1e3 * event.reversal_time_s:.0f} ms after the first touch,\n"
+            f"{event.further_deg:.2f} deg further; moved back by {event.back_deg:.1f} deg"
+        )
+        place = (event.turn_s, event.turn_deg)
+        axis.plot(*([value] for value in place), "o", color=FINAL, markersize=6, zorder=5)
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.5 * (high - low))  # room for the text
+    axis.text(0.99, 0.98, text, transform=axis.transAxes, ha="right", va="top", fontsize=_SMALL)
+
+
+def _draw_angle(axis: Axes, picture: RunPicture) -> None:
+    times = picture.columns["time_s"]
+    line(axis, times, picture.columns["gate_angle_deg"], FINAL, label="gate")
+    for each in picture.obstacles:
+        span = np.clip((each.start, each.end), times[0], times[-1])
+        if span[1] > span[0]:
+            name = f"obstacle at {each.angle_deg:g} deg"
+            axis.plot(span, [each.angle_deg] * 2, color=MARK, linewidth=2.4, label=name)
+    axis.set_ylabel("gate angle [deg]")
+
+
+def _draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
+    """The drives that there are, each with its own colour and line."""
+    axis.set_ylabel(label)
+    for side, (colour, dashes, width) in _DRIVES.items():
+        if side + ending in picture.columns:
+            values = picture.columns[side + ending]
+            looks = {"linestyle": dashes, "linewidth": width, "label": side}
+            line(axis, picture.columns["time_s"], values, colour, **looks)
+    axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
+    axis.legend(loc="upper right", ncols=2)
+
+
+def _draw_force(axis: Axes, picture: RunPicture) -> None:
+    force = picture.columns["pinch_force_n"]
+    line(axis, picture.columns["time_s"], force, _FORCE)
+    axis.set_ylabel("pinch force [N]")
+
+
+def _annotate(axis: Axes, place: tuple[float, float], text: str, offset: tuple[int, int]) -> None:
+    axis.annotate(text, place, offset, textcoords="offset points", fontsize=_FONT)

@@ -38,13 +38,15 @@ def fields_of(message: object) -> Fields:
     if not isinstance(message, _can.Message):
         raise NotAFrameError(f"{shown(message)}; allowed: a list of can.Message")
     try:
-        number = _whole(message.arbitration_id)
-        data = b"" if message.is_remote_frame else bytes(memoryview(message.data))
-        length = _whole(message.dlc) if message.is_remote_frame else len(data)
-    except TypeError as error:
+        number, asked = _whole(message.arbitration_id), _whole(message.dlc)
+    except TypeError:
         raise NotAFrameError(
-            f"{shown(message)}; allowed: whole numbers for arbitration_id and dlc, and bytes"
-        ) from error
+            f"{shown(message)}; allowed: a whole number as identifier and as length"
+        ) from None
+    if not isinstance(message.data, bytes | bytearray | memoryview):
+        raise NotAFrameError(f"{shown(message)}; allowed: bytes as data")
+    data = b"" if message.is_remote_frame else bytes(message.data)
+    length = asked if message.is_remote_frame else len(data)
     # An error frame's identifier is its class, which may have 29 bits, whatever its format.
     is_wide = message.is_extended_id or message.is_error_frame
     if not 0 <= number < 1 << (29 if is_wide else 11):

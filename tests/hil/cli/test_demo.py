@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import signal
@@ -17,10 +18,13 @@ from c_library import build, needs_compiler
 from liftgate_hil import session
 from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.runs import Result
+from liftgate_plant.compiler import GivenUpError
 
 TEXT = """
 import os
@@ -61,23 +65,30 @@ def demo(*arguments: str) -> int:
 
 # What a demo must show.
 
+SHOWN_TIMES = np.arange(0.0, 42.0, 0.01)
+
 
 def shown(force: float = 141.7, **changes: Any) -> Result:
     """A good one, but for some changes."""
-    times = np.arange(0.0, 42.0, 0.01)
+    times = SHOWN_TIMES
     angles = np.interp(times, [0, 10, 14, 19, 21, 26, 29, 41], [0, 80, 80, 34, 56, 80, 80, 0])
-    columns = {"time_s": times, "gate_angle_deg": angles, "latched": np.where(angles > 0, 0.0, 1.0)}
+    columns = {
+        "time_s": times,
+        "gate_angle_deg": angles,
+        "gate_rate_degps": np.gradient(angles, times),
+        "pinch_force_n": np.interp(times, [18.7, 19.0, 19.3], [0.0, force, 0.0]),
+        "latched": np.where(angles > 0, 0.0, 1.0),
+    }
     given: dict[str, Any] = {
         "verdict": "pass",
         "reason": "",
-        "maxima": {"pinch_force_n": force},
+        "maxima": {},
         "minima": {},
         "summary": Summary(ticks=42_001, model_time_s=42.001),
         "events": [
             Event(0.5, STARTS_OPENING, "opening"),
             Event(18.8, TRAPPED_CLOSING, "trapped while closing (…): reversing"),
         ],
-        "pinch_time_s": 18.85,
         "trace": columns,
     }
     return Result(**{**given, **changes})
@@ -87,24 +98,37 @@ def columns_with(**changed: Any) -> dict[str, Any]:
     return {**shown().trace, **changed}
 
 
+def faults(result: Result, tells: bool = True) -> list[str]:
+    return failures(result, pinch_event(result.trace), tells)
+
+
 def test_a_good_demo_has_no_failures() -> None:
-    assert failures(shown(), tells=True) == []
+    assert faults(shown()) == []
     # An ECU that is not ours tells nothing.
-    assert failures(shown(events=[]), tells=False) == []
+    assert faults(shown(events=[]), tells=False) == []
 
 
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ({"force": 0.0}, "the gate never met the obstacle"),
-        ({"force": float("nan")}, "the gate never met the obstacle"),
-        ({"force": 512.34}, "pinch force 512.3 N; allowed: up to 400 N"),
+        (
+            {"force": 512.34},
+            "pinch force 512.3 N; allowed: up to 400 N (EN 12453, building doors)",
+        ),
+        (
+            {
+                "trace": columns_with(
+                    pinch_force_n=np.where(abs(SHOWN_TIMES - 19.0) < 0.495, 200, 0)
+                )
+            },
+            "pinch force over 150 N for 0.990 s; allowed: up to 0.75 s (EN 12453, building doors)",
+        ),
         (
             {"events": [Event(0.5, STARTS_OPENING, "opening")]},
             "the ECU did not detect the obstacle",
         ),
-        ({"trace": columns_with(gate_angle_deg=np.full(4200, 34.0))}, "the gate did not reverse"),
-        ({"pinch_time_s": 41.99}, "the gate did not reverse"),
+        ({"trace": columns_with(gate_rate_degps=np.full(4200, -1.0))}, "the gate did not reverse"),
         (
             {"trace": columns_with(latched=np.zeros(4200))},
             "the gate did not close and latch at the end (it stands at 0.0 deg)",
@@ -122,17 +146,17 @@ def test_a_good_demo_has_no_failures() -> None:
 def test_each_thing_that_a_demo_does_not_show_is_told(
     changes: dict[str, Any], expected: str
 ) -> None:
-    assert failures(shown(**changes), tells=True) == [expected]
+    assert faults(shown(**changes)) == [expected]
 
 
 def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
-    assert failures(shown(summary=Summary(ticks=10_000, overruns=100)), tells=True) == []
+    assert faults(shown(summary=Summary(ticks=10_000, overruns=100))) == []
 
 
 def test_all_failures_are_told_at_once() -> None:
     nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
-    found = failures(shown(force=0.0, events=[], trace=nothing), tells=True)
-    assert len(found) == 3
+    nothing["pinch_force_n"] = np.zeros(4200)
+    assert len(faults(shown(events=[], trace=nothing))) == 3
 
 
 # The whole of it.
@@ -144,6 +168,8 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert demo() == 0
     told = capsys.readouterr()
     assert "reversing" in told.out
+    assert "limit 400 N (EN 12453, building doors; borrowed): 258.3 N left" in told.out
+    assert "reversed 137 ms after the first touch" in told.out
     assert "closed and latched" in told.out
     assert "failed" not in told.err
     assert sorted(path.name for path in folder.iterdir()) == ["demo.csv", "demo.log", "demo.png"]
@@ -156,6 +182,20 @@ def test_without_recordings_it_writes_nothing(
     assert demo("--no-record") == 0
     assert list(folder.iterdir()) == []
     assert "written" not in capsys.readouterr().out
+
+
+def test_a_folder_that_is_not_there_is_made(folder: Path) -> None:
+    assert demo("--duration", "0.1", "--output", "new/one") == 0
+    found = sorted(path.name for path in (folder / "new/one").iterdir())
+    assert found == ["demo.csv", "demo.log", "demo.png"]
+
+
+def test_a_folder_that_cannot_be_made_is_told(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "taken").write_text("a file")
+    assert demo("--output", "taken/new") == 2
+    assert "--output taken/new: cannot be made: Not a directory" in capsys.readouterr().err
 
 
 def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
@@ -194,9 +234,14 @@ def test_an_ecu_that_raises_is_an_error(folder: Path, capsys: pytest.CaptureFixt
 
 
 @c_ecu.needs_compiler
-def test_a_c_library_passes_too(folder: Path, tmp_path: Path) -> None:
+def test_a_c_library_passes_too_and_is_among_the_sources(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     library = c_ecu.build_library(tmp_path)
-    assert demo("--ecu", str(library), "--no-record") == 0
+    assert demo("--ecu", str(library), "--no-record", "--json") == 0
+    source = json.loads(capsys.readouterr().out)["provenance"]["sources"]["ecu"]
+    assert source["path"] == str(library)
+    assert source["sha256"] == hashlib.sha256(library.read_bytes()).hexdigest()
 
 
 @needs_compiler
@@ -239,6 +284,27 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
     assert (folder / "demo.png").is_file()
 
 
+def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def given_up(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        raise GivenUpError
+
+    monkeypatch.setattr("liftgate_hil.runs._run", given_up)
+    assert demo() == 143
+    assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
+    assert not (folder / "demo.png").exists()
+
+
+def test_the_json_of_one_that_is_stopped_says_by_what(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SIGNAL", str(int(signal.SIGTERM)))
+    assert demo("--ecu", "demo_ecus:Stops", "--json", "--no-record") == 143
+    assert json.loads(capsys.readouterr().out)["stop_reason"] == "SIGTERM"
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -248,7 +314,6 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
         (["--ecu", "demo_ecus:Nobody"], "Nobody"),
         (["--ecu", "bus"], "--bus: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU"),
         (["--vehicle", "nosuch"], "--vehicle nosuch"),
-        (["--output", "nosuch"], "--output nosuch: no such folder"),
         (["--rate", "10"], "allowed: 200 to 10000 Hz"),
         (["--record", "x.foo"], "--record x.foo: format"),
     ],
@@ -272,6 +337,25 @@ def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixt
     summary = json.loads(capsys.readouterr().out)
     assert summary["received"]["accepted"] == 4200
     assert summary["command_timeouts"] == 0
+    assert summary["stop_reason"] == "duration"
+    assert summary["maxima"]["pinch_force_n"] == summary["pinch"]["peak_n"] > 100.0
+    assert summary["minima"]["gate_angle_deg"] < 0.1
+    origin = summary["provenance"]
+    assert origin["command_line"] == "liftgate-hil demo --clock free --json --no-record"
+    assert set(origin["sources"]) == {"vehicle", "rig", "dbc", "scenario"}
+
+
+def test_its_json_is_the_same_again_on_a_date_that_is_given(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    texts = set()
+    for _ in range(2):
+        demo("--json", "--no-record", "--duration", "1")
+        texts.add(capsys.readouterr().out)
+    (text,) = texts
+    assert json.loads(text)["provenance"]["date"] == "2023-11-14T22:13:20+00:00"
+    assert json.loads(text)["pinch"] is None
 
 
 def test_the_seed_is_the_one_that_was_asked_for(folder: Path) -> None:
@@ -327,7 +411,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
-    child = EcuProcess([sys.executable, "-c", code], is_quiet=False, has_to_tell=True)
+    child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), has_to_tell=True)
     child.wait(60.0)
     assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\n"

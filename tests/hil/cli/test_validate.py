@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,26 @@ def test_reports_are_written_and_quiet_is_quiet(
     assert page.read_text(encoding="utf-8").rstrip().endswith("</html>")
 
 
+def test_result_and_page_say_which_files_they_are_from(
+    opening: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    result, page = tmp_path / "result.json", tmp_path / "page.html"
+    assert call("validate", opening, "--result", result, "--html", page, "--quiet") == 0
+    origin = json.loads(result.read_text())["provenance"]
+    assert origin["command_line"].startswith(f"liftgate-hil validate {opening} --result")
+    assert origin["date"] == "2023-11-14T22:13:20+00:00"
+    assert origin["sources"]["measurement 1"] == {
+        "path": str(opening),
+        "sha256": hashlib.sha256(opening.read_bytes()).hexdigest(),
+    }
+    assert Path(origin["sources"]["vehicle"]["path"]).name == "suv.toml"
+    assert "rig" not in origin["sources"]  # no bus log
+    shown = page.read_text(encoding="utf-8")
+    for each in (origin["sources"]["measurement 1"]["sha256"], origin["date"], "numba"):
+        assert each in shown
+
+
 def test_the_text_names_file_output_and_fit(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
@@ -134,7 +155,9 @@ def test_an_output_named_twice_counts_once(
     capsys: pytest.CaptureFixture[str], opening: Path
 ) -> None:
     once = fit(capsys, opening, "--outputs", "current")
-    assert fit(capsys, opening, "--outputs", "current,current") == once
+    twice = fit(capsys, opening, "--outputs", "current,current")
+    assert twice.pop("provenance") != once.pop("provenance")  # another command line
+    assert twice == once
 
 
 @pytest.mark.parametrize(

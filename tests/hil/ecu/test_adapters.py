@@ -24,7 +24,9 @@ from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.loop.python_loop import Loop, run_free
-from liftgate_hil.recording.bus_log import CandumpRecorder
+from liftgate_hil.loop.recorder import RecordingTaker
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import open_recorder
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_hil.transport.can_bus import CanTransport
@@ -44,7 +46,7 @@ class Line(NamedTuple):
 def lines_of(path: Path) -> list[Line]:
     found = []
     for line in path.read_text().splitlines():
-        match = re.fullmatch(r"\(([\d.]+)\) \S+ ([0-9A-F]+)#([0-9A-F]*)", line)
+        match = re.fullmatch(r"\(([\d.]+)\) \S+ ([0-9A-F]+)#([0-9A-F]*) [RT]", line)
         assert match, line
         found.append(
             Line(
@@ -68,16 +70,18 @@ def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
     channel = str(uuid.uuid4())
     ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
     config = loop_config()
-    recorder = CandumpRecorder(log, "bus", 0.0)
+    recorder = open_recorder(log, Content((), "bus"))
+    recording = RecordingTaker([recorder])
     with adapter_for(ecu, lh.load_rig(shipped()), 2) as adapter:
         peer = Peer(adapter, theirs, scenario.requests)
         loop = Loop(
-            config, start_of(config), scenario.timeline, ours, recorders=[recorder], peers=[peer]
+            config, start_of(config), scenario.timeline, ours, takers=[recording], peers=[peer]
         )
         loop.begin()
         run_free(loop, round(1e3 * (scenario.duration or 0.0)), lambda: False)
         loop.finish()
         peer.finish()
+    recording.flush()
     for each in (recorder, ours, theirs):
         each.close()
     return lines_of(log)

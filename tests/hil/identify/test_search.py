@@ -13,7 +13,8 @@ from scipy.optimize import minimize
 
 from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.identify.search import errors_of, log_likelihood_deviance, search, weighting_of
+from liftgate_hil.identify.search import search
+from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, weighting_of
 from liftgate_plant.sensors import Sensors
 from tests.hil.identify.simulated import (
     NOISE,

@@ -1,4 +1,4 @@
-"""Transports and recorders of lists, and loops around them."""
+"""Transports and takers of lists, and loops around them."""
 
 from __future__ import annotations
 
@@ -44,28 +44,21 @@ class Memory:
 
 
 class Notes:
-    """A recorder that keeps what it was given."""
+    """Keeps what it was given."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
         self.received: list[Rows] = []
         self.sent: list[Rows] = []
 
-    def write_rows(self, rows: NDArray[np.float64]) -> None:
-        assert rows.shape[1:] == (ROW_WIDTH,)
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        assert rows.shape == (1, ROW_WIDTH)
         self.times += rows[:, COLUMN_PLACE["time_s"]].tolist()
-
-    def write_frames(self, frames: Frames, times: Sequence[float]) -> None:
-        assert len(times) == frames.count
-        # A tick gives what it received first, then what it sent.
-        ways = [self.received, self.sent]
-        ways[(len(self.received) + len(self.sent)) % 2].append(rows_of(frames))
-
-    def flush(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
+        assert np.all(frames["time_ns"] == round(1e9 * self.times[-1]))
+        for kept, way in ((self.received, 0), (self.sent, 1)):
+            those = frames[frames["is_sent"] == way]
+            plain = Frames(len(those), those["identifier"], those["length"], those["payload"])
+            kept.append(rows_of(plain))
 
 
 def never() -> bool:

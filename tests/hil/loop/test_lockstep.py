@@ -37,7 +37,7 @@ def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tup
     """Run until all batches are used up, the first of which is there at the start."""
     first, *later = batches
     transport, notes = Memory([first, [], *later]), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
     run_lockstep(loop, PERIOD, ticks, used_up(loop, transport))
     return loop, notes
 
@@ -99,7 +99,7 @@ def test_of_the_commands_before_the_start_the_last_alone_counts_and_other_frames
         [command(rig, 301)],
     ]
     transport, notes = Memory(batches), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
     run_lockstep(loop, PERIOD, None, used_up(loop, transport))
     assert loop.state.tick == 20
     assert [rows for rows in notes.received if rows] == [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hil_support import command_payload, frames_of
 
 from liftgate_hil import session
 from liftgate_hil.codec.frames import REMOTE
@@ -13,7 +14,6 @@ from liftgate_hil.listener import Listener, Status
 from liftgate_hil.loop import lookout as module
 from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
-from tests.hil.hil_support import command_payload, frames_of
 
 COMMAND = 0x120
 

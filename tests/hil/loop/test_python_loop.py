@@ -46,9 +46,11 @@ from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
+from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.loop.tick import STOPPED, LoopState
-from liftgate_hil.recording.bus_log import CandumpRecorder
-from liftgate_hil.recording.table import CsvRecorder
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.signals import columns_of
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.transport.can_bus import CanTransport
 
@@ -58,7 +60,7 @@ from liftgate_hil.transport.can_bus import CanTransport
 @pytest.mark.parametrize("ticks", [1, 7, 100])
 def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
     notes = Notes()
-    loop = loop_of(Memory(), loop_config(rig=rig), recorders=[notes])
+    loop = loop_of(Memory(), loop_config(rig=rig), takers=[notes])
     run_free(loop, ticks, never)
     assert loop.state.tick == ticks
     assert notes.times == pytest.approx([0.001 * (1 + number) for number in range(ticks)])
@@ -141,7 +143,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
     notes = Notes()
     transport = Memory([[command(rig, 0)]])
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes], peers=[Peer()])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes], peers=[Peer()])
     loop.begin()
     run_free(loop, 10, never)
     loop.finish()
@@ -156,7 +158,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
 def test_beginning_leaves_no_trace(rig: Rig):
     transport, notes = Memory(), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
     loop.begin()
     assert (loop.state.tick, transport.sent, notes.times) == (0, [], [])
     assert loop.summary("free").frames_sent == 0
@@ -167,7 +169,7 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
         [command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)
     ]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), recorders=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
     run_free(loop, 100, never)
     assert notes.received == batches
     assert [row for rows in notes.sent for row in rows] == transport.sent
@@ -214,15 +216,17 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu,
     ecu = ReferenceEcu(rig, 2)
     peer = Peer(ecu, theirs, [Request(0.3, "open"), Request(2.0, "close")])
     paths = [folder / "plant.csv", folder / "bus.log"]
-    recorders = [CsvRecorder(paths[0], 2), CandumpRecorder(paths[1], "bench", 0.0)]
+    recorders = [open_recorder(path, Content(columns_of(2), "bench")) for path in paths]
+    recording = RecordingTaker(recorders)
     noise = ["sensors.current_noise=0.05"]
     loop = loop_of(
-        ours, loop_config(rig=rig, settings=noise, seed=5), recorders=recorders, peers=[peer]
+        ours, loop_config(rig=rig, settings=noise, seed=5), takers=[recording], peers=[peer]
     )
     try:
         loop.begin()
         run_free(loop, ticks, never)
         loop.finish()
+        recording.flush()
     finally:
         for each in (*recorders, ours, theirs):
             each.close()

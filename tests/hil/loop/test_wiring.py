@@ -294,25 +294,14 @@ class Notes:
     def __init__(self) -> None:
         self.rows: list[Any] = []
 
-    def write_rows(self, rows: Any) -> None:
+    def take(self, rows: Any, frames: Any) -> None:
         self.rows += list(rows)
-
-    def write_frames(self, frames: Frames, times: Any) -> None:
-        pass
-
-    def flush(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(rig: Rig) -> None:
     rows, watched, notes = distinct(Rows), Trace(), Notes()
     config = loop_config(rig=rig)
-    loop = Loop(
-        config, start_of(config), NO_TIMELINE, Silence(), recorders=[notes], takers=[watched]
-    )
+    loop = Loop(config, start_of(config), NO_TIMELINE, Silence(), takers=[notes, watched])
     loop._tick = lambda config, state, frames, *_: (state, frames, rows.truth, rows.sensed)
     loop.advance(empty_frames(0), 1)
     assert len(watched.rows()) == len(notes.rows) == 1

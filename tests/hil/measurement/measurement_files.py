@@ -12,7 +12,6 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.measurement.measurement import Measurement
 from liftgate_hil.measurement.read import read_measurement
-from liftgate_hil.recording.bus_log import convert
 
 EPOCH = 1_700_000_000.0
 
@@ -41,8 +40,7 @@ def write_csv(path: Path, columns: Mapping[str, Sequence[float] | np.ndarray]) -
 
 def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
     """A log by python-can's own writer for the suffix."""
-    plain = path.with_suffix(".log") if path.suffix == ".log" else path.with_suffix(".source.log")
-    with can.CanutilsLogWriter(plain) as writer:
+    with can.Logger(path) as writer:
         for time, identifier, payload in frames:
             writer.on_message_received(
                 can.Message(
@@ -54,6 +52,4 @@ def write_log(path: Path, frames: Iterable[Frame], is_fd: bool = False) -> Path:
                     channel="can0",
                 )
             )
-    if path.suffix != ".log":
-        convert(plain, path)
     return path

@@ -241,6 +241,22 @@ def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
     ]
 
 
+def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: Rig) -> None:
+    """As a full disk or a kill leaves it, wherever in the line; half a payload would be another frame."""
+    path = write_log(tmp_path / "bus.log", scene(rig))
+    text = path.read_bytes()
+    start = text[:-1].rfind(b"\n") + 1
+    path.write_bytes(text[:start])
+    whole = read_measurement(path, {}, rig)
+    for end in range(start + 1, len(text)):
+        path.write_bytes(text[:end])
+        cut = read_measurement(path, {}, rig)
+        assert cut.notes == ("its last line is cut off, and left out", *whole.notes)
+        assert np.array_equal(cut.times, whole.times)
+        for name, values in whole.columns.items():
+            assert np.array_equal(cut.columns[name], values, equal_nan=True), name
+
+
 @pytest.mark.parametrize("suffix", ["log", "blf", "mf4"])
 def test_garbage_is_refused(tmp_path: Path, rig: Rig, suffix: str) -> None:
     path = tmp_path / f"m.{suffix}"

@@ -21,11 +21,12 @@ from hil_support import (
 from measurement_files import read
 
 from liftgate_hil.cli.main import main
-from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.codec.frames import empty_frames, logged
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.measurement.read import read_measurement
-from liftgate_hil.recording.bus_log import CandumpRecorder
-from liftgate_hil.recording.table import CsvRecorder
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.signals import columns_of
 
 
 def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Path]:
@@ -33,18 +34,18 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
     config = loop_config(rig=rig)
     state = start_of(config)
     table, log = (
-        CsvRecorder(folder / "run.csv", 2),
-        CandumpRecorder(folder / "bus.log", "can0", 1e9),
+        open_recorder(folder / name, Content(columns_of(2))) for name in ("run.csv", "bus.log")
     )
+    log.begin(10**18)
     orders = [both(60, OPEN, 1), both(30, CLOSE), both(0, COAST)]
     for k in range(600):
         frames = empty_frames(0)
         if k % 10 == 0:
             frames = frames_of([command_frame(rig, k // 10, **orders[k // 200])])
-            log.write_frames(frames, [k * 0.001])
+            log.write_frames(logged(frames, k * 10**6, is_sent=False))
         state, replies, truth, sensed = fast_tick(config, state, frames, outside())
         table.write_rows(np.array([[*truth, *sensed]]))
-        log.write_frames(replies, [(k + 1) * 0.001] * replies.count)
+        log.write_frames(logged(replies, (k + 1) * 10**6, is_sent=True))
     table.close()
     log.close()
     return folder / "run.csv", folder / "bus.log"

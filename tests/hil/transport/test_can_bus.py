@@ -111,16 +111,15 @@ def test_a_bus_that_cannot_be_opened_is_told_on_one_line(monkeypatch: pytest.Mon
         CanTransport({"interface": "pcan", "channel": "x"})
 
 
-def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(monkeypatch: pytest.MonkeyPatch):
-    class SilentError(Exception):
-        def __str__(self) -> str:
-            raise RuntimeError
-
+@pytest.mark.parametrize("error", [KeyError(), Exception(), can.CanError("")])
+def test_a_driver_that_fails_without_a_word_is_told_by_its_kind(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+):
     def broken(**arguments: Any) -> None:
-        raise SilentError
+        raise error
 
     monkeypatch.setattr(can, "Bus", broken)
-    with pytest.raises(TransportError, match=r"cannot be opened: SilentError$"):
+    with pytest.raises(TransportError, match=rf"cannot be opened: {type(error).__name__}$"):
         CanTransport({"interface": "pcan", "channel": "x"})
 
 

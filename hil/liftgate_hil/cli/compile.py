@@ -1,0 +1,114 @@
+"""Makes the machine code of all loops ahead of time, and says where it is: for container images and CI caches.
+
+Whatever is there already is left as it is. It is made for this processor, this version and its numba.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.listener import Listener
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.cli.stopping import StopSignals
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
+    from liftgate_plant import compiler
+
+    stopped, teller = StopSignals(), Teller(args.quiet)
+    if not compiler.enabled():
+        raise LiftgateError(
+            "the compiler is switched off (LIFTGATE_COMPILE=0); allowed: without it"
+        )
+    try:
+        with told_of_compiling(teller, stopped):
+            for use in (_loops, _offline, _measurements):
+                use(teller, stopped)
+    except compiler.GivenUpError:
+        return stopped.exit_code
+    finally:
+        teller.clear()
+    if stopped():
+        return stopped.exit_code
+    files = list(compiler.cache_folder().rglob("*.code"))
+    if not files:
+        raise LiftgateError("no machine code could be kept, for the reason above")
+    if not args.quiet:
+        size = sum(file.stat().st_size for file in files) / 1e6
+        print(f"{compiler.cache_folder()}: {len(files)} files, {size:.1f} MB", file=sys.stdout)
+    return 0
+
+
+class _Compiling(Listener):
+    """Hands on what concerns compiling, and not the story of the runs."""
+
+    def __init__(self, teller: Listener) -> None:
+        self.compiles = teller.compiles  # type: ignore[method-assign]
+        self.compiled = teller.compiled  # type: ignore[method-assign]
+        self.say = teller.say  # type: ignore[method-assign]
+
+
+def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
+    """Those of a run: each clock, with an ECU in the process, and a recording."""
+    from liftgate_hil import runs
+    from liftgate_hil.session import CLOCKS, RunOptions
+
+    with tempfile.TemporaryDirectory() as folder:
+        for clock in CLOCKS:
+            options = RunOptions(clock=clock, duration=0.001, records=(Path(folder) / "run.csv",))
+            job = runs.Job(
+                scenario=None, ecu="reference", options=options, listener=_Compiling(teller)
+            )
+            result = runs.execute(job, stopped)
+            if result.reason:
+                raise LiftgateError(result.reason)
+
+
+def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
+    """`simulate`, and the model that identification runs."""
+    import numpy as np
+
+    from liftgate_hil.identify.trajectory import REST, trajectory
+    from liftgate_hil.loop.simulation import Offline, simulate
+    from liftgate_hil.session import setup_of
+    from liftgate_hil.stimuli.samples import constant_voltage
+    from liftgate_plant.dynamics import initial_state
+    from liftgate_plant.rows import INPUT_COLUMNS
+    from liftgate_plant.vehicle import load_of, plant_of
+
+    setup = setup_of(None)
+    vehicle, plant, load = setup.vehicle, plant_of(setup.vehicle), load_of(setup.vehicle)
+    offline = Offline(plant, vehicle.sensors, setup.scenario.timeline, load, 1e-3, 1, 0)
+    list(simulate(offline, initial_state(plant, 0.0), constant_voltage(0.0), 1))
+    rows = np.full((2, len(INPUT_COLUMNS)), np.nan)
+    trajectory(plant, vehicle.sensors, load, REST, 0, np.array([0.0, 1e-3]), rows, 1e-3)
+
+
+def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
+    """Bus logs, and how late a machine wakes a loop."""
+    import numpy as np
+
+    from liftgate_hil.codec.frames import empty_frames
+    from liftgate_hil.loop.wakeups import measure_wakeups
+    from liftgate_hil.measurement.walk import events_in
+    from liftgate_hil.session import rig_of, setup_of
+    from liftgate_hil.signals import BUS_OUTPUTS
+
+    layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
+    events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS))
+    measure_wakeups(1_000_000, 1)

@@ -1,0 +1,102 @@
+"""A script that lets a shell complete subcommands, flags, files, and the names of shipped vehicles, rigs and
+scenarios. It is static: completing starts no Python. Made anew after an update:
+
+  liftgate-hil completion bash > ~/.local/share/bash-completion/completions/liftgate-hil
+  liftgate-hil completion zsh > FOLDER/_liftgate-hil      (a FOLDER of $fpath)
+  liftgate-hil completion fish > ~/.config/fish/completions/liftgate-hil.fish
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+SHELLS = ("bash", "zsh", "fish")
+# Flags that take a shipped name or a file: the folder of `configs` with the names.
+_SHIPPED = {"vehicle": "vehicles", "rig": "rigs", "scenario": "scenarios"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument("shell", choices=SHELLS, help="the script for this one is printed")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    print(script(args.shell))
+    return 0
+
+
+def script(shell: str) -> str:
+    """The script for a shell of SHELLS."""
+    import shtab
+
+    from liftgate_hil.cli.main import whole_parser
+
+    root = whole_parser()
+    for parser in _with_subparsers(root):
+        for action in parser._actions:
+            _describe(action)
+    return shtab.complete(root, shell)
+
+
+def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """Itself, and those of its subcommands and of theirs."""
+    children = [
+        child
+        for action in parser._actions
+        if isinstance(action, argparse._SubParsersAction)
+        for child in action.choices.values()
+    ]
+    return [parser, *(each for child in children for each in _with_subparsers(child))]
+
+
+def _describe(action: argparse.Action) -> None:
+    """Tell shtab what an argument's values are, by its name and what stands for it in the help."""
+    import shtab
+
+    from liftgate_hil.config.shipped import shipped_names
+
+    told = action.metavar if isinstance(action.metavar, str) else ""
+    if action.dest in _SHIPPED and "FILE" in told:
+        names = shipped_names(f"configs/{_SHIPPED[action.dest]}")
+        _set(action, _words_or_files(action.dest, names, "*.toml"))
+    elif action.dest == "ecu":
+        _set(action, _words_or_files("ecu", ("reference", "bus"), "*.so"))
+    elif "FOLDER" in told:
+        _set(action, shtab.DIRECTORY)
+    elif "FILE" in told:
+        _set(action, shtab.FILE)
+
+
+def _set(action: argparse.Action, values: object) -> None:
+    action.complete = values  # type: ignore[attr-defined]
+
+
+def _words_or_files(name: str, words: Sequence[str], pattern: str) -> dict[str, object]:
+    """A completer in shtab's form: these words, files of a pattern, folders."""
+    function, text = f"_liftgate_hil_{name}", " ".join(words)
+    bash = f"""
+        {function}() {{
+          compgen -W "{text}" -- $1
+          compgen -f -X "!{pattern}" -- $1
+          compgen -d -- $1
+        }}
+    """
+    zsh = f"""
+        {function}() {{
+          _alternative 'names:shipped:({text})' 'files:file:_files -g "{pattern}"'
+        }}
+    """
+    fish = f"""
+        function {function}
+          printf '%s\\n' {text}
+          __fish_complete_suffix {pattern.removeprefix("*")}
+        end
+    """
+    return {
+        "bash": function,
+        "zsh": function,
+        "fish": f"({function})",
+        "preamble": {"bash": bash, "zsh": zsh, "fish": fish},
+    }

@@ -1,0 +1,97 @@
+"""The same problem with few rows, for the search to begin with: most of its steps lead from far off to near, and
+need not be exact.
+
+Samples and steps are as far apart as the model's steps may be. Inputs that change seldom change when they did;
+those that change at every row, as a measured voltage does, are means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.data import Data
+from liftgate_hil.identify.decimation import Decimation
+from liftgate_hil.identify.problem import Problem
+from liftgate_plant.rows import AT
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_SPACING = 5e-3  # s: the longest step that the models stand
+_LEAST_STEPS = 5000  # of a simulation: below, there is nothing to save
+_SAVES = 2.5  # times fewer steps, at least
+_FLAGS = (AT.left_coast, AT.right_coast, AT.latch_released)
+
+
+def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
+    """(the problem with few rows and the same unknowns, the numbers of the outputs that it has); None where it has
+    few already.
+    """
+    steps = _steps(problem.data, problem.longest)
+    if steps < _LEAST_STEPS:
+        return None
+    data = [
+        _coarse(each, changes) for each, changes in zip(problem.data, problem.changes, strict=True)
+    ]
+    if _SAVES * _steps(data, _SPACING) > steps:
+        return None
+    coarse = Problem(
+        problem.vehicle,
+        problem.model,
+        problem.sought,
+        data,
+        problem.outputs,
+        delay=problem.delay,
+        is_delay_sought=problem.is_delay_sought,
+        speed_window=problem.speed_window,
+        longest=_SPACING,
+        beginnings=problem.beginnings,
+    )
+    return coarse, coarse.leave_out_few()
+
+
+def _steps(data: Sequence[Data], longest: float) -> float:
+    """Of a simulation of all experiments."""
+    return sum(max(float(len(each.rows)), float(np.ptp(each.rows)) / longest) for each in data)
+
+
+def _coarse(data: Data, changes: Rows) -> Data:
+    """Few samples and few rows of one experiment."""
+    rows = data.rows
+    kept = _apart(rows, np.arange(len(rows)))
+    places = {
+        name: _apart(data.times, np.flatnonzero(np.isfinite(values)))
+        for name, values in data.outputs.items()
+    }
+    shown = np.unique(np.concatenate([[0, len(data.times) - 1], *places.values()]))
+    outputs = {name: np.full(len(shown), np.nan) for name in places}
+    for name, own in places.items():
+        outputs[name][np.searchsorted(shown, own)] = data.outputs[name][own]
+    if len(changes) <= len(kept):
+        kept = np.union1d(kept, changes)
+        inputs = data.inputs[kept]
+    else:
+        inputs = np.add.reduceat(data.inputs, kept) / np.diff(kept, append=len(rows))[:, None]
+        inputs[:, _FLAGS] = np.rint(inputs[:, _FLAGS])
+    times = data.times[shown]
+    return replace(
+        data,
+        times=times,
+        inputs=inputs,
+        outputs=outputs,
+        decimation=Decimation(rows[kept], times),
+        whole=None,
+    )
+
+
+def _apart(times: Floats, places: Rows) -> Rows:
+    """Some of these places in `times`, as far apart as the samples may be; with the last one."""
+    if len(places) < 2:
+        return places
+    usual = float(np.median(np.diff(times[places])))
+    every = max(1, round(_SPACING / usual))
+    return np.append(places[:-1:every], places[-1])

@@ -1,0 +1,253 @@
+"""From a point of the search downhill: damped Gauss-Newton steps within bounds (Levenberg and Marquardt).
+
+What is minimised is −2 log L with the priors. For noise of unknown covariance its gradient is −2 Σ ψᵀ Λ⁻¹ ε with Λ
+of the errors at the point, and by the log's concavity it falls by more than the weighted squares do: each step
+takes Λ afresh. Only the sums Σ ψᵀ Λ⁻¹ ψ and Σ ψᵀ Λ⁻¹ ε are formed, block by block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.statistics import normal_equations
+from liftgate_hil.identify.weighting import (
+    Weighting,
+    errors_of,
+    log_likelihood_deviance,
+    loss_of,
+    weighting_of,
+)
+
+Floats = NDArray[np.float64]
+Report = Callable[[int, float, float], None]  # iteration, loss, relative step
+
+STILL = 5e-3  # standard deviations: what no longer counts as a step
+_WORTH = 0.5  # decrease of −log L that makes a step over wide differences worth a try
+_WORKED = 1e-3  # of the decrease that a step promises: what it must bring
+_AS_PROMISED = (0.8, 1.25)  # the same, where slopes are good for another step
+_NEAR = 1.0  # standard deviations: within which slopes are the same
+_GOOD = 0.02  # of the way from where slopes were taken: they tell a step to that
+_SHRINKS = 0.5  # a step by the slopes of another point, by the one before it, at most
+_FIRST, _FACTOR = 1e-3, 10.0  # damping: at first, how fast it changes
+_REACH = 5.0  # sizes of an unknown that one step may go
+_BLIND = 1e-12  # of an unknown's own curvature, added: what no one can tell stays where it is
+_TRIALS = 8  # by wide differences
+
+
+class Place(NamedTuple):
+    """A point, and how well it predicts."""
+
+    point: Floats
+    predicted: Floats
+    errors: Floats  # (rows, outputs) measured − predicted, 0 where there is no sample
+    weighting: Weighting
+    loss: float
+    deviance: float  # −2 log L, and what is known beforehand
+
+
+class Descent(NamedTuple):
+    """Where a descent ended."""
+
+    place: Place
+    history: tuple[float, ...]  # loss after each step, the initial one first
+    stop_reason: str
+    slopes: Floats  # (rows, outputs, unknowns) at the end, by central differences
+
+
+def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place:
+    """Predict at a point."""
+    predicted = problem.predicted(point)
+    errors = errors_of(problem.measured, predicted)
+    weighting = weighting_of(problem.measured, errors, given_std)
+    means, inverse_std = problem.priors()
+    prior = float(np.sum(((point - means) * inverse_std) ** 2))
+    return Place(
+        point,
+        predicted,
+        errors,
+        weighting,
+        loss_of(problem.measured, weighting, errors, given_std),
+        prior + log_likelihood_deviance(problem.measured, errors, weighting),
+    )
+
+
+def descend(
+    problem: Problem,
+    place: Place,
+    free: Sequence[int],
+    given_std: Floats | None,
+    rounds: int,
+    report: Report | None = None,
+) -> Descent:
+    """Go down until a step by central differences is next to none.
+
+    Slopes serve for several steps as long as these bring what they promise; at first one-sided ones do.
+    """
+    history = [place.loss]
+    slopes = _one_sided(problem, place)
+    damping = _FIRST
+    while True:
+        step, promised, moved = _step(problem, place, slopes.values, free, damping)
+        is_end = moved < STILL or len(history) > rounds
+        if is_end and slopes.are_exact():
+            break
+        if is_end:
+            slopes = _central(problem, place)
+            continue
+        if slopes.are_worn(moved):
+            slopes = _fresh(problem, place, moved)
+            continue
+        other = place_at(problem, place.point + step, given_std)
+        share = 0.5 * (place.deviance - other.deviance) / promised
+        if share > _WORKED:
+            place = other
+            history.append(place.loss)
+            _tell(report, history, moved)
+            is_good = _AS_PROMISED[0] < share < _AS_PROMISED[1]
+            damping = 0.0 if is_good else damping / _FACTOR
+            slopes = slopes.after(moved) if is_good else _fresh(problem, place, moved)
+        elif slopes.away > 0.0:
+            slopes = _fresh(problem, place, moved)
+        else:
+            damping = max(_FACTOR * damping, _FIRST)
+    if moved >= STILL:
+        return Descent(place, tuple(history), f"no end after {rounds} iterations", slopes.values)
+    last, _, _ = _step(problem, place, slopes.values, free, 0.0)
+    other = place_at(problem, place.point + last, given_std)
+    if other.deviance < place.deviance:
+        place = other
+        history.append(place.loss)
+        _tell(report, history, moved)
+    reason = f"converged: the last step is less than {STILL:g} standard deviations"
+    return Descent(place, tuple(history), reason, slopes.values)
+
+
+class _Slopes(NamedTuple):
+    """Slopes, and how they served; steps in standard deviations."""
+
+    values: Floats  # (rows, outputs, unknowns)
+    are_central: bool
+    away: float = 0.0  # all steps since they were taken
+    last: float = math.inf  # the last one of these
+
+    def after(self, moved: float) -> _Slopes:
+        """The same, a step further on."""
+        return self._replace(away=self.away + moved, last=moved)
+
+    def are_exact(self) -> bool:
+        """Whether they are as good as those at this point."""
+        return self.are_central and self.away <= _NEAR
+
+    def are_worn(self, moved: float) -> bool:
+        """Whether a step by them is no longer to be trusted: as large as the one before, or too small for slopes
+        from so far away.
+        """
+        return moved > _SHRINKS * self.last or (not self.are_exact() and moved < _GOOD * self.away)
+
+
+def _fresh(problem: Problem, place: Place, moved: float) -> _Slopes:
+    """Slopes at a place: near the end those that may stay."""
+    if moved > _NEAR:
+        return _one_sided(problem, place)
+    return _central(problem, place)
+
+
+def _one_sided(problem: Problem, place: Place) -> _Slopes:
+    return _Slopes(_compared(problem, problem.slopes(place.point, place.predicted)), False)
+
+
+def _central(problem: Problem, place: Place) -> _Slopes:
+    return _Slopes(_compared(problem, problem.derivative(place.point)), True)
+
+
+def _tell(report: Report | None, history: Sequence[float], moved: float) -> None:
+    if report is not None:
+        report(len(history) - 1, history[-1], moved)
+
+
+def leap(
+    problem: Problem, place: Place, given_std: Floats | None, widths: Floats
+) -> tuple[Place, float]:
+    """(a better place by the slopes over differences of these `widths`, or the same one; the decrease of −log L
+    that a step by them promises).
+    """
+    slopes = _compared(problem, problem.derivative(place.point, widths))
+    damping = 0.0
+    for _ in range(_TRIALS):
+        step, promised, _ = _step(problem, place, slopes, range(len(place.point)), damping)
+        if promised < _WORTH:
+            break
+        other = place_at(problem, place.point + step, given_std)
+        if 0.5 * (place.deviance - other.deviance) > _WORKED * promised:
+            return other, promised
+        damping = max(_FACTOR * damping, _FIRST)
+    return place, promised
+
+
+def _compared(problem: Problem, slopes: Floats) -> Floats:
+    """These slopes, 0 where there is no sample or a prediction diverged."""
+    slopes[~np.isfinite(problem.measured)] = 0.0
+    np.copyto(slopes, 0.0, where=~np.isfinite(slopes))
+    return slopes
+
+
+def _step(
+    problem: Problem, place: Place, slopes: Floats, free: Sequence[int], damping: float
+) -> tuple[Floats, float, float]:
+    """(step, the decrease of −log L that it promises, its size in standard deviations)."""
+    point = place.point
+    step = np.zeros(len(point))
+    if not len(free):
+        return step, 0.0, 0.0
+    means, inverse_std = problem.priors()
+    matrix, gradient = normal_equations(slopes, place.errors, place.weighting.root)
+    matrix += np.diag(inverse_std**2)
+    gradient += (means - point) * inverse_std**2
+    matrix, gradient = matrix[np.ix_(free, free)], gradient[free]
+    low, high = problem.bounds
+    reach = _REACH * np.maximum(np.abs(point), problem.sizes)
+    low = np.maximum(low - point, -reach)[free]
+    high = np.minimum(high - point, reach)[free]
+    size = np.diag(matrix)
+    size = np.where(size > 0.0, size, 1.0)
+    own = within(matrix + (damping + _BLIND) * np.diag(size), gradient, low, high)
+    curve = float(own @ matrix @ own)
+    step[free] = own
+    return step, float(gradient @ own) - 0.5 * curve, math.sqrt(curve / len(free))
+
+
+def within(matrix: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
+    """The least of ½ xᵀ M x − gᵀ x with low ≤ x ≤ high, around 0: by an active set."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    matrix, gradient = matrix * np.outer(scale, scale), gradient * scale
+    low, high = low / scale, high / scale
+    x = np.zeros(len(gradient))
+    held = np.zeros(len(gradient), dtype=np.bool_)
+    for _ in range(10 * len(x)):
+        target = x.copy()
+        own = np.flatnonzero(~held)
+        if len(own):
+            rest = gradient - matrix[:, held] @ x[held]
+            target[own] = np.linalg.solve(matrix[np.ix_(own, own)], rest[own])
+        way = target - x
+        limit = np.where(way > 0.0, high, low) - x
+        share = np.where(way != 0.0, limit / np.where(way != 0.0, way, 1.0), np.inf)
+        first = int(np.argmin(share))
+        if share[first] < 1.0:
+            x = x + max(float(share[first]), 0.0) * way
+            x[first] = high[first] if way[first] > 0.0 else low[first]
+            held[first] = True
+            continue
+        x = target
+        pull = gradient - matrix @ x
+        leaves = held & np.where(x >= high, pull < 0.0, pull > 0.0)
+        if not np.any(leaves):
+            break
+        held[int(np.argmax(np.where(leaves, np.abs(pull), 0.0)))] = False
+    return np.clip(x, low, high) * scale

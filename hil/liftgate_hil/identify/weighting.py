@@ -1,0 +1,87 @@
+"""How much each output weighs: prediction errors by their own covariance, and the likelihood that follows.
+
+The loss is the determinant criterion, V = det(1/N Σ ε εᵀ): maximum likelihood for Gaussian noise of unknown
+covariance (Ljung, System Identification, 2nd ed., 15.2). Where the outputs are not all sampled together Λ is
+diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
+_HUGE = 1e6  # prediction of a model that diverged
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Noise covariance Λ (outputs, outputs), and W with Λ⁻¹ = W Wᵀ."""
+
+    covariance: Floats
+    root: Floats
+
+    @property
+    def loss(self) -> float:
+        """The determinant of Λ."""
+        return float(np.linalg.det(self.covariance))
+
+
+def is_whole(measured: Floats) -> bool:
+    """Whether the outputs are sampled together: where one of them has a sample all have."""
+    there = np.isfinite(measured)
+    return bool(np.all(there[np.any(there, axis=1)]))
+
+
+def sampled_rows(measured: Floats) -> int:
+    """The number of rows with a sample."""
+    return int(np.sum(np.any(np.isfinite(measured), axis=1)))
+
+
+def errors_of(measured: Floats, predicted: Floats) -> Floats:
+    """ε = y − ŷ, 0 where there is no sample."""
+    predicted = np.where(np.abs(predicted) < _HUGE, predicted, _HUGE)  # not a number is not less
+    return np.where(np.isfinite(measured), measured - predicted, 0.0)
+
+
+def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weighting:
+    """Λ from the errors, or from `given` standard deviations."""
+    counts = np.sum(np.isfinite(measured), axis=0)
+    floor = _FLOOR * np.maximum(np.nanvar(measured, axis=0), 1e-300)
+    if given is not None:
+        covariance = np.diag(np.maximum(given**2, floor))
+    elif is_whole(measured):
+        covariance = errors.T @ errors / sampled_rows(measured) + np.diag(floor)
+    else:
+        covariance = np.diag(np.sum(errors**2, axis=0) / np.maximum(counts, 1) + floor)
+    scale = np.sqrt(np.diag(covariance))
+    lower = np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
+    root = np.linalg.inv(lower).T / scale[:, None]
+    return Weighting(covariance, root)
+
+
+def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighting) -> float:
+    """−2 log L without N (log 2π + 1): N log det Λ + Σ εᵀ Λ⁻¹ ε − N, the last two of which cancel at the maximum
+    over Λ.
+    """
+    counts = np.sum(np.isfinite(measured), axis=0)
+    excess = float(np.sum((errors @ weighting.root) ** 2) - np.sum(counts))
+    if is_whole(measured):
+        _, logarithm = np.linalg.slogdet(weighting.covariance)
+        return sampled_rows(measured) * float(logarithm) + excess
+    return float(np.sum(counts * np.log(np.diag(weighting.covariance)))) + excess
+
+
+def loss_of(
+    measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None
+) -> float:
+    """The loss of prediction errors: the determinant of their covariance, or the mean of their weighted squares
+    where the noise is given.
+    """
+    if given_std is None:
+        return weighting.loss
+    return float(np.sum((errors @ weighting.root) ** 2) / len(measured))

@@ -1,0 +1,165 @@
+"""Rows as lines of CSV: every number in the shortest form that reads back as the same one.
+
+What does not change within a block of rows is made into text once. orjson makes the other numbers' digits, from
+the array, without a Python object for each; machine code puts them between the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+from liftgate_plant.compiler import compilable, compiled
+
+_OPEN, _CLOSE, _COMMA, _MINUS, _ZERO = (ord(each) for each in "[],-0")
+_LONGEST = 24  # characters of a number: -2.2250738585072014e-308
+_BLOCK = 8192  # rows at a time: their text stays in the processor's cache
+_NAN, _INF = np.frombuffer(b"nan", np.uint8), np.frombuffer(b"inf", np.uint8)
+
+
+class Layout(NamedTuple):
+    """A row's text: pieces that do not change, and between them the cells that do."""
+
+    glue: NDArray[np.uint8]  # all pieces, one after the other
+    ends: NDArray[np.int64]  # (n + 1,) where each ends in `glue`
+    whole: NDArray[np.int64]  # (n,) 1: a whole number, without a point
+
+
+@compilable
+def put_whole(out: NDArray[np.uint8], at: int, value: int) -> int:
+    """A whole number's digits from `at` on; where they end."""
+    if value < 0:
+        out[at] = _MINUS
+        at += 1
+        value = -value
+    end = at + 1
+    rest = value // 10
+    while rest > 0:
+        end += 1
+        rest //= 10
+    for place in range(end - 1, at - 1, -1):
+        out[place] = _ZERO + value % 10
+        value //= 10
+    return end
+
+
+@compilable
+def put_word(out: NDArray[np.uint8], at: int, value: float) -> int:
+    """What is not finite, as Python writes it; where it ends."""
+    word = _INF
+    if math.isnan(value):
+        word = _NAN
+    elif value < 0.0:
+        out[at] = _MINUS
+        at += 1
+    for letter in word:
+        out[at] = letter
+        at += 1
+    return at
+
+
+@compilable
+def put_lines(
+    layout: Layout,
+    cells: NDArray[np.float64],
+    digits: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+) -> int:
+    """The lines of these rows (m, n) of changing cells, into `out`; how long they are. `digits` is the JSON text
+    of those that are not whole: numbers in brackets.
+    """
+    glue, ends, whole = layout
+    at = read = 0
+    for row in range(cells.shape[0]):
+        begin = 0
+        for k in range(cells.shape[1]):
+            for place in range(begin, ends[k]):
+                out[at] = glue[place]
+                at += 1
+            begin = ends[k]
+            value = cells[row, k]
+            is_finite = math.isfinite(value)
+            if not is_finite:
+                at = put_word(out, at, value)
+            elif whole[k] != 0:
+                at = put_whole(out, at, int(value))
+            if whole[k] != 0:
+                continue
+            letter = digits[read]
+            while letter in (_OPEN, _CLOSE, _COMMA):
+                read += 1
+                letter = digits[read]
+            while letter not in (_COMMA, _CLOSE):
+                if is_finite:  # JSON has only null for what is not
+                    out[at] = letter
+                    at += 1
+                read += 1
+                letter = digits[read]
+        for place in range(begin, len(glue)):
+            out[at] = glue[place]
+            at += 1
+    return at
+
+
+class CsvText:
+    """Some columns of rows (n, ROW_WIDTH) of signals.COLUMNS as lines of CSV."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.head = (",".join(names) + "\n").encode()
+        self._keep = np.array([COLUMN_PLACE[name] for name in names])
+        self._whole = np.array([COLUMNS[name].is_whole for name in names])
+        self._out = np.empty(0, dtype=np.uint8)
+        self._put: Any = compiled(put_lines)
+
+    def lines(self, rows: NDArray[np.float64]) -> bytes:
+        """The lines of these rows."""
+        if len(rows) > _BLOCK:
+            parts = range(0, len(rows), _BLOCK)
+            return b"".join(self.lines(rows[first : first + _BLOCK]) for first in parts)
+        if not len(rows):
+            return b""
+        kept = rows[:, self._keep]
+        bits = kept.view(np.int64)
+        changes = (bits != bits[0]).any(axis=0)
+        whole = self._whole[changes]
+        cells = np.ascontiguousarray(kept[:, changes])
+        layout = self._layout(kept[0], changes)
+        digits = b""
+        if not whole.all():
+            numbers = np.ascontiguousarray(cells[:, ~whole])
+            digits = orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)
+        room = len(rows) * (len(layout.glue) + cells.shape[1] * _LONGEST)
+        if len(self._out) < room:
+            self._out = np.empty(room, dtype=np.uint8)
+        text = np.frombuffer(digits, dtype=np.uint8)
+        length = self._put(layout, cells, text, self._out)
+        return self._out[:length].tobytes()
+
+    def _layout(self, first: NDArray[np.float64], changes: NDArray[np.bool_]) -> Layout:
+        """The first row's text, but for the cells that change."""
+        pieces, ends, length = [], [], 0
+        for place, (value, is_whole) in enumerate(zip(first.tolist(), self._whole, strict=True)):
+            if place:
+                pieces.append(b",")
+                length += 1
+            if changes[place]:
+                ends.append(length)
+                continue
+            pieces.append(_text(value, bool(is_whole)))
+            length += len(pieces[-1])
+        pieces.append(b"\n")
+        glue = np.frombuffer(b"".join(pieces), dtype=np.uint8)
+        return Layout(glue, np.array(ends, dtype=np.int64), self._whole[changes].astype(np.int64))
+
+
+def _text(value: float, is_whole: bool) -> bytes:
+    """One number."""
+    if not math.isfinite(value):
+        return repr(value).encode()
+    return orjson.dumps(int(value) if is_whole else value)

@@ -1,0 +1,77 @@
+"""Parquet by pyarrow: a column a signal with its unit, a row group at a time, so that memory does not grow."""
+
+from __future__ import annotations
+
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.recording.content import Batch, Content
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+
+_GROUP = 65_536  # rows
+
+
+class ParquetRecorder:
+    """See Recorder."""
+
+    def __init__(self, stream: BinaryIO, content: Content) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        self._arrow = pyarrow
+        self._stream = stream
+        whole = [name for name in content.columns if COLUMNS[name].is_whole]
+        self._schema = pyarrow.schema(
+            [
+                pyarrow.field(
+                    name,
+                    pyarrow.int64() if name in whole else pyarrow.float64(),
+                    metadata={"unit": COLUMNS[name].suffix.removeprefix("_")},
+                )
+                for name in content.columns
+            ],
+            metadata={"title": content.title},
+        )
+        # A dictionary pays where values come again.
+        self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
+        self._batch = Batch(_GROUP)
+
+    @property
+    def written(self) -> int:
+        """See Recorder."""
+        return self._stream.tell() + self._batch.nbytes
+
+    def begin(self, epoch_ns: int) -> None:
+        """See Recorder."""
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """See Recorder."""
+        self._write(self._batch.add(rows))
+
+    def write_frames(self, frames: Any) -> None:
+        """See Recorder."""
+
+    def flush(self) -> None:
+        """See Recorder."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """See Recorder."""
+        self._write(self._batch.take())
+        self._writer.close()
+        self._stream.close()
+
+    def _write(self, rows: NDArray[np.float64] | None) -> None:
+        if rows is None:
+            return
+        columns = [self._column(rows[:, COLUMN_PLACE[name]], name) for name in self._schema.names]
+        batch = self._arrow.record_batch(columns, schema=self._schema)
+        self._writer.write_batch(batch, row_group_size=len(rows))
+
+    def _column(self, values: NDArray[np.float64], name: str) -> Any:
+        if not COLUMNS[name].is_whole:
+            return self._arrow.array(np.ascontiguousarray(values))
+        there = np.isfinite(values)  # not so of a plant that has diverged
+        return self._arrow.array(np.where(there, values, 0.0).astype(np.int64), mask=~there)

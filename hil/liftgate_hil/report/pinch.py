@@ -1,0 +1,165 @@
+"""The pinch event of a run: how hard and how long the gate pressed, when it turned, and what limits say of it.
+
+No regulation for power lift gates gives a force: all limits here are borrowed from other doors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Columns = Mapping[str, NDArray[np.float64]]
+
+
+class Limit(NamedTuple):
+    """A force [N] that may be passed for so long [s] in a row, and where it is from."""
+
+    force: float
+    longest: float
+    source: str
+    is_judged: bool
+
+
+# EN 12453: 400 N at most, and after 0.75 s no more than 150 N. UN R21, 5.8: windows, roof panels and partitions
+# turn before 100 N. FMVSS 118 "does not apply to power-operated liftgates" (NHTSA's interpretation of 2001).
+LIMITS = (
+    Limit(400.0, 0.0, "EN 12453, building doors", True),
+    Limit(150.0, 0.75, "EN 12453, building doors", True),
+    Limit(100.0, 0.0, "UN R21 5.8, windows", False),
+)
+_MOVES = 0.5  # deg/s, the gate is on its way back
+_RESTS = 0.05  # deg/s
+
+
+class PinchEvent(NamedTuple):
+    """The contact in which the largest pinch force was."""
+
+    force_n: float
+    time_s: float  # of the largest force
+    angle_deg: float  # at that time
+    start_s: float  # of the contact
+    end_s: float
+    start_deg: float  # where the gate touched the obstacle
+    turn_s: float  # when the gate turned; NaN: it did not
+    turn_deg: float
+    back_deg: float  # how far the gate then moved away before it stood still or turned again
+    longest_s: tuple[float, ...]  # above each of LIMITS, in a row
+
+    @property
+    def reversal_time_s(self) -> float:
+        """From the first touch to the turn; NaN where the gate did not turn."""
+        return self.turn_s - self.start_s
+
+    @property
+    def further_deg(self) -> float:
+        """How far the gate went on after the first touch; NaN where it did not turn."""
+        return abs(self.turn_deg - self.start_deg)
+
+    def over(self, limit: Limit) -> bool:
+        """Whether the force passed a limit of LIMITS for longer than it may."""
+        return self.longest_s[LIMITS.index(limit)] > limit.longest
+
+    def fault(self, limit: Limit) -> str:
+        """What is wrong where it is over a limit."""
+        if not limit.longest:
+            return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"
+        return (
+            f"pinch force over {limit.force:.0f} N for {self.longest_s[LIMITS.index(limit)]:.3f} s; "
+            f"allowed: up to {limit.longest:g} s ({limit.source})"
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """For programs; null where the gate did not turn."""
+        turned = bool(np.isfinite(self.turn_s))
+        return {
+            "peak_n": self.force_n,
+            "time_s": self.time_s,
+            "gate_angle_deg": self.angle_deg,
+            "contact_start_s": self.start_s,
+            "contact_end_s": self.end_s,
+            "reversal_time_s": self.reversal_time_s if turned else None,
+            "reversal_further_deg": self.further_deg if turned else None,
+            "reversal_back_deg": self.back_deg if turned else None,
+            "limits": [
+                {
+                    "force_n": limit.force,
+                    "longest_s": limit.longest,
+                    "source": limit.source,
+                    "is_judged": limit.is_judged,
+                    "margin_n": limit.force - self.force_n,
+                    "over_s": over,
+                }
+                for limit, over in zip(LIMITS, self.longest_s, strict=True)
+            ],
+        }
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        said = [
+            f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and "
+            f"{self.angle_deg:.2f} deg"
+        ]
+        for limit, over in zip(LIMITS, self.longest_s, strict=True):
+            margin = limit.force - self.force_n
+            told = f"{margin:.1f} N left" if margin >= 0.0 else f"{-margin:.1f} N over"
+            name = f"{limit.force:.0f} N"
+            if limit.longest:
+                name = f"{name} for more than {limit.longest:g} s"
+                told = f"passed for {over:.3f} s"
+            judged = "borrowed" if limit.is_judged else "borrowed, not judged"
+            said.append(f"  limit {name} ({limit.source}; {judged}): {told}")
+        if np.isfinite(self.turn_s):
+            said.append(
+                f"  reversed {1e3 * self.reversal_time_s:.0f} ms after the first touch at "
+                f"{self.start_deg:.2f} deg, {self.further_deg:.2f} deg further; moved back by "
+                f"{self.back_deg:.1f} deg"
+            )
+        else:
+            said.append(f"  did not reverse after the first touch at {self.start_deg:.2f} deg")
+        return said
+
+
+def pinch_event(columns: Columns) -> PinchEvent | None:
+    """The contact with the largest pinch force in rows of a run; None where nothing was pinched.
+
+    Times are as sharp as the rows are close. Needs time_s, gate_angle_deg, gate_rate_degps, pinch_force_n.
+    """
+    times, angles = columns["time_s"], columns["gate_angle_deg"]
+    rates, forces = columns["gate_rate_degps"], columns["pinch_force_n"]
+    if not len(forces) or not forces.max() > 0.0:
+        return None
+    peak = int(np.argmax(forces))
+    free = np.flatnonzero(forces <= 0.0)
+    before, after = free[free < peak], free[free > peak]
+    start = int(before[-1]) + 1 if len(before) else 0
+    end = int(after[0]) if len(after) else len(forces) - 1
+    way = np.sign(rates[max(start - 1, 0)]) or -1.0
+    back = np.flatnonzero(-way * rates[start:] > _MOVES) + start
+    turn, far = -1, -1
+    if len(back):
+        turn = start + int(np.argmax(way * angles[start : back[0] + 1]))
+        still = np.flatnonzero(-way * rates[back[0] :] < _RESTS)
+        far = back[0] + int(still[0]) if len(still) else len(angles) - 1
+    return PinchEvent(
+        force_n=float(forces[peak]),
+        time_s=float(times[peak]),
+        angle_deg=float(angles[peak]),
+        start_s=float(times[start]),
+        end_s=float(times[end]),
+        start_deg=float(angles[start]),
+        turn_s=float(times[turn]) if turn >= 0 else np.nan,
+        turn_deg=float(angles[turn]) if turn >= 0 else np.nan,
+        back_deg=float(abs(angles[far] - angles[turn])) if turn >= 0 else np.nan,
+        longest_s=tuple(_longest_over(times, forces, limit.force) for limit in LIMITS),
+    )
+
+
+def _longest_over(times: NDArray[np.float64], forces: NDArray[np.float64], limit: float) -> float:
+    """The longest time [s] in a row that the force is over a limit: from the row before it to the last row."""
+    over = np.concatenate(([False], forces > limit, [False]))
+    edges = np.flatnonzero(over[1:] != over[:-1])
+    spans = [times[stop - 1] - times[max(start - 1, 0)] for start, stop in edges.reshape(-1, 2)]
+    return float(max(spans, default=0.0))

@@ -1,0 +1,52 @@
+"""Where a result is from: command line, date, versions, files. The same in JSON and HTML."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from liftgate_hil.config.sources import Source
+from liftgate_hil.version import versions
+
+# https://reproducible-builds.org/specs/source-date-epoch/: seconds since 1970 that stand for "now".
+_EPOCH = "SOURCE_DATE_EPOCH"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """See the module."""
+
+    command_line: str
+    date: str  # ISO 8601, UTC
+    sources: Mapping[str, Source] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=versions)
+    platform: str = field(default_factory=platform.platform)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        sources = {name: each._asdict() for name, each in self.sources.items()}
+        return {**asdict(self), "sources": sources}
+
+    def rows(self) -> list[tuple[str, str]]:
+        """For a table: what, and its value."""
+        return [
+            ("command line", self.command_line),
+            ("date", self.date),
+            *((name, f"{each.path}, SHA-256 {each.sha256}") for name, each in self.sources.items()),
+            ("versions", ", ".join(f"{name} {each}" for name, each in self.versions.items())),
+            ("platform", self.platform),
+        ]
+
+
+def provenance_of(
+    command_line: str, sources: Mapping[str, Source], environment: Mapping[str, str] = os.environ
+) -> Provenance:
+    """The record of a result that is made now, or when `SOURCE_DATE_EPOCH` of the environment says."""
+    given = environment.get(_EPOCH, "")
+    is_given = given.isascii() and given.isdigit() and len(given) < 12
+    now = datetime.fromtimestamp(int(given), UTC) if is_given else datetime.now(UTC)
+    return Provenance(command_line, now.isoformat(timespec="seconds"), dict(sources))

@@ -1,0 +1,61 @@
+"""What the tests of recordings share."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from hil_support import frames_of
+
+from liftgate_hil.codec.frames import EXTENDED, logged
+from liftgate_hil.recording.content import Content
+from liftgate_hil.signals import COLUMNS, columns_of
+
+EPOCH_NS = 1_700_000_000 * 10**9
+BOTH = Content(columns_of(2), "bench")
+# Each column a value of its own.
+ROW = np.array(
+    [float(n) if signal.is_whole else 0.1 * n for n, signal in enumerate(COLUMNS.values())]
+)
+
+
+def rows_from(first: int, count: int) -> np.ndarray:
+    """Rows in which every cell differs from every other; the time is a millisecond a row."""
+    rows = np.array([1000.0 * k + ROW for k in range(first, first + count)])
+    rows[:, list(COLUMNS).index("time_s")] = 0.001 * np.arange(first, first + count)
+    return rows
+
+
+def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = True) -> Any:
+    """Frames as they are logged."""
+    return logged(frames_of(rows), round(seconds * 1e9), is_sent)
+
+
+def messages_in(path: Path) -> list[can.Message]:
+    with can.LogReader(path) as reader:
+        return list(reader)
+
+
+def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
+    return (
+        message.arbitration_id if not message.is_error_frame else 0,
+        message.is_extended_id and not message.is_error_frame,
+        message.is_remote_frame,
+        message.is_error_frame,
+        bytes(message.data),
+    )
+
+
+def many() -> list[tuple[int, bytes]]:
+    return [
+        ((0x100 + number % 5) | (EXTENDED if number % 3 == 0 else 0), bytes([number % 256] * (number % 9)))
+        for number in range(300)
+    ]  # fmt: skip
+
+
+def read_csv(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="") as stream:
+        return [{name: float(text) for name, text in row.items()} for row in csv.DictReader(stream)]

@@ -1,0 +1,134 @@
+"""How hard, how long, when the gate turned: of rows whose answers are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from liftgate_hil.report.pinch import LIMITS, PinchEvent, pinch_event
+from liftgate_hil.report.run_plot import DrawnObstacle, RunPicture, plot_run, run_figure
+
+TIMES = np.arange(0.0, 10.0, 0.001)
+
+
+def rows(peak: float = 120.0, way: float = -1.0, back: float = 3.0) -> dict[str, np.ndarray]:
+    """Moves at 2 deg/s to 40 deg, touches at 4.5 s, turns at 5 s, moves back until `back` s later."""
+    rate = np.select([TIMES < 5.0, 5.0 + back > TIMES], [2.0 * way, -2.0 * way], 0.0)
+    angle = 40.0 - 2.0 * way * abs(TIMES - 5.0)
+    angle[5.0 + back <= TIMES] = 40.0 - 2.0 * way * back
+    force = np.interp(TIMES, [4.5, 5.0, 5.25], [0.0, peak, 0.0])
+    return {
+        "time_s": TIMES,
+        "gate_angle_deg": angle,
+        "gate_rate_degps": rate,
+        "pinch_force_n": force,
+        "left_current_a": np.sin(TIMES),
+        "left_hall_count": np.floor(100 * TIMES),
+    }
+
+
+def event_of(columns: dict[str, np.ndarray]) -> PinchEvent:
+    event = pinch_event(columns)
+    assert event is not None
+    return event
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_peak_touch_turn_and_way_back_are_found_closing_and_opening(way: float) -> None:
+    event = event_of(rows(way=way))
+    assert event.force_n == pytest.approx(120.0)
+    assert (event.time_s, event.angle_deg) == (pytest.approx(5.0), pytest.approx(40.0))
+    assert event.start_s == pytest.approx(4.5, abs=0.0015)
+    assert event.end_s == pytest.approx(5.25, abs=0.0015)
+    assert event.reversal_time_s == pytest.approx(0.5, abs=0.0015)
+    assert event.further_deg == pytest.approx(1.0, abs=0.003)
+    assert event.back_deg == pytest.approx(6.0, abs=0.005)
+
+
+def test_the_contact_with_the_largest_force_counts() -> None:
+    columns = rows()
+    columns["pinch_force_n"] += np.interp(TIMES, [1.0, 1.1, 1.2], [0.0, 80.0, 0.0])
+    assert event_of(columns).start_s == pytest.approx(4.5, abs=0.0015)
+
+
+def test_a_gate_that_presses_on_did_not_reverse() -> None:
+    columns = rows()
+    columns["gate_rate_degps"] = np.minimum(columns["gate_rate_degps"], 0.0)
+    event = event_of(columns)
+    assert np.isnan(event.reversal_time_s)
+    assert "did not reverse" in event.lines()[-1]
+    assert json.loads(json.dumps(event.as_dict(), allow_nan=False))["reversal_time_s"] is None
+
+
+def test_nothing_pinched_is_no_event() -> None:
+    columns = rows(peak=0.0)
+    assert pinch_event(columns) is None
+    assert pinch_event({name: each[:0] for name, each in columns.items()}) is None
+
+
+def test_time_over_a_limit_counts_in_a_row() -> None:
+    columns = rows()
+    # Over 150 N for 0.4 s, below for a moment, and for 0.5 s again: never for 0.75 s in a row.
+    force = np.zeros(len(TIMES))
+    force[4000:4400] = force[4410:4910] = 200.0
+    event = event_of({**columns, "pinch_force_n": force})
+    longest = dict(zip([limit.force for limit in LIMITS], event.longest_s, strict=True))
+    assert longest == {400.0: 0.0, 150.0: pytest.approx(0.5), 100.0: pytest.approx(0.5)}
+    assert [event.over(limit) for limit in LIMITS] == [False, False, True]
+    force[4000:4910] = 200.0
+    event = event_of({**columns, "pinch_force_n": force})
+    assert [event.over(limit) for limit in LIMITS] == [False, True, True]
+
+
+def test_each_limit_is_told_with_its_source_and_margin() -> None:
+    lines = "\n".join(event_of(rows(peak=123.46)).lines())
+    assert "at most 123.5 N, at 5.000 s and 40.00 deg" in lines
+    for limit in LIMITS:
+        assert f"limit {limit.force:.0f} N" in lines
+        assert limit.source in lines
+    assert "276.5 N left" in lines
+    assert "23.5 N over" in lines
+
+
+# The picture.
+
+
+def texts_of(picture: RunPicture) -> str:
+    figure = run_figure(picture)
+    return "\n".join(each.get_text() for each in figure.findobj() if hasattr(each, "get_text"))
+
+
+def picture_of(columns: dict[str, np.ndarray]) -> RunPicture:
+    obstacle = DrawnObstacle(41.0, 0.0, np.inf)
+    return RunPicture("a run", columns, pinch_event(columns), [obstacle], [(4.9, "reversal")])
+
+
+def test_the_picture_says_peak_limits_margin_and_reversal() -> None:
+    said = texts_of(picture_of(rows()))
+    for text in (
+        "peak 120.0 N", "at 5.000 s, 40.00 deg", "280.0 N below 400 N", "20.0 N above 100 N", "EN 12453", "UN R21",
+        "obstacle at 41 deg", "first touch", "turned 499 ms after the first touch", "reversal", "left",
+    ):  # fmt: skip
+        assert text in said
+
+
+def test_a_gate_with_one_drive_shows_one_and_one_with_two_shows_both_apart() -> None:
+    columns = rows()
+    assert "right" not in texts_of(picture_of(columns))
+    both = {**columns, "right_current_a": columns["left_current_a"]}
+    axes = run_figure(picture_of(both)).findobj(Axes)
+    (current,) = (axis for axis in axes[:4] if axis.get_ylabel() == "motor current [A]")
+    drives = {line.get_label(): line for line in current.get_lines()}
+    assert drives["left"].get_color() != drives["right"].get_color()
+    assert drives["left"].get_linestyle() != drives["right"].get_linestyle()
+
+
+def test_a_run_without_a_pinch_is_drawn_alone(tmp_path: Path) -> None:
+    picture = picture_of(rows(peak=0.0))
+    assert "peak" not in texts_of(picture)
+    plot_run(tmp_path / "run.png", picture)
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")

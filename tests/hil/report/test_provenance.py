@@ -1,0 +1,53 @@
+"""Where a result is from: files by their content, and a date that can be given."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.config.sources import sources_of
+from liftgate_hil.report.provenance import provenance_of
+
+
+def test_a_source_is_known_by_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    path.write_bytes(b"drives = 2\n")
+    (source,) = sources_of({"vehicle": path}).values()
+    assert source.path == str(path)
+    assert source.sha256 == hashlib.sha256(b"drives = 2\n").hexdigest()
+    path.write_bytes(b"drives = 1\n")
+    assert sources_of({"vehicle": path})["vehicle"].sha256 != source.sha256
+
+
+def test_what_is_no_file_is_left_out_and_a_pipe_is_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    names = {"a": "pipe", "b": "missing", "c": ".", "d": "\0", "e": "x" * 300}
+    assert sources_of({key: tmp_path / name for key, name in names.items()}) == {}
+
+
+def test_the_date_is_now_or_the_one_that_the_environment_gives() -> None:
+    given = provenance_of("liftgate-hil demo", {}, {"SOURCE_DATE_EPOCH": "1700000000"})
+    assert given.date == "2023-11-14T22:13:20+00:00"
+    for nonsense in ("", "soon", "-1", "1e9", "9" * 30):
+        date = provenance_of("", {}, {"SOURCE_DATE_EPOCH": nonsense}).date
+        assert date > "2026"
+        assert date.endswith("+00:00")
+
+
+def test_it_is_json_and_a_table_with_the_same_in_both(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text("")
+    record = provenance_of("liftgate-hil demo", sources_of({"rig": tmp_path / "rig.toml"}))
+    content = json.loads(json.dumps(record.as_dict()))
+    assert set(content) == {"command_line", "date", "sources", "versions", "platform"}
+    assert {"liftgate-hil", "python", "numba", "numpy", "python-can", "cantools"} <= set(
+        content["versions"]
+    )
+    rows = dict(record.rows())
+    assert content["sources"]["rig"]["sha256"] in rows["rig"]
+    assert f"python {content['versions']['python']}" in rows["versions"]
+    with pytest.raises(AttributeError):
+        record.date = "later"  # type: ignore[misc]

@@ -1,0 +1,328 @@
+"""A newcomer's path: every command of README.md and of what `init` prints, as it stands there, in a fresh folder.
+
+What is not here (a bus, an adapter, a serial port) is replaced by what is, in `places`; what would run for ever
+gets a --duration.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import can
+import pytest
+import readme
+from c_ecu import needs_compiler, serial_line
+from readme import command, run, start
+
+SHORT = "--overrun-limit 60 --duration 0.3"
+# The commands that are not run here: by how they begin, with the reason.
+ELSEWHERE = {
+    "make demo": "installs; the demo is tests/hil/cli/test_demo.py",
+    "make test": "is what CI runs",
+    "make test-vcan": "is what CI runs",
+    "liftgate-hil --bus slcan": "tests/system/test_interfaces.py",
+    "candump can0": "tests/vcan/test_commands.py",
+    "cantools monitor": "tests/vcan/test_commands.py",
+}
+HERE = (
+    "liftgate-hil init",
+    "mkdir -p",
+    "liftgate-hil completion",
+    "liftgate-hil --bus socketcan:can0",
+    "liftgate-hil --bus socketcan:can0 --vehicle compact",
+    "liftgate-hil --bus udp_multicast",
+    "liftgate-hil ecu --bus udp_multicast",
+    "python -m can.logger",
+    "liftgate-hil --bus socketcan:can0 --realtime",
+    "liftgate-hil doctor",
+    "liftgate-hil --rig theirs.toml",
+    "liftgate-hil --serial /dev/ttyUSB0",
+    "liftgate-hil --serial socket:",
+    "liftgate-hil demo --serial",
+    "make -C tools/ecu",
+    "tools/ecu/build/ecu-serial",
+    "liftgate-hil demo --clock free --ecu tools/ecu",
+    "liftgate-hil demo --clock free --ecu their_module",
+    "liftgate-hil ecu --bus socketcan:can0",
+    "cc -shared",
+    "make -C tools/ecu build/liftgate-ecu.so",
+    "liftgate-hil simulate --vehicle suv",
+    "liftgate-hil simulate --input",
+    "liftgate-hil simulate --voltage -12",
+    "liftgate-hil simulate --voltage 12",
+    "liftgate-hil identify opening.csv",
+    "liftgate-hil identify out/demo.log",
+    "liftgate-hil validate",
+    "liftgate-hil identify --plan",
+)
+# With what README's rig file names: as a database of somebody else's would have it.
+THEIR_DBC = """VERSION ""
+BU_: Gate Control
+BO_ 768 Cmd: 8 Control
+ SG_ PwmL : 0|8@1+ (0.01,0) [0|1] "" Gate
+ SG_ DirL : 8|2@1+ (1,0) [0|3] "" Gate
+ SG_ Alive : 12|4@1+ (1,0) [0|15] "" Gate
+ SG_ Counter : 16|4@1+ (1,0) [0|15] "" Gate
+ SG_ Crc : 24|8@1+ (1,0) [0|255] "" Gate
+BO_ 769 Motors: 8 Gate
+ SG_ I_L : 0|16@1- (10,0) [-327680|327670] "mA" Control
+ SG_ CntL : 16|16@1- (1,0) [-32768|32767] "" Control
+ SG_ RevL : 32|16@1- (0.25,0) [-8192|8191.75] "" Control
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_ "GenMsgCycleTime" BO_ 769 5;
+VAL_ 768 DirL 0 "Frei" 1 "Auf" 2 "Zu" 3 "Halt" ;
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the user works."""
+    return readme.fresh_folder(tmp_path_factory.mktemp("newcomer"))
+
+
+@pytest.fixture
+def bus() -> dict[str, str]:
+    """A bus of this test's own in the place of README's."""
+    group = f"239.75.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
+    return {"socketcan:can0": f"udp_multicast:{group}", "239.74.163.2": group}
+
+
+@pytest.fixture
+def ports() -> Iterator[dict[str, str]]:
+    """The two ends of a serial line in the place of README's."""
+    with serial_line() as (ours, theirs):
+        yield {"/dev/ttyUSB0": ours, "/dev/ttyUSB1": theirs}
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    """Until it is so."""
+    deadline = time.monotonic() + readme.PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+def test_every_command_of_the_readme_is_run_or_is_said_to_be_run_elsewhere() -> None:
+    known = [command(each) for each in (*HERE, *ELSEWHERE)]
+    assert len(set(known)) == len(known)
+    assert set(readme.commands()) == set(known)
+
+
+# Closed loop, and a folder to start from.
+
+
+@needs_compiler
+def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
+    out = run(command("liftgate-hil init"), folder)
+    steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]
+    cd, demo, pytest_, make, gate, ecu = (step for step in steps if step)
+    assert cd == "cd gate"
+    assert "closed and latched" in run(f"{cd} && {demo}", folder)
+    assert " passed" in run(f"{cd} && {pytest_} -p no:cacheprovider", folder)
+    run(f"{cd} && {make}", folder)
+    program, wire = ecu.split()
+    assert os.access(folder / "gate" / program, os.X_OK)
+    assert wire == "can0"
+    assert f"--bus socketcan:{wire}" in gate  # on a vcan0: tests/vcan
+
+
+def test_completion_goes_where_bash_looks_for_it(folder: Path) -> None:
+    run(command("mkdir -p"), folder)
+    run(command("liftgate-hil completion"), folder)
+    script = folder / ".local/share/bash-completion/completions/liftgate-hil"
+    assert "complete" in script.read_text()
+
+
+def test_doctor_gives_a_verdict(folder: Path) -> None:
+    out = run(command("liftgate-hil doctor"), folder, more="--duration 0.2", codes=(0, 1))
+    assert "verdict" in out
+
+
+# On a bus.
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    "start_of",
+    ["liftgate-hil --bus socketcan:can0", "liftgate-hil --bus socketcan:can0 --realtime"],
+)
+def test_the_gate_on_a_bus_says_how_it_went(
+    folder: Path, bus: dict[str, str], start_of: str
+) -> None:
+    assert run(command(start_of), folder, bus, SHORT).startswith("ticks ")
+
+
+@pytest.mark.realtime
+def test_recordings_are_written(folder: Path, bus: dict[str, str]) -> None:
+    run(command("liftgate-hil --bus socketcan:can0 --vehicle compact"), folder, bus, SHORT)
+    with can.LogReader(folder / "run.blf") as frames:
+        assert len(list(frames)) > 50
+    assert len((folder / "run.csv").read_text().splitlines()) > 100
+
+
+@pytest.mark.realtime
+def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
+    log = folder / "run.log"
+    logger = start(command("python -m can.logger"), folder, bus, " ")
+    gate = start(command("liftgate-hil --bus udp_multicast"), folder, bus, "--overrun-limit 60")
+    ecu = start(command("liftgate-hil ecu --bus udp_multicast"), folder, bus, " ")
+    try:
+        wait_for(
+            lambda: log.is_file() and log.read_text().count(" 120#") > 20, "the ECU was not heard"
+        )
+        for process in (ecu, gate, logger):
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=readme.PATIENCE)
+        assert (gate.returncode, ecu.returncode) == (0, 0)
+    finally:
+        for process in (logger, gate, ecu):
+            process.kill()
+    decoded = run("cantools decode --single-line dbc/liftgate.dbc < run.log", folder)
+    assert "DriveCommand(" in decoded
+    assert "Unknown" not in decoded
+
+
+# An own database.
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("protection", ["simple", "e2e"])
+def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], protection: str) -> None:
+    (folder / "theirs.dbc").write_text(THEIR_DBC)
+    rig = readme.block('dbc = "theirs.dbc"')
+    if protection == "e2e":
+        rig = rig.split("[messages.Cmd]")[0] + "[messages.Cmd]\ncycle_ms = 20\n"
+        rig += readme.block('protection = "e2e-p01"')
+    (folder / "theirs.toml").write_text(rig)
+    out = run(command("liftgate-hil --rig theirs.toml"), folder, bus, f"--vehicle compact {SHORT}")
+    assert "frames sent" in out
+
+
+def test_a_first_rig_is_drafted_and_checked(folder: Path) -> None:
+    drafted = readme.fresh_folder(folder / "draft")
+    (drafted / "theirs.dbc").write_text(THEIR_DBC)
+    run("liftgate-hil rig draft theirs.dbc --output first.toml", drafted)
+    assert "[outputs]" in (drafted / "first.toml").read_text()
+    # What the database leaves open is commented out, with the reason: direction and cycle.
+    out = run("liftgate-hil rig check first.toml --vehicle compact", drafted, codes=(2,))
+    assert "left_current  I_L  [mA] -> [A]" in out
+
+
+# A serial line.
+
+
+@pytest.mark.realtime
+def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+    run(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, SHORT)
+    demo = command("liftgate-hil demo --serial")
+    assert "opening" in run(demo, folder, ports, "--overrun-limit 60 --duration 2")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        host, port = server.getsockname()
+        link: list[socket.socket] = []
+        threading.Thread(target=lambda: link.append(server.accept()[0]), daemon=True).start()
+        line = command("liftgate-hil --serial socket:")
+        run(line, folder, {"192.168.0.7:7000": f"{host}:{port}"}, SHORT)
+        assert len(link[0].recv(4096)) > 100
+        link[0].close()
+
+
+@needs_compiler
+@pytest.mark.realtime
+def test_the_ecu_in_c_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
+    run(command("make -C tools/ecu"), folder)
+    gate = start(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, "--overrun-limit 60")
+    ecu = start(command("tools/ecu/build/ecu-serial"), folder, ports, str(readme.PATIENCE))
+    try:
+        assert ecu.stderr is not None
+        assert "opening" in ecu.stderr.readline()
+        gate.send_signal(signal.SIGINT)
+        out, complaints = gate.communicate(timeout=readme.PATIENCE)
+        assert gate.returncode == 0, complaints
+        assert "rejected 0" in out
+    finally:
+        for process in (gate, ecu):
+            process.kill()
+
+
+# An own ECU.
+
+
+@pytest.fixture(scope="module")
+def their_module(folder: Path) -> None:
+    """A module in the user's folder, with the example's ECU as theirs."""
+    (folder / "their_module.py").write_text(
+        "import sys\nfrom pathlib import Path\n"
+        'sys.path.append(str(Path(__file__).parent / "docs" / "examples"))\n'
+        "from python_ecu import Ecu as TheirEcu\n"
+    )
+
+
+@pytest.mark.usefixtures("their_module")
+def test_an_own_ecu_in_python_closes_the_loop(folder: Path) -> None:
+    assert "written: demo.log" in run(
+        command("liftgate-hil demo --clock free --ecu their_module"), folder
+    )
+
+
+@pytest.mark.realtime
+@pytest.mark.usefixtures("their_module")
+def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -> None:
+    run(command("liftgate-hil ecu --bus socketcan:can0"), folder, bus, "--duration 0.3")
+
+
+@needs_compiler
+def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
+    run(command("cc -shared"), folder)
+    out = run("liftgate-hil demo --clock free --no-record --ecu ./my_ecu.so", folder, codes=(1,))
+    assert "pinch force at most" in out  # it does not listen, so it presses
+    run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
+    run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)
+
+
+# The plant, and parameters from recordings.
+
+
+def test_the_plant_alone(folder: Path) -> None:
+    run(command("liftgate-hil simulate --vehicle suv"), folder)
+    run(command("liftgate-hil simulate --voltage 12"), folder)
+    assert len((folder / "out.csv").read_text().splitlines()) == 6002
+    out = run(command("liftgate-hil simulate --voltage -12"), folder)
+    assert len(out.splitlines()) == 1602
+    (folder / "measured.csv").write_text("time_s,voltage_v\n0,0\n0.1,9\n1,9\n")
+    pytest.importorskip("asammdf")
+    run(command("liftgate-hil simulate --input"), folder)
+    assert (folder / "out.mf4").is_file()
+
+
+def test_parameters_from_recordings(folder: Path) -> None:
+    noise = "--set sensors.current_noise=0.05 --set motor.resistance=0.8"
+    for name, volts, more in (
+        ("opening", 10, "--seed 1"),
+        ("closing", -10, "--seed 2 --initial open"),
+        ("other", 9, "--seed 3"),
+    ):
+        line = f"liftgate-hil simulate --voltage {volts} --duration 3 {noise} {more}"
+        run(f"{line} --output {name}.csv", folder)
+    run(command("liftgate-hil identify opening.csv"), folder)
+    told = re.search(r"^resistance = ([\d.]+)", (folder / "mine.toml").read_text(), re.MULTILINE)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(0.8, rel=0.02)
+    assert "</html>" in (folder / "report.html").read_text(encoding="utf-8")
+    run(command("liftgate-hil validate"), folder)
+    assert "</html>" in (folder / "fit.html").read_text(encoding="utf-8")
+
+
+def test_parameters_from_the_demo_s_recording(folder: Path) -> None:
+    (folder / "out").mkdir(exist_ok=True)
+    run("liftgate-hil demo --clock free --output out", folder)
+    out = run(command("liftgate-hil identify out/demo.log"), folder)
+    assert re.search(r"motor\.resistance\s+0\.70", out)
+    assert "spring.preload" in run(command("liftgate-hil identify --plan"), folder)

@@ -1,0 +1,10 @@
+"""Documents that the program itself writes: the reference of its files."""
+
+from pathlib import Path
+
+from tools.docs.rig import rig_page
+from tools.docs.scenario import scenario_page
+from tools.docs.vehicle import vehicle_page
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGES = {"vehicle.md": vehicle_page, "rig.md": rig_page, "scenario.md": scenario_page}

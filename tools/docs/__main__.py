@@ -1,0 +1,38 @@
+"""Write what of the documents is made by the program: `python -m tools.docs`, or `make docs`.
+
+docs/vehicle.md, rig.md and scenario.md hold every key of those files, docs/demo.png is the demo's picture on
+the free clock. A test compares the pages with what is written here; a picture's bytes change with matplotlib.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from liftgate_hil.cli.main import main as liftgate_hil
+from tools.docs import DOCS, PAGES
+
+
+def write_picture(folder: Path) -> int:
+    """The demo's picture into a folder; the demo's exit code."""
+    with tempfile.TemporaryDirectory() as place:
+        code = liftgate_hil(["demo", "--clock", "free", "--quiet", "--output", place])
+        shutil.copyfile(Path(place, "demo.png"), folder / "demo.png")
+    return code
+
+
+def main() -> int:
+    """Write all of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--output", type=Path, default=DOCS, help="default: docs")
+    args = parser.parse_args()
+    for name, make in PAGES.items():
+        (args.output / name).write_text(make(), encoding="utf-8", newline="\n")
+    return write_picture(args.output)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,156 @@
+"""docs/rig.md: every key of a rig file. Keys and ranges are the checker's answers; meanings stand here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from liftgate_hil.codec.checksum import PROFILES
+from liftgate_hil.config.rig import load_rig
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_plant.signals import Signal
+from tools.docs.checker import UNKNOWN, WRONG, a_range, allowed, keys_of
+from tools.docs.markdown import code, number, page, table
+
+_INTRO = """\
+A rig file is TOML: it says which signal of which database carries which quantity, for `--rig`, a scenario's
+`rig` and `liftgate_hil.Gate(rig=…)`. [`liftgate.toml`](../configs/rigs/liftgate.toml) is the default;
+`liftgate-hil init` copies it. Whoever sends a message, gate or ECU, packs and checks it by the same file.
+
+A quantity is wired by `quantity = "MESSAGE.SIGNAL"`, or by a table where theirs differs from ours."""
+
+_TOP = {
+    "dbc": ("required", "the CAN database, beside the rig file or a shipped one (`liftgate.dbc`)"),
+    "bitrate": (
+        "500000",
+        "of the bus: what it is opened with, and of what the bus load is a share",
+    ),
+    "inputs": ("", "table: what the gate receives, below"),
+    "outputs": ("", "table: what the gate sends, below"),
+    "messages": ("", "a table for each message: cycle, time-out and protection, below"),
+}
+_MAPPING = {
+    "signal": ("required", "MESSAGE.SIGNAL of the database"),
+    "unit": ("the database's", "what the signal's physical value is in"),
+    "scale": ("1", "quantity = scale · physical value + offset, in our unit"),
+    "offset": ("0", "see `scale`"),
+    "values": ("", "of an enumeration: a number or a label of theirs for each name of ours"),
+    "saturates": ("false", "an output stays at the ends of the signal's range beyond it"),
+}
+MESSAGE = {
+    "cycle_ms": ("the database's `GenMsgCycleTime`", "how often it is sent"),
+    "timeout_cycles": ("3", "a command that does not come for so many cycles is stale"),
+    "counter": ("none", "the signal that counts frames"),
+    "checksum": ("none", "the signal with the checksum"),
+    "checksum_kind": ("crc8-sae-j1850", "over the identifier and the payload without the checksum"),
+    "protection": ("simple", "`simple` is counter and checksum as above; the others are AUTOSAR's profiles"),
+    "data_id": ("required by profiles 1 and 5", "of the message"),
+    "data_id_list": ("required by profile 2", "the data ID for each value of the counter"),
+    "data_id_mode": ("both", "of profile 1: which bytes of the data ID the CRC takes in"),
+    "data_id_nibble": ("none", "with `data_id_mode = \"nibble\"`: the signal with the data ID's nibble"),
+    "max_delta_counter": ("1", "the largest step of the counter that is tolerated; 1: no frame may be lost"),
+    "sync_counter": ("0", "frames after a wrong sequence that are not used yet"),
+    "state_machine": ("", "table: when data are used, below"),
+}  # fmt: skip
+STATES = {
+    "window": ("1", "frames over which the state is judged"),
+    **{
+        f"min_ok_{state}": ("1", f"sound frames in the window that it takes in the state {state.upper()}")
+        for state in ("init", "valid", "invalid")
+    },
+    **{
+        f"max_error_{state}": ("0", f"wrong frames in the window that are borne in the state {state.upper()}")
+        for state in ("init", "valid", "invalid")
+    },
+}  # fmt: skip
+_OTHERS = ("data_id", "data_id_list", "nothing")
+_OWN = "a signal of the message"
+# Where the checker's words are about the one file that it was asked with.
+_ANYWAY = {
+    "signal": "MESSAGE.SIGNAL",
+    "unit": "one of the quantity's kind: `mA` for a current",
+    "saturates": "true or false",
+    "counter": _OWN,
+    "checksum": _OWN,
+    "data_id_nibble": _OWN,
+    "dbc": "a file that cantools reads",
+    **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
+}
+
+
+def rig_page() -> str:
+    """The page."""
+    where = "messages.DriveCommand"
+    by_profile = {profile: _answers(profile) for profile in PROFILES}
+    answers: dict[str, str] = {}
+    for each in by_profile.values():
+        # A profile has no key that is another's: there it allows nothing.
+        answers |= {key: said for key, said in each.items() if said not in _OTHERS}
+    step = f"{where}.max_delta_counter"
+    answers[step] = "; ".join(f"{each[step]} ({name})" for name, each in by_profile.items())
+    return page(
+        "Rig files",
+        _INTRO,
+        "## The file",
+        _table(answers, "", _TOP),
+        "## A wired signal",
+        _table(answers, "inputs.left_duty", _MAPPING),
+        "## `[inputs]`: what the gate receives",
+        "`left_duty` is required. Without a direction the duty's sign is the direction; without `latch_release` "
+        "the latch opens while a motor is driven open. All but the command are a test bench's: from its first "
+        "frame on it replaces what vehicle and scenario say.",
+        _quantities(BUS_INPUTS),
+        "## `[outputs]`: what the gate sends",
+        "What a sensor gives is called by its plain name; beside it the truth has the prefix `true_`.",
+        _quantities(BUS_OUTPUTS),
+        "## `[messages.NAME]`",
+        _table(answers, where, MESSAGE),
+        "## `state_machine` of a message",
+        "AUTOSAR's E2E state machine. Its defaults let no frame with an error through.",
+        _table(answers, f"{where}.state_machine", STATES),
+    )
+
+
+def _answers(protection: str) -> dict[str, str]:
+    """What the checker says to a rig in which all is wrong but the names."""
+    command: dict[str, Any] = dict.fromkeys(MESSAGE, WRONG) | {"protection": protection}
+    command |= {"state_machine": dict.fromkeys(STATES, WRONG) | {UNKNOWN: 1}, UNKNOWN: 1}
+    wire = {"signal": "DriveCommand.LeftDuty", "scale": WRONG, "offset": WRONG, "values": 1}
+    answers = allowed(
+        load_rig,
+        {
+            "dbc": "liftgate.dbc",
+            "bitrate": WRONG,
+            UNKNOWN: 1,
+            "inputs": {"left_duty": wire | {UNKNOWN: 1}},
+            "messages": {"DriveCommand": command},
+        },
+    )
+    simple = {"DriveCommand": {"protection": WRONG, "checksum_kind": WRONG}}
+    wrong = allowed(load_rig, {"dbc": "liftgate.dbc", "messages": simple})
+    return {**answers, **wrong}
+
+
+def _table(answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str]]) -> str:
+    """The keys of a table, as the checker lists them."""
+    return table(("key", "allowed", "default", "meaning"), _rows(answers, prefix, told))
+
+
+def _rows(
+    answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str]]
+) -> Iterator[tuple[str, ...]]:
+    for key in keys_of(answers, prefix):
+        default, meaning = told[key]
+        answer = answers.get(f"{prefix}.{key}" if prefix else key, "")
+        yield code(key), _ANYWAY.get(key) or a_range(answer), default, meaning
+
+
+def _quantities(signals: Mapping[str, Signal]) -> str:
+    heads = ("quantity", "unit", "range", "values", "meaning")
+    return table(heads, (_quantity(name, each) for name, each in signals.items()))
+
+
+def _quantity(name: str, signal: Signal) -> Iterable[str]:
+    values = ", ".join(f"{place} `{label}`" for place, label in enumerate(signal.values))
+    span = "" if signal.values else f"{number(signal.low)} to {number(signal.high)}"
+    return code(name), signal.unit, span, values, signal.meaning

@@ -1,0 +1,89 @@
+"""docs/vehicle.md: every key of a vehicle file, from the fields of the plant's tables."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any, get_type_hints
+
+from liftgate_hil.config.shipped import data_root, shipped_names
+from liftgate_hil.config.vehicle import BODY_TABLES, DRIVE_TABLES
+from liftgate_plant.quantity import Quantity
+from tools.docs.markdown import code, number, page, table
+
+_INTRO = """\
+A vehicle file is TOML: the parameters of one gate and its drives, for `--vehicle`, a scenario's `vehicle` and
+`liftgate_hil.Gate(vehicle=…)`. `liftgate-hil init` copies one to start from. Values are in the unit shown;
+ranges are inclusive. Any key can be replaced on the command line, `--set motor.resistance=0.8`, in a
+scenario's `[set]`, and found by `identify --estimate motor.resistance`.
+
+`drives` is 2 (left and right) or 1 (left only). The tables of a drive are given once for both, or for one of
+them: `[left.motor]` or `[right.spring]` hold the keys in which that drive differs. A table
+`[identification]`, which `identify --save-vehicle` writes, says how sure the values are; nothing depends on
+it.
+
+The column `suv` has the reference vehicle's value where its file gives one."""
+
+
+def vehicle_page() -> str:
+    """The page."""
+    suv = tomllib.loads((data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8"))
+    parts = [_INTRO]
+    for title, tables in (("Of each drive", DRIVE_TABLES), ("Of the gate", BODY_TABLES)):
+        parts.append(f"## {title}")
+        for name, kind in tables.items():
+            parts += [f"### `[{name}]`", _source(kind), _keys(kind, suv.get(name, {}))]
+    parts += ["## Where the numbers of the shipped vehicles come from", *_origins()]
+    return page("Vehicle files", *parts)
+
+
+def _source(kind: type) -> str:
+    """The first line of the module's docstring, which names the equations, with the way there."""
+    module = sys.modules[kind.__module__]
+    first = (inspect.getdoc(module) or "").split("\n\n")[0].replace("\n", " ")
+    file = module.__name__.removeprefix("liftgate_plant.") + ".py"
+    return f"{first} [`{file}`](../plant/liftgate_plant/{file})"
+
+
+def _keys(kind: type, suv: Mapping[str, Any]) -> str:
+    heads = ("key", "symbol", "unit", "range", "default", "suv", "meaning")
+    return table(heads, _rows(kind, suv))
+
+
+def _rows(kind: Any, suv: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    for field, hint in get_type_hints(kind, include_extras=True).items():
+        quantity: Quantity = hint.__metadata__[0]
+        key = field + quantity.suffix
+        default = kind._field_defaults.get(field)
+        yield (
+            code(key),
+            quantity.symbol,
+            "" if quantity.unit == "1" else quantity.unit,
+            f"{number(quantity.low)} to {number(quantity.high)}",
+            "required" if default is None else number(default / quantity.scale),
+            _shown(suv.get(key)),
+            quantity.meaning,
+        )
+
+
+def _shown(value: Any) -> str:
+    """A value of a file."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return "[" + ", ".join(number(each) for each in value) + "]"
+    return number(value)
+
+
+def _origins() -> Iterator[str]:
+    """The comment at the head of each shipped file."""
+    for name in sorted(shipped_names("configs/vehicles"), key=lambda name: (name != "suv", name)):
+        text = (data_root() / f"configs/vehicles/{name}.toml").read_text(encoding="utf-8")
+        lines = []
+        for line in text.splitlines():
+            if not line.startswith("#"):
+                break
+            lines.append(line.removeprefix("#").strip())
+        yield f"[`{name}`](../configs/vehicles/{name}.toml): {' '.join(lines)}"
