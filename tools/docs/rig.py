@@ -31,8 +31,11 @@ _TOP = {
 }
 _MAPPING = {
     "signal": ("required", "MESSAGE.SIGNAL of the database"),
-    "unit": ("the database's", "what the signal's physical value is in"),
-    "scale": ("1", "quantity = scale · physical value + offset, in our unit"),
+    "unit": ("the database's", "what scale · physical value + offset is in"),
+    "scale": (
+        "1",
+        "without `unit`: quantity = scale · physical value + offset, whatever the database says",
+    ),
     "offset": ("0", "see `scale`"),
     "values": ("", "of an enumeration: a number or a label of theirs for each name of ours"),
     "saturates": ("false", "an output stays at the ends of the signal's range beyond it"),
@@ -73,7 +76,7 @@ _ANYWAY = {
     "counter": _OWN,
     "checksum": _OWN,
     "data_id_nibble": _OWN,
-    "dbc": "a file that cantools reads",
+    "dbc": "a DBC, ARXML, KCD or SYM file",
     **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
 }
 
