@@ -61,6 +61,10 @@ lint: setup
 bench: setup
 	$(BIN)/python -m tools.benchmark --output docs
 
+# Thousands of mangled files and hundreds of signals against every command; what it finds stays in $(OUT)/hostile.
+hostile: setup
+	$(BIN)/python -m tools.hostile --work $(OUT)/hostile
+
 # Many seeds: do the intervals cover the truth? And what identification finds from data of known truth, and its
 # speed: docs/identification.md. Some ten minutes.
 study: setup

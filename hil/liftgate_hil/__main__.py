@@ -10,7 +10,10 @@ if __name__ == "__main__" and not sys.flags.safe_path:
     if os.path.isdir(".") and sys.path[0] == os.getcwd() != _home:
         del sys.path[0]
 
-import signal
+try:
+    import signal
+except KeyboardInterrupt:  # it is Python's own module that takes a while
+    sys.exit(130)
 
 
 def main() -> int:

@@ -45,15 +45,15 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
     """
     called = called or f"`{kind[:-1]}`"
     path = Path(name)
-    if not path.suffix and len(path.parts) == 1:
-        known = shipped_names(f"configs/{kind}")
-        if name in known:
-            return data_root() / "configs" / kind / f"{name}.toml"
-        if not is_there(path):
-            raise ConfigError(
-                f"{called} {name}: neither a file nor a shipped name ({', '.join(known)})"
-            )
+    is_name = not path.suffix and len(path.parts) == 1
+    if is_name and name in shipped_names(f"configs/{kind}"):
+        return data_root() / "configs" / kind / f"{name}.toml"
     issue = issue_with(path)
+    if issue and not is_there(path):
+        shipped = f"a shipped name ({', '.join(shipped_names(f'configs/{kind}'))})"
+        issue = (
+            f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: one, or {shipped}"
+        )
     if issue:
         raise ConfigError(f"{called} {shortened(name)}: {issue}")
     return path

@@ -414,4 +414,4 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), has_to_tell=True)
     child.wait(60.0)
     assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
-    assert capsys.readouterr().err == "x" * 1_000_000 + "\n"
+    assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"

@@ -303,7 +303,7 @@ def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
     with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
         session.vehicle_from("nosuch")
-    with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file"):
+    with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file; .*heavy-suv, suv"):
         session.vehicle_from("nosuch.toml")
 
 

@@ -26,8 +26,8 @@ class Told(Listener):
     def say(self, text: str) -> None:
         self.said.append(text)
 
-    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
-        self.said.append(f"{time_s} {angle_deg} {text}")
+    def happened(self, time_s: float, text: str) -> None:
+        self.said.append(f"{time_s} {text}")
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
@@ -119,8 +119,8 @@ def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
 
 def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     bench.events.append(Event(0.5, IN_WORDS, "opening"))
-    assert bench.look() == ["0.5 12.5 opening"]
+    assert bench.look() == ["0.5 opening"]
     bench.events.append(Event(0.9, IN_WORDS, "open"))
     assert bench.look(after=0.0) == []  # too soon
-    assert bench.look(after=0.0, is_last=True) == ["0.9 12.5 open"]
+    assert bench.look(after=0.0, is_last=True) == ["0.9 open"]
     assert bench.look() == []
