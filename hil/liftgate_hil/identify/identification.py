@@ -53,10 +53,15 @@ _TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
+# A search also tries what makes the model diverge; that counts as far away, and is nobody's business.
+_FAR_AWAY = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+
+
 class NothingToTellError(ValueError):
     """The data say nothing about anything that is sought."""
 
 
+@_FAR_AWAY
 def identify(
     problem: Problem,
     report: Report | None = None,
@@ -248,6 +253,7 @@ def _at_best_delay(
     return found
 
 
+@_FAR_AWAY
 def validate(problem: Problem) -> Validation:
     """A model against measurements; estimated are only the input delay and what is not known of the beginnings."""
     point, outputs = problem.initial, problem.outputs
