@@ -28,8 +28,8 @@ class Listener:
     def starts(self, what: str) -> None:
         """What is about to run."""
 
-    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
-        """What the ECU tells, and where the gate is when that is noticed."""
+    def happened(self, time_s: float, text: str) -> None:
+        """What the ECU tells."""
 
     def status(self, status: Status) -> None:
         """Where it is, a few times a second."""

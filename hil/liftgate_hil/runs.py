@@ -364,9 +364,8 @@ def _free(
             is_recorded=bool(recorders),
             memory=memory,
         )
-        episode.lookout = Lookout(
-            parts.rig, config, episode.state.reception, job.listener, adapter.events
-        )
+        # Too fast for a story: the result has it.
+        episode.lookout = Lookout(parts.rig, config, episode.state.reception, job.listener)
         stack.callback(episode.close)
         try:
             job.listener.starts(f"{setup.vehicle_name} on no bus")

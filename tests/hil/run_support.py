@@ -13,6 +13,7 @@ from hil_support import loop_config, start_of
 import liftgate_hil as lh
 from liftgate_hil import runs, session
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.stimuli.requests import Request
@@ -92,7 +93,7 @@ def reversing(seed: int = 1) -> Scenario:
         1.1,
         initial=39.0,
         seed=seed,
-        settings=NOISE,
+        settings=tuple(settings_of(NOISE)),
     )
 
 
@@ -102,7 +103,13 @@ def releasing(seed: int = 1) -> Scenario:
         "supply_voltage_v": Profile([(0.0, 12.0), (0.3, 10.5), (0.5, 13.0)]),
         "hand_force_n": Profile([(0.1, 5.0), (0.4, -20.0)], is_linear=False),
     }
-    return Scenario(timeline_of(profiles), (Request(0.05, "open"),), 0.6, seed=seed, settings=NOISE)
+    return Scenario(
+        timeline_of(profiles),
+        (Request(0.05, "open"),),
+        0.6,
+        seed=seed,
+        settings=tuple(settings_of(NOISE)),
+    )
 
 
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:

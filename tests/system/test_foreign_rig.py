@@ -50,6 +50,20 @@ def test_the_demo_runs_on_a_foreign_database(
     assert float(rows[-1]["latched"]) == 1.0
 
 
+def test_the_demo_runs_on_a_rig_as_it_was_drafted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    database = Path(__file__).parents[1] / "hil/config/foreign/gm_plgm.dbc"
+    rig = tmp_path / "drafted.toml"
+    assert main(["rig", "draft", str(database), "--output", str(rig)]) == 0
+    assert main(["rig", "check", str(rig)]) == 0
+    capsys.readouterr()
+    assert main(["demo", "--rig", str(rig), "--clock", "free", "--no-record"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    told = [line.split(" deg  ")[1] for line in lines if " deg  " in line]
+    assert [text[: len(start)] for text, start in zip(told, STORY, strict=True)] == STORY
+
+
 def test_the_same_run_twice_is_the_same_to_the_bit(tmp_path: Path) -> None:
     recordings = []
     for name in ("first", "second"):

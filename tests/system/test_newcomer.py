@@ -42,6 +42,8 @@ HERE = (
     "python -m can.logger",
     "liftgate-hil --bus socketcan:can0 --realtime",
     "liftgate-hil doctor",
+    "liftgate-hil rig draft",
+    "liftgate-hil rig check",
     "liftgate-hil --rig theirs.toml",
     "liftgate-hil --serial /dev/ttyUSB0",
     "liftgate-hil --serial socket:",
@@ -209,10 +211,10 @@ def test_a_rig_for_an_own_database_runs(folder: Path, bus: dict[str, str], prote
 def test_a_first_rig_is_drafted_and_checked(folder: Path) -> None:
     drafted = readme.fresh_folder(folder / "draft")
     (drafted / "theirs.dbc").write_text(THEIR_DBC)
-    run("liftgate-hil rig draft theirs.dbc --output first.toml", drafted)
-    assert "[outputs]" in (drafted / "first.toml").read_text()
+    run(command("liftgate-hil rig draft"), drafted)
+    assert "[outputs]" in (drafted / "theirs.toml").read_text()
     # What the database leaves open is commented out, with the reason: direction and cycle.
-    out = run("liftgate-hil rig check first.toml --vehicle compact", drafted, codes=(2,))
+    out = run(command("liftgate-hil rig check"), drafted, codes=(2,))
     assert "left_current  I_L  [mA] -> [A]" in out
 
 

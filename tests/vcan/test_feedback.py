@@ -22,7 +22,7 @@ from vcan_support import Bus, emulator, ended, run, running, summary_of, texts_o
 from liftgate_hil.config.rig import Rig
 
 CYCLES_MS = {LEFT_DRIVE: 5, RIGHT_DRIVE: 5, GATE: 10, SENSORS: 100, BENCH_STATUS: 100}
-TIMING = (0x7E2, 0x7E3)  # BenchTiming and BenchDelay, sent once there are figures
+TIMING = (0x6E2, 0x6E3)  # BenchTiming and BenchDelay, sent once there are figures
 RUNNING, STOPPED = 1, 3
 
 

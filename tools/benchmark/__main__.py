@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import told
-from tools.benchmark import costs, episodes, lateness, processes
+from tools.benchmark import costs, episodes, lateness, processes, tables
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import load_line, machine_lines
 from tools.c_translator.build import BUILDS, compare
@@ -148,6 +148,28 @@ def episode_section() -> list[str]:
     return [*lines, ""]
 
 
+def table_section() -> list[str]:
+    """An hour in each format."""
+    lines = [
+        "## An hour of `simulate`",
+        "",
+        paragraph(
+            f"""{tables.SECONDS * 1000:,} rows of all columns at 1 ms, from start to exit, in each format of
+            tables. Simulating and writing overlap, so that the wall time is less than the CPU time where two CPUs
+            are free."""
+        ),
+        "",
+        "| | format | wall | CPU | memory at most | file |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {motion} | `{suffix}` | {shown(each.wall)} | **{shown(each.cpu)}** | {each.peak / 1e6:.0f} MB "
+        f"| {each.size / 1e6:,.0f} MB |"
+        for (motion, suffix), each in tables.measure().items()
+    ]
+    return [*lines, ""]
+
+
 def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
     """Against cyclictest."""
     pairs, delays = lateness.measure(rounds, seconds)
@@ -198,6 +220,7 @@ def main() -> None:
         )
     hot = figures[costs.HOT]
     text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
+    text += table_section()
     if lateness.available():
         text += lateness_section(args.output, args.rounds, args.seconds)
     else:

@@ -17,7 +17,7 @@ from liftgate_hil.cli import identify as command
 from liftgate_hil.report.drawing import png
 from liftgate_hil.report.figures import trace_figure
 from tools.benchmark.machine import machine_lines
-from tools.identification import coverage, dc_motor, thesis, versus
+from tools.identification import coverage, dc_motor, speed, thesis, versus
 from tools.identification.measurements import write_thesis_data
 
 WHY = """
@@ -43,7 +43,15 @@ def main() -> int:
     parser.add_argument(
         "--data", metavar="FOLDER", help="only write the generated measurements there"
     )
+    parser.add_argument(
+        "--speed", metavar="ROWS,…", help="only time the command on files of so many rows"
+    )
+    parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="and that of another one")
     args = parser.parse_args()
+    if args.speed:
+        rows = [int(each) for each in args.speed.split(",")]
+        print("\n".join(speed.table(rows, args.against)))
+        return 0
     if args.data:
         write_thesis_data(Path(args.data))
         return 0

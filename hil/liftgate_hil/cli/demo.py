@@ -123,6 +123,10 @@ def _obstacles(setup: Setup) -> list[DrawnObstacle]:
     ]
 
 
+def _shares_terminal() -> bool:
+    return all(stream is not None and stream.isatty() for stream in (sys.stdout, sys.stderr))
+
+
 def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, folder: Path) -> None:
     """Print what happened."""
     import numpy as np
@@ -130,7 +134,9 @@ def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, fol
     columns = shown.trace
     if len(columns["time_s"]) < 2:
         return
-    for each in shown.events:
+    # On a terminal the story stands there already, told as it happened.
+    events = [] if args.clock == "realtime" and _shares_terminal() else shown.events
+    for each in events:
         angle = float(np.interp(each.time, columns["time_s"], columns["gate_angle_deg"]))
         print(f"{each.time:7.3f} s  {angle:6.2f} deg  {each.text}")
     if event is not None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.ecu.adapter import Adapter
+    from liftgate_hil.ecu.peer import Peer
     from liftgate_hil.stimuli.requests import Request
 
 
@@ -89,34 +90,15 @@ def _drive(
     from liftgate_hil.ecu.peer import Peer
     from liftgate_hil.transport.find import find_way, open_transport
 
-    duration = args.duration if args.duration is not None else scenario.duration
-    requests = _requests(args.request) if args.request else list(scenario.requests)
     transport = open_transport(find_way(options.wire_choice(args), rig))
-    if args.realtime:
-        _ask_for_priority(args)
-    peer = Peer(adapter, transport, requests)
-    start = time.monotonic_ns()
-    told, waits = 0, False
     try:
-        while not stop():
-            now = time.monotonic_ns() - start
-            peer.poll(now)
-            # The flag counts from the start, a scenario from when the gate is first heard.
-            spent = peer.elapsed_ns(now) if args.duration is None else now
-            if duration is not None and spent * 1e-9 >= duration:
-                break
-            for event in adapter.events(told):
-                teller.say(f"ecu {event.time:7.3f} s  {event.text}")
-                told += 1
-            if peer.has_heard_the_gate:
-                waits = True
-            elif not waits and now > _PATIENCE_NS:
-                gates = ", ".join(dict.fromkeys(wire.message for wire in rig.outputs))
-                teller.say(f"waits for the gate: {gates}")
-                waits = True
-            time.sleep(0.001)
+        if args.realtime:
+            _ask_for_priority(args)
+        requests = _requests(args.request) if args.request else list(scenario.requests)
+        peer = Peer(adapter, transport, requests)
+        duration = args.duration if args.duration is not None else scenario.duration
+        _take_turns(peer, adapter, rig, duration, args.duration is not None, stop, teller)
     finally:
-        peer.finish()
         transport.close()
         faults = [
             f"{count} {name.replace('_', ' ')}"
@@ -125,6 +107,37 @@ def _drive(
         ]
         if faults:
             teller.say(f"link: {', '.join(faults)}")
+
+
+def _take_turns(
+    peer: Peer,
+    adapter: Adapter,
+    rig: Rig,
+    duration: float | None,
+    is_from_start: bool,
+    stop: StopSignals,
+    teller: Teller,
+) -> None:
+    """For so long [s]; a flag's duration counts from the start, a scenario's from when the gate is first heard."""
+    start = time.monotonic_ns()
+    told, is_waiting = 0, True
+    try:
+        while not stop():
+            now = time.monotonic_ns() - start
+            peer.poll(now)
+            spent = now if is_from_start else peer.elapsed_ns(now)
+            if duration is not None and spent * 1e-9 >= duration:
+                break
+            for event in adapter.events(told):
+                teller.happened(event.time, event.text)
+                told += 1
+            if is_waiting and not peer.has_heard_the_gate and now > _PATIENCE_NS:
+                gates = ", ".join(dict.fromkeys(wire.message for wire in rig.outputs))
+                teller.say(f"waits for the gate: {gates}")
+                is_waiting = False
+            time.sleep(0.001)
+    finally:
+        peer.finish()
 
 
 def _ask_for_priority(args: argparse.Namespace) -> None:

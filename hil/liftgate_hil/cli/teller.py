@@ -31,10 +31,10 @@ class Teller(Listener):
         if not self._is_json:
             self.say(f"{what}, {self._how}" if self._how else what)
 
-    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
+    def happened(self, time_s: float, text: str) -> None:
         """See Listener."""
         if not self._is_json:
-            self.say(f"{time_s:9.3f} s  {angle_deg:6.2f} deg  {text}")
+            self.say(f"ecu {time_s:7.3f} s  {text}")
 
     def status(self, status: Status) -> None:
         """See Listener."""

@@ -63,6 +63,11 @@ def protection_row(
     """Counter and checksum of a message, simple or of an E2E profile."""
     key = f"messages.{message.name}"
     e2e = options.e2e
+    for name in (options.counter, options.checksum, e2e.nibble if e2e else None):
+        if name and message.get_signal_by_name(name).multiplexer_signal is not None:
+            issues.add(
+                key, f"{name} is in some frames only; allowed: a signal that is in every frame"
+            )
     counter, modulus, nibble = -1, 1, -1
     kind, checksum_byte = checksum.NONE, -1
     if options.counter is not None:

@@ -51,10 +51,13 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
         for share in (0.0, 0.25, 0.5, 0.75, 1.0)
     ]
     ambient = vehicle.environment.ambient_temperature
+    drives = (vehicle.left, vehicle.right)[: vehicle.drives]
+    stalled = sum(supply / drive.motor.resistance for drive in drives)
+    lowest = max(0.0, supply - vehicle.supply.internal_resistance * stalled)
     found = {
         "gate_angle": _whole(0.0, open_deg),
         "gate_rate": _part(0.1, open_deg),  # opened within a second, at most
-        "terminal_voltage": Expected(0.8 * supply, supply, 0.0, supply),
+        "terminal_voltage": Expected(max(lowest, 0.8 * supply), supply, lowest, supply),
         "supply_voltage": _whole(supply, supply),
         "ambient_temperature": _whole(ambient, ambient),
         "road_slope": _whole(math.degrees(slope), math.degrees(slope)),

@@ -97,7 +97,10 @@ def descend(
         is_end = moved < STILL or len(history) > rounds
         if is_end and slopes.are_exact():
             break
-        if is_end or slopes.are_worn(moved):
+        if is_end:
+            slopes = _central(problem, place)
+            continue
+        if slopes.are_worn(moved):
             slopes = _fresh(problem, place, moved)
             continue
         other = place_at(problem, place.point + step, given_std)
@@ -152,11 +155,15 @@ def _fresh(problem: Problem, place: Place, moved: float) -> _Slopes:
     """Slopes at a place: near the end those that may stay."""
     if moved > _NEAR:
         return _one_sided(problem, place)
-    return _Slopes(_compared(problem, problem.derivative(place.point)), True)
+    return _central(problem, place)
 
 
 def _one_sided(problem: Problem, place: Place) -> _Slopes:
     return _Slopes(_compared(problem, problem.slopes(place.point, place.predicted)), False)
+
+
+def _central(problem: Problem, place: Place) -> _Slopes:
+    return _Slopes(_compared(problem, problem.derivative(place.point)), True)
 
 
 def _tell(report: Report | None, history: Sequence[float], moved: float) -> None:

@@ -13,6 +13,7 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.identify import statistics
 from liftgate_hil.identify.coarse import coarse_of
 from liftgate_hil.identify.data import applied_voltage
+from liftgate_hil.identify.delays import at_best_delay
 from liftgate_hil.identify.descent import Report
 from liftgate_hil.identify.jitter import jitter_of
 from liftgate_hil.identify.multiple_shooting import in_segments, is_far_off
@@ -23,13 +24,7 @@ from liftgate_hil.identify.result import Estimate, Experiment, Identification, V
 from liftgate_hil.identify.search import Found, better, past_kinks, search
 from liftgate_hil.identify.statistics import Uncertainty
 from liftgate_hil.identify.trajectory import OUTPUTS
-from liftgate_hil.identify.weighting import (
-    errors_of,
-    log_likelihood_deviance,
-    loss_of,
-    sampled_rows,
-    weighting_of,
-)
+from liftgate_hil.identify.weighting import errors_of, log_likelihood_deviance, sampled_rows
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.signals import Truth, signals_of
 from liftgate_plant.vehicle import plant_of
@@ -46,10 +41,8 @@ _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
 _HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
 _NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
-_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
 _ROUGH_ROUNDS = 30
 _NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
-_TRIES = 3  # of other delays
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
@@ -195,7 +188,7 @@ def _best(problem: Problem, found: Found, report: Report | None, given_std: Floa
     """A search's end, or what lies behind a kink or at another delay."""
     found = past_kinks(problem, found, report, given_std)
     if problem.is_delay_sought:
-        found = _at_best_delay(problem, found, report, given_std)
+        found = at_best_delay(problem, found, report, given_std)
     return found
 
 
@@ -219,38 +212,6 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
         begin[-1] = rough.point[-1]
     second = search(problem, report, given_std, begin)
     return second if first is None else better(first, second)
-
-
-def _at_best_delay(
-    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
-) -> Found:
-    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
-    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
-    """
-    low, high = problem.bounds
-    for _ in range(_TRIES):
-        root, slopes = found.weighting.root, found.slopes[:, :, :-1]
-        _, inverse_std = problem.priors()
-        inverse = statistics.pseudo_inverse(statistics.information(slopes, root, inverse_std[:-1]))
-        best, begin = found.history[-1] * (1.0 - 1e-6), found.point
-        for delay in found.point[-1] + _DELAYS:
-            at = np.clip(np.append(found.point[:-1], delay), low, high)
-            errors = errors_of(problem.measured, problem.predicted(at))
-            _, score = statistics.normal_equations(slopes, errors, root)
-            step = inverse @ score
-            rest = errors - slopes @ step
-            weighting = weighting_of(problem.measured, rest, given_std)
-            loss = loss_of(problem.measured, weighting, rest, given_std)
-            if loss < best:
-                best = loss
-                begin = np.clip(at + np.append(step, 0.0), low, high)
-        if begin is found.point:
-            break
-        other = better(found, search(problem, report, given_std, begin))
-        if other is found:
-            break
-        found = other
-    return found
 
 
 @_FAR_AWAY

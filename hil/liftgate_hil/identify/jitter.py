@@ -127,13 +127,17 @@ class _Moves:
     def _slopes(self, moved: Sequence[Sequence[Change]], signs: Floats) -> Effects:
         there = self._there[self.rows]
         effects = np.zeros((len(moved), *there.shape), dtype=np.float32)
-        for effect, changes, own in zip(effects, moved, signs, strict=True):
+
+        def fill(which: int) -> None:
             late = [np.zeros(each) for each in self._counts]
-            for (number, k), sign in zip(changes, own, strict=True):
+            for (number, k), sign in zip(moved[which], signs[which], strict=True):
                 late[number][k] = sign * self._shift
-            later = self._problem.predicted(self._point, late)
-            earlier = self._problem.predicted(self._point, [-each for each in late])
-            effect[there] = (later - earlier)[self.rows][there] / (2.0 * self._shift)
+            later = self._problem.prediction(self._point, late)
+            earlier = self._problem.prediction(self._point, [-each for each in late])
+            effects[which][there] = (later - earlier)[self.rows][there] / (2.0 * self._shift)
+
+        self._problem.on_all_cpus(fill, range(len(moved)))
+        self._problem.evaluations += 2 * len(moved)
         return effects
 
 

@@ -28,6 +28,7 @@ from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 Floats = NDArray[np.float64]
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
@@ -175,29 +176,24 @@ class Problem:
         """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
         for each experiment by how much each of its `changes` comes later than its stamp says.
         """
-        return self.predictions([point], [late])[0]
+        self.evaluations += 1
+        return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
 
-    def predictions(
-        self, points: Sequence[Floats], late: Sequence[Sequence[Floats] | None]
-    ) -> list[Floats]:
-        """`predicted` of several, on all CPUs."""
-        self.evaluations += len(points)
-        return self._on_all_cpus(lambda k: self._prediction(points[k], late[k]), range(len(points)))
-
-    def _on_all_cpus(
-        self, simulate: Callable[[int], Result], numbers: Sequence[int]
+    def on_all_cpus(
+        self, simulate: Callable[[Item], Result], items: Sequence[Item]
     ) -> list[Result]:
-        """What `simulate` gives of each number. Machine code that is not there yet is made beforehand: here an
-        interrupt ends that.
+        """What `simulate` gives of each item, by `prediction`. Machine code that is not there yet is made
+        beforehand: here an interrupt ends that.
         """
         if not self._is_ready:
             data, plant, base = self.data[0], plant_of(self.vehicle), load_of(self.vehicle)
             first = data.rows[:1], data.inputs[:1]
             trajectory(plant, _IDEAL, base, REST, MODELS[self.model], *first, self.longest)
             self._is_ready = True
-        return on_all_cpus(simulate, numbers, sum(len(data.rows) for data in self.data))
+        return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
 
-    def _prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
+    def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
+        """`predicted` within `on_all_cpus`."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         parts = []
@@ -218,7 +214,7 @@ class Problem:
             rows = self._rows(vehicle, plant_of(vehicle), point, each)
             return self._samples(each, rows, OUTPUTS)
 
-        return self._on_all_cpus(samples, [number])[0]
+        return self.on_all_cpus(samples, [number])[0]
 
     def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
         """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
@@ -297,14 +293,14 @@ class Problem:
         def slope(k: int) -> Floats:
             above = _moved(point, k, min(0.5 * widths[k], high[k] - point[k]))
             below = _moved(point, k, max(-0.5 * widths[k], low[k] - point[k]))
-            return self._difference(above, below, k, self._prediction(below))
+            return self._difference(above, below, k, self.prediction(below))
 
         self.evaluations += len(point)
         return self._slopes(slope, len(point))
 
     def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
         """Slope (rows, outputs) between two points that differ in an unknown, the latter's prediction known."""
-        slope = self._prediction(above)
+        slope = self.prediction(above)
         with np.errstate(invalid="ignore"):  # of predictions that diverged
             slope -= predicted
         slope /= above[k] - below[k]
@@ -319,7 +315,7 @@ class Problem:
         def fill(k: int) -> None:
             slopes[k] = slope(k)
 
-        self._on_all_cpus(fill, range(count))
+        self.on_all_cpus(fill, range(count))
         return np.moveaxis(slopes, 0, 2)
 
 

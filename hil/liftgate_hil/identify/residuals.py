@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ Floats = NDArray[np.float64]
 PHASES = ("rest", "inrush", "travel", "play crossing", "end stop")
 _INRUSH = 0.15  # s after the voltage rose from nothing or changed its sign
 _SLOW = 2.0  # % of the largest speed: below, it rests
+_ROUNDING = 1.15  # of what rounding alone leaves: an error that leaves no more
 _STOP_DEG = 1.0  # from an end of the travel
 _PLAY_REV = (
     1.0  # revolutions of the motor on either side of a change of direction, at least the play
@@ -94,7 +96,14 @@ def series_of(
         crosscorrelation=statistics.crosscorrelation(errors, frame.voltage[there]),
         band=statistics.BAND / math.sqrt(len(y)),
         is_white=statistics.is_nothing(errors, y) or statistics.is_white(errors),
+        excuse="rounding" if _is_rounding(y, errors) else "",
     )
+
+
+def _is_rounding(measured: Floats, errors: Floats) -> bool:
+    """Whether errors are no more than the rounding of what was measured leaves: q/√12 for the step q."""
+    step = statistics.rounding_step(measured)
+    return bool(np.sqrt(np.mean(errors**2)) <= _ROUNDING * step / math.sqrt(12.0))
 
 
 def speed_series(
@@ -109,13 +118,14 @@ def speed_series(
     def slope(values: Floats) -> Floats:
         return local_slope(times, values[there])
 
-    return series_of(
+    series = series_of(
         output,
         Frame(times, frame.voltage[there], frame.phases[there]),
         slope(position),
         slope(simulated),
         None if before is None else slope(before),
     )
+    return replace(series, excuse="slopes")
 
 
 def local_slope(times: Floats, values: Floats) -> Floats:

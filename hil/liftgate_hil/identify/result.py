@@ -45,6 +45,9 @@ class Series:
     crosscorrelation: Floats  # (2 lags + 1,) with the input, lags -n..n
     band: float  # 99 % band of both, for white residuals independent of the input
     is_white: bool
+    # Why a residual that is not white says nothing against the model: "rounding" of the measured values, which
+    # leaves as much; "slopes" of stretches that overlap. Else empty.
+    excuse: str = ""
 
 
 @dataclass(frozen=True)

@@ -174,7 +174,7 @@ def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floa
     inverse = root @ root.T
     for column, values in enumerate(measured.T):
         there = np.flatnonzero(np.isfinite(values))
-        step = _rounding_step(values[there])
+        step = rounding_step(values[there])
         if step == 0.0:
             continue
         scores = np.einsum("noj,o->nj", slopes[there], inverse[:, column])
@@ -185,7 +185,7 @@ def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floa
     return total
 
 
-def _rounding_step(values: Floats) -> float:
+def rounding_step(values: Floats) -> float:
     """The step of a rounded output: the largest that all its levels are multiples of, from one of them on; next to
     0 of one that is not rounded, 0 of one that never changes.
     """

@@ -1,7 +1,7 @@
 """Simulations on all CPUs: machine code holds no interpreter lock, so threads are enough.
 
-The main thread only waits, so that an interrupt (Ctrl-C) reaches it at once; a simulation looks between its
-stretches whether somebody still waits for it.
+While they run the main thread only waits, so that an interrupt (Ctrl-C) reaches it at once; a simulation looks
+between its stretches whether somebody still waits for it.
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ def on_all_cpus(
 
     What `function` raises, or an interrupt of the caller, ends all of them.
     """
-    is_over = threading.Event()
     count = min(len(items), _cpus(), max(1, _MOST_ROWS // max(rows, 1)))
-    with ThreadPoolExecutor(max(count, 1), initializer=_begin, initargs=(is_over,)) as pool:
+    if count <= 1:
+        return [function(item) for item in items]
+    is_over = threading.Event()
+    with ThreadPoolExecutor(count, initializer=_begin, initargs=(is_over,)) as pool:
         try:
             return [each.result() for each in [pool.submit(function, item) for item in items]]
         except BaseException:

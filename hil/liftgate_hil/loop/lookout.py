@@ -81,7 +81,7 @@ class Lookout:
         time_s = moment.tick * self._config.step
         for event in self._events(self._told_events):
             self._told_events += 1
-            self._listener.happened(event.time, float(moment.row[_ANGLE]), event.text)
+            self._listener.happened(event.time, event.text)
         for cause in _REFUSED:
             if self._reception.refusals[cause].count and cause not in self._told_causes:
                 self._told_causes.add(cause)

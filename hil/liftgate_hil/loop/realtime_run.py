@@ -64,10 +64,10 @@ class RealtimeRun:
     rig: Rig
     bitrate: float  # bit/s; NaN: the load is not known
     limit_ns: int
-    lookout: Lookout
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
+    lookout: Lookout | None = None
     realtime: Realtime | None = None
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
@@ -205,6 +205,8 @@ class RealtimeRun:
         self._look_out(is_last=True)
 
     def _look_out(self, is_last: bool = False) -> None:
+        if self.lookout is None:
+            return
         shared = self.memory.shared
         control = shared.control[0]
         row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]

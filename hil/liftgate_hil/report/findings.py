@@ -70,16 +70,24 @@ def experiment_warnings(result: Identification | Validation) -> list[str]:
     found: list[str] = []
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
-        coloured = [each.output for each in experiment.series if not each.is_white]
+        coloured = [
+            each.output for each in experiment.series if not each.is_white and not each.excuse
+        ]
         name = clean(experiment.name, 60)
         if worse:
             found.append(f"{name}: fit below 0 %, worse than the mean value: {_listed(worse)}")
         if coloured:
             found.append(
-                f"{name}: residuals are not white, the model leaves something unexplained: "
-                f"{_listed(coloured)}"
+                f"{name}: residuals are not white: {_listed(coloured)}. The model, or the file's stamps, leave "
+                "something unexplained; standard deviations allow for its correlation, not for what it shifts"
             )
     return found
+
+
+EXCUSES = {
+    "rounding": "not white: the rounding of the data",
+    "slopes": "slopes of the position",
+}
 
 
 def _listed(names: Iterable[str]) -> str:

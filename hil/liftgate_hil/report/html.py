@@ -8,6 +8,7 @@ from liftgate_hil.identify.result import Estimate, Experiment, Identification, S
 from liftgate_hil.report import figures, figures_estimates
 from liftgate_hil.report.drawing import svg
 from liftgate_hil.report.findings import (
+    EXCUSES,
     experiment_warnings,
     strong_correlations,
     warnings_of,
@@ -174,6 +175,8 @@ def _residual(series: Series) -> str:
     counts = whiteness(series)
     if series.is_white:
         return "white"
+    if series.excuse:
+        return EXCUSES[series.excuse]
     return (
         f"not white: {counts.own} of {counts.own_lags} lags outside, "
         f"{counts.input} of {counts.input_lags} with the voltage"

@@ -155,6 +155,7 @@ def _whiteness(series: Series) -> dict[str, Any]:
     counts = whiteness(series)
     return {
         "is_white": bool(series.is_white),
+        "excuse": series.excuse,
         "band": _number(series.band),
         "autocorrelation": _numbers(series.autocorrelation),
         "crosscorrelation": _numbers(series.crosscorrelation),

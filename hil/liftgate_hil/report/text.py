@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from liftgate_hil.identify.result import Estimate, Experiment, Identification, Series, Validation
 from liftgate_hil.report.findings import (
+    EXCUSES,
     experiment_warnings,
     strong_correlations,
     warnings_of,
@@ -184,6 +185,8 @@ def _residual(series: Series) -> str:
     counts = whiteness(series)
     if series.is_white:
         return "white"
+    if series.excuse:
+        return EXCUSES[series.excuse]
     return f"not white: {counts.largest:+.2f} at lag {counts.largest_lag}, band ±{series.band:.3f}"
 
 

@@ -18,6 +18,7 @@ from c_library import build, needs_compiler
 from liftgate_hil import session
 from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
+from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
@@ -410,7 +411,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
-    child = EcuProcess([sys.executable, "-c", code], is_quiet=False, has_to_tell=True)
+    child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), has_to_tell=True)
     child.wait(60.0)
     assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
-    assert capsys.readouterr().err == "x" * 1_000_000 + "\n"
+    assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"

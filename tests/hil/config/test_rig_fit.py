@@ -126,5 +126,9 @@ def test_the_expected_values_are_the_vehicles():
     expected = expected_values(suv())
     # Supply voltage over winding resistance; 4 counts a turn of what the spindle's travel takes.
     assert expected["left_current"].highest == pytest.approx(12.0 / 0.708)
+    assert expected["terminal_voltage"].lowest == 12.0
+    weak = session.vehicle_from("suv", ["supply.internal_resistance=0.1"])
+    # Both motors stalled draw 33.9 A through it.
+    assert expected_values(weak)["terminal_voltage"].lowest == pytest.approx(12.0 - 3.39, abs=0.01)
     assert expected["gate_angle"].high == pytest.approx(80.0)
     assert expected["left_hall_count"].high == pytest.approx(2946.0, abs=1.0)

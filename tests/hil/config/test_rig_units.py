@@ -190,6 +190,16 @@ def test_counter_and_checksum_in_one_signal_are_refused(tmp_path: Path):
     assert "messages.Cmd: Alive is the counter and the checksum" in fault
 
 
+@pytest.mark.parametrize("option", ["counter", "checksum"])
+def test_a_protection_that_is_multiplexed_is_refused(tmp_path: Path, option: str):
+    content = (
+        database("A").replace("SG_ Bare :", "SG_ Bare M :").replace("SG_ Alive :", "SG_ Alive m1 :")
+    )
+    text = rig('left_current = "Out.X"') + f'[messages.Cmd]\n{option} = "Alive"\n'
+    (fault,) = faults(tmp_path, text, content)
+    assert "messages.Cmd: Alive is in some frames only; allowed: a signal" in fault
+
+
 def test_two_inputs_may_read_one_signal(tmp_path: Path):
     text = rig('left_current = "Out.X"', INPUTS + 'right_duty = "Cmd.Duty"\n')
     assert len(rig_of(tmp_path, database("A"), text).inputs) == 2

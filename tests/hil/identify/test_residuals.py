@@ -153,3 +153,25 @@ def test_the_speed_of_a_measured_position_is_compared_with_that_of_the_simulated
     assert series.before == pytest.approx(np.full(400, 90.0))
     assert series.rms == pytest.approx(1.0)
     assert series.phases["travel"][2] == 400
+
+
+def test_an_error_that_is_the_datas_rounding_is_told_from_one_that_is_not() -> None:
+    times = np.arange(2000) * 1e-3
+    frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
+    model = 3.0 * np.sin(0.7 * times)
+    rounded = np.round(model / 0.01) * 0.01
+    good = series_of("left_current_a", frame, rounded, model, None)
+    assert not good.is_white  # as it follows from a slow signal
+    assert good.excuse == "rounding"
+    bad = series_of("left_current_a", frame, rounded, model + 0.01, None)
+    assert (bad.is_white, bad.excuse) == (False, "")
+    plain = series_of("left_current_a", frame, model, model + 0.003 * np.cos(times), None)
+    assert (plain.is_white, plain.excuse) == (False, "")
+
+
+def test_slopes_of_overlapping_stretches_are_never_blamed_on_the_model() -> None:
+    times = np.arange(2000) * 1e-3
+    frame = Frame(times, np.ones(2000), np.zeros(2000, dtype=np.int64))
+    noise = 0.1 * np.random.default_rng(1).standard_normal(2000)
+    series = speed_series("left_speed_rps", frame, times + noise, times, None)
+    assert (series.is_white, series.excuse) == (False, "slopes")

@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from liftgate_hil.identify.statistics import (
     autocorrelation,
+    chi_square_tail,
     correlation_of,
     criteria,
     crosscorrelation,
@@ -327,3 +329,27 @@ def test_three_of_one_sum_are_named_once() -> None:
     one, told = rng.standard_normal((2, 40))
     slopes = np.column_stack([one, told, 2.0 * one, -3.0 * one])
     assert uncertainty(slopes.T @ slopes).apart == ((0, 2, 3),)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 10, 24, 25])
+def test_the_tail_of_chi_square_is_scipys(freedom: int) -> None:
+    values = np.array([0.0, 0.3, 5.0, 25.0, 60.0, 300.0, 5000.0])
+    found = [chi_square_tail(value, freedom) for value in values]
+    assert found == pytest.approx(chi2.sf(values, freedom), rel=1e-9, abs=1e-300)
+
+
+def test_the_robust_covariance_is_bartletts_sum_over_lags() -> None:
+    rng = np.random.default_rng(3)
+    scores = np.column_stack([autoregressive(rng, 500, share) for share in (0.9, 0.5)])
+    inverse = np.array([[0.02, 0.003], [0.003, 0.01]])
+    own_inverse_std = np.array([0.5, 0.0])
+    found = robust_covariance([scores], inverse, own_inverse_std)
+    sums = [scores[lag:].T @ scores[: len(scores) - lag] for lag in range(200)]
+
+    def by_lags(width: int) -> np.ndarray:
+        total = np.diag(own_inverse_std**2) + sums[0]
+        for lag in range(1, width + 1):
+            total = total + (1.0 - lag / (width + 1.0)) * (sums[lag] + sums[lag].T)
+        return inverse @ total @ inverse
+
+    assert any(np.allclose(found, by_lags(width), rtol=1e-9, atol=0.0) for width in range(5, 100))

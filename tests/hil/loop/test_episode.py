@@ -153,7 +153,7 @@ def test_a_recording_changes_nothing(log: tuple[Path, ...]) -> None:
     without, bare = run_kept(reversing())
     assert kept.rows.tobytes() == bare.rows.tobytes()
     assert not len(bare.frames)
-    assert with_one.summary == without.summary
+    assert replace(with_one.summary, recordings=[]) == without.summary
     assert with_one.events == without.events
 
 

@@ -44,6 +44,7 @@ from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.python_object import PythonEcu
@@ -131,7 +132,7 @@ def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, caus
         # The counter of the bad one is that of the next: the good one still follows the last good one.
         return [good, WRONG[cause](turn, command_payload(rig, turn + 1, **both(0.0, OPEN)))]
 
-    scenario = Scenario(no_timeline(), (), 0.3, settings=NOISE)
+    scenario = Scenario(no_timeline(), (), 0.3, settings=tuple(settings_of(NOISE)))
     clean, bare = run_kept(scenario, Told(lambda turn: [message(COMMAND, sound[turn % 30])]))
     result, keeper = run_kept(scenario, Told(lambda turn: says(turn % 30)))
     assert clean.summary.received == NO_COUNTS._replace(accepted=30)

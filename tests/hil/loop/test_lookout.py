@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hil_support import command_payload, frames_of
 
 from liftgate_hil import session
 from liftgate_hil.codec.frames import REMOTE
@@ -13,7 +14,6 @@ from liftgate_hil.listener import Listener, Status
 from liftgate_hil.loop import lookout as module
 from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
-from tests.hil.hil_support import command_payload, frames_of
 
 COMMAND = 0x120
 
@@ -26,8 +26,8 @@ class Told(Listener):
     def say(self, text: str) -> None:
         self.said.append(text)
 
-    def happened(self, time_s: float, angle_deg: float, text: str) -> None:
-        self.said.append(f"{time_s} {angle_deg} {text}")
+    def happened(self, time_s: float, text: str) -> None:
+        self.said.append(f"{time_s} {text}")
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
@@ -119,8 +119,8 @@ def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
 
 def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     bench.events.append(Event(0.5, IN_WORDS, "opening"))
-    assert bench.look() == ["0.5 12.5 opening"]
+    assert bench.look() == ["0.5 opening"]
     bench.events.append(Event(0.9, IN_WORDS, "open"))
     assert bench.look(after=0.0) == []  # too soon
-    assert bench.look(after=0.0, is_last=True) == ["0.9 12.5 open"]
+    assert bench.look(after=0.0, is_last=True) == ["0.9 open"]
     assert bench.look() == []

@@ -258,3 +258,19 @@ def test_a_jump_of_the_current_after_one_of_the_duty_is_no_outlier() -> None:
 )
 def test_what_is_only_quantised_or_steep_is_no_outlier(signal: Floats) -> None:
     assert len(outliers(signal)) == 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_outliers_are_those_of_hampels_filter_over_every_window(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    signal = np.cumsum(rng.standard_normal(300)) + 0.3 * rng.standard_normal(300)
+    signal[rng.integers(0, 300, 6)] += rng.choice([-1.0, 1.0], 6) * rng.uniform(2.0, 60.0, 6)
+    changes = np.abs(np.diff(signal))
+    expected = []
+    for row in range(5, 295):
+        window = signal[row - 5 : row + 6]
+        off = abs(signal[row] - np.median(window))
+        spread = 1.4826 * np.median(np.abs(window - np.median(window)))
+        if off > max(6.0 * spread, 10.0 * np.median(changes)):
+            expected.append(row)
+    assert outliers(signal).tolist() == expected

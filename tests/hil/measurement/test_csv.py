@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as arrays
 from measurement_files import csv_text, read, write_csv
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement import csv_file
 from liftgate_hil.measurement.csv_file import open_csv
 from liftgate_hil.measurement.measurement import INPUTS
 
@@ -249,3 +250,42 @@ def test_a_table_of_very_many_columns_is_read_as_any_other(tmp_path: Path) -> No
     path.write_text("\n".join([",".join(names), *rows]) + "\n")
     measurement = read(path)
     assert measurement.columns.keys() == {"left_voltage_v", "right_voltage_v", "left_current_a"}
+
+
+CELLS = st.sampled_from(["1", "-2.5", "1e-3", "", " 7 ", "nan", "inf", "x"])
+
+
+@CALM
+@given(
+    st.lists(st.tuples(CELLS, CELLS, CELLS), min_size=1, max_size=12),
+    st.booleans(),
+    st.integers(1, 40),
+)
+def test_blocks_of_any_size_say_what_the_careful_reader_does(
+    rows: list[tuple[str, str, str]], is_ended: bool, block: int
+) -> None:
+    body = "\n".join(",".join(row) for row in rows) + "\n" * is_ended
+    file = csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body.rstrip("\n").encode())
+    issues: list[str] = []
+    careful = file._slow(["c", "a"], issues)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_file, "_BLOCK", block)
+        fast = file._fast(["c", "a"])
+    if fast is not None:
+        assert not issues
+        for name, values in fast.items():
+            assert np.array_equal(values, careful[name], equal_nan=True)
+
+
+def test_empty_cells_do_not_make_reading_slow() -> None:
+    body = b"0,,\n1,2,\n,3,4\n,,\n5,6,7"
+    file = csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body)
+    fast = file._fast(["a", "c"])
+    assert fast is not None
+    assert np.array_equal(fast["a"], [0.0, 1.0, np.nan, np.nan, 5.0], equal_nan=True)
+    assert np.array_equal(fast["c"], [np.nan, np.nan, 4.0, np.nan, 7.0], equal_nan=True)
+
+
+def test_rows_of_unlike_width_are_not_taken_for_each_other() -> None:
+    for body in (b"1,2\n3,4,5,6", b"1,2,3,4\n5,6", b"1\n2,3,4,5,6"):
+        assert csv_file.CsvFile(Path("m.csv"), ["a", "b", "c"], ",", body)._fast(["a"]) is None

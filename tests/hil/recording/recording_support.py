@@ -59,3 +59,22 @@ def many() -> list[tuple[int, bytes]]:
 def read_csv(path: Path) -> list[dict[str, float]]:
     with path.open(newline="") as stream:
         return [{name: float(text) for name, text in row.items()} for row in csv.DictReader(stream)]
+
+
+def table_in(path: Path) -> dict[str, np.ndarray]:
+    """All columns of a file."""
+    if path.suffix == ".csv":
+        rows = read_csv(path)
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    if path.suffix == ".parquet":
+        from pyarrow import parquet
+
+        table = parquet.read_table(path)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    from asammdf import MDF
+
+    with MDF(path) as measured:
+        (group,) = measured.groups
+        names = [channel.name for channel in group.channels if channel.name != "time"]
+        columns = {name: measured.get(name).samples for name in names}
+        return {"time_s": measured.get_master(0), **columns}

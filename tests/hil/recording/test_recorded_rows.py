@@ -13,7 +13,7 @@ import pytest
 from hil_support import OPEN, both, command_frame, frames_of, loop_config, outside, start_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_support import BOTH, ROW, read_csv, rows_from
+from recording_support import BOTH, ROW, read_csv, rows_from, table_in
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
@@ -54,25 +54,6 @@ NUMBERS = [
     123456789.0,
     -7.5e-7,
 ]
-
-
-def table_in(path: Path) -> dict[str, np.ndarray]:
-    """All columns of a file."""
-    if path.suffix == ".csv":
-        rows = read_csv(path)
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    if path.suffix == ".parquet":
-        from pyarrow import parquet
-
-        table = parquet.read_table(path)
-        return {name: table[name].to_numpy() for name in table.column_names}
-    from asammdf import MDF
-
-    with MDF(path) as measured:
-        (group,) = measured.groups
-        names = [channel.name for channel in group.channels if channel.name != "time"]
-        columns = {name: measured.get(name).samples for name in names}
-        return {"time_s": measured.get_master(0), **columns}
 
 
 def unit_in(path: Path, name: str) -> str:

@@ -7,12 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from recording_support import BOTH, messages_in, read_csv, rows_from, sent
+from recording_support import BOTH, messages_in, read_csv, rows_from, sent, table_in
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.recording.open import FORMATS, check_file, open_recorder
+from liftgate_hil.recording.open import FORMATS, TABLES, check_file, open_recorder
 
 SPOILT = [suffix for suffix, each in FORMATS.items() if not each.is_text]
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -244,12 +243,17 @@ print(recorder.failure)
         assert whole.count(b"\n") > 100
 
 
-def test_rows_that_are_good_only_until_the_call_returns_are_kept(tmp_path: Path) -> None:
-    for suffix in (".parquet", ".mf4"):
-        recorder = open_recorder(tmp_path / f"run{suffix}", BOTH)
-        recorder.begin(0)
-        block = rows_from(0, 3)
-        recorder.write_rows(block)
-        block[:] = np.nan
-        recorder.close()
-        assert recorder.failure == ""
+@pytest.mark.parametrize("suffix", TABLES)
+@pytest.mark.filterwarnings("ignore")
+def test_rows_that_are_good_only_until_the_call_returns_are_kept(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    recorder = open_recorder(path, BOTH)
+    recorder.begin(0)
+    block = rows_from(1, 3)
+    recorder.write_rows(block)
+    block[:] = 0.0
+    recorder.close()
+    assert recorder.failure == ""
+    assert table_in(path)["time_s"].tolist() == [0.001, 0.002, 0.003]

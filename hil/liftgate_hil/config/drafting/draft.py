@@ -36,11 +36,15 @@ class Draft:
 
 def draft_rig(database: Path, target: Path) -> Draft:
     """The rig of a database for a file `target`, which is not written. Raises ConfigError."""
-    issues = ConfigIssues(str(database))
+    issues = ConfigIssues("draft")
     messages = load_messages(issues, database)
     issues.raise_if_any()
     found = find_candidates(messages)
-    lines = {section: list(_lines_of(section, _by_side(found[section]))) for section in found}
+    tells_sides = any(name.startswith("right_") for each in found.values() for name in each)
+    lines = {
+        section: list(_lines_of(section, _by_side(each, tells_sides)))
+        for section, each in found.items()
+    }
     _one_quantity_a_signal(lines)
     dbc = os.path.relpath(database.resolve(), target.resolve().parent)
     head = [
@@ -66,11 +70,10 @@ def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
     return [line for each in lines.values() for line in each]
 
 
-def _by_side(found: Mapping[str, list[Candidate]]) -> dict[str, list[Candidate]]:
+def _by_side(found: Mapping[str, list[Candidate]], tells_sides: bool) -> dict[str, list[Candidate]]:
     """Candidates of no side go to the drives: one to the left, which a one-drive gate has, several to either, and
     so does one of a database that tells sides.
     """
-    tells_sides = any(quantity.startswith("right_") for quantity in found)
     result: dict[str, list[Candidate]] = {}
     for quantity, candidates in found.items():
         _, is_either, rest = quantity.rpartition("either_")

@@ -113,3 +113,59 @@ def test_labels_that_two_of_ours_may_mean_are_nobodys():
         "open": "Unlatched",
         "latched": "Latched",
     }
+
+
+HEAD = """VERSION ""
+BS_:
+BU_: ECU Gate
+"""
+TAIL = """BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;
+BA_DEF_DEF_ "GenMsgCycleTime" 10;
+"""
+
+
+def draft_of(folder: Path, *messages: str) -> tuple[str, dict[str, str]]:
+    """The text, and what is open with the reason."""
+    (folder / "their.dbc").write_text(HEAD + "".join(messages) + TAIL)
+    draft = draft_rig(folder / "their.dbc", folder / "rig.toml")
+    return draft.text, dict(draft.open)
+
+
+COMMON = """BO_ 256 GateCmd: 8 ECU
+ SG_ MotorDuty : 0|16@1- (0.01,0) [-100|100] "%" Gate
+"""
+CURRENTS = """BO_ 512 GateOut: 8 Gate
+ SG_ CurrentLeft : 0|16@1- (0.01,0) [-100|100] "A" ECU
+ SG_ CurrentRight : 16|16@1- (0.01,0) [-100|100] "A" ECU
+ SG_ CurrentSenseLeft : 32|16@1+ (0.01,0) [0|5] "V" ECU
+ SG_ Counter : 48|4@1+ (1,0) [0|14] "" ECU
+ SG_ Angle : 56|8@1+ (1,0) [0|100] "deg" ECU
+"""
+
+
+def test_a_duty_of_no_side_beside_two_drives_is_asked_for(tmp_path: Path):
+    text, waiting = draft_of(tmp_path, COMMON, CURRENTS)
+    for side in ("left", "right"):
+        assert waiting[f"inputs.{side}_duty"] == "of which drive?"
+        assert f'# {side}_duty = "GateCmd.MotorDuty"' in text
+
+
+def test_a_duty_of_no_side_is_the_left_one_where_there_is_one_drive(tmp_path: Path):
+    text, waiting = draft_of(tmp_path, COMMON, CURRENTS.replace("Left", "").replace("Right", "Max"))
+    assert '\nleft_duty = "GateCmd.MotorDuty"' in text
+    assert "right" not in text
+    assert not any(key.startswith("inputs") for key in waiting)
+
+
+def test_of_two_signals_the_one_in_a_fitting_unit_is_taken(tmp_path: Path):
+    text, _ = draft_of(tmp_path, COMMON, CURRENTS)
+    assert '\nleft_current = "GateOut.CurrentLeft"' in text
+    assert "CurrentSenseLeft" not in text
+
+
+def test_a_counter_that_does_not_use_its_bits_is_asked_for(tmp_path: Path):
+    text, _ = draft_of(tmp_path, COMMON, CURRENTS)
+    assert '# counter = "Counter"  # counts to 14, not to 15: of an E2E profile?' in text
+    assert "\ncounter" not in text
+    whole, _ = draft_of(tmp_path, COMMON, CURRENTS.replace("[0|14]", "[0|15]"))
+    assert '\ncounter = "Counter"' in whole

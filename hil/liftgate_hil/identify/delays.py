@@ -1,0 +1,57 @@
+"""The input delay where the loss has many minima in it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.identify.descent import Report
+from liftgate_hil.identify.problem import Problem
+from liftgate_hil.identify.search import Found, better, search
+from liftgate_hil.identify.statistics import information, normal_equations, pseudo_inverse
+from liftgate_hil.identify.weighting import errors_of, loss_of, weighting_of
+
+Floats = NDArray[np.float64]
+
+_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
+_TRIES = 3  # of other delays
+_BETTER = 1e-6  # of the loss
+
+
+def at_best_delay(
+    problem: Problem, found: Found, report: Report | None, given_std: Floats | None
+) -> Found:
+    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
+    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
+    """
+    for _ in range(_TRIES):
+        loss, begin = _best_about(problem, found, given_std)
+        if loss >= found.history[-1] * (1.0 - _BETTER):
+            break
+        other = better(found, search(problem, report, given_std, begin))
+        if other is found:
+            break
+        found = other
+    return found
+
+
+def _best_about(problem: Problem, found: Found, given_std: Floats | None) -> tuple[float, Floats]:
+    """(the least loss at other delays, where that is)."""
+    low, high = problem.bounds
+    root, slopes = found.weighting.root, found.slopes[:, :, :-1]
+    _, inverse_std = problem.priors()
+    inverse = pseudo_inverse(information(slopes, root, inverse_std[:-1]))
+
+    def followed(delay: float) -> tuple[float, Floats]:
+        at = np.clip(np.append(found.point[:-1], delay), low, high)
+        errors = errors_of(problem.measured, problem.prediction(at))
+        _, score = normal_equations(slopes, errors, root)
+        step = inverse @ score
+        rest = errors - slopes @ step
+        weighting = weighting_of(problem.measured, rest, given_std)
+        end = np.clip(at + np.append(step, 0.0), low, high)
+        return loss_of(problem.measured, weighting, rest, given_std), end
+
+    tried = problem.on_all_cpus(followed, list(found.point[-1] + _DELAYS))
+    problem.evaluations += len(tried)
+    return min(tried, key=lambda each: each[0])

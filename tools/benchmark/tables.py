@@ -1,0 +1,73 @@
+"""What an hour of `simulate` at 1 ms costs in each format: time, memory, room on the disk."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from liftgate_hil.recording.open import TABLES
+
+SECONDS = 3600
+REVERSAL = 5.0  # s between two reversals of the voltage
+
+# A small process that starts the command and says what it took: a child's memory counts from that of its parent.
+_MEASURED = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss)
+"""
+
+
+class Written(NamedTuple):
+    """What writing a file took."""
+
+    wall: float  # s
+    cpu: float  # s
+    peak: float  # bytes of memory
+    size: float  # bytes of the file
+
+
+def written(arguments: list[str], output: Path) -> Written:
+    """One run of `simulate` to a file."""
+    command = [sys.executable, "-P", "-m", "liftgate_hil", "simulate", *arguments]
+    start = perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", _MEASURED, *command, "--output", str(output)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    wall = perf_counter() - start
+    cpu, kilobytes = map(float, done.stdout.split())
+    return Written(wall, cpu, 1024.0 * kilobytes, output.stat().st_size)
+
+
+def measure(seconds: float = SECONDS) -> dict[tuple[str, str], Written]:
+    """By motion and suffix. At the open stop most columns hold still; a gate that is reversed again and again
+    moves all of them that can move without a contact.
+    """
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        reversed_ = Path(folder) / "reversed.csv"
+        times = np.arange(0.0, seconds, REVERSAL)
+        volts = np.where(np.arange(len(times)) % 2, -12.0, 12.0)
+        lines = (f"{at},{value}\n" for at, value in zip(times, volts, strict=True))
+        reversed_.write_text("time_s,voltage_v\n" + "".join(lines))
+        motions = {
+            "moving all the time": ["--input", str(reversed_)],
+            "at the open stop after 10 s": ["--voltage", "12"],
+        }
+        for motion, arguments in motions.items():
+            for suffix in TABLES:
+                output = Path(folder) / f"out{suffix}"
+                written([*arguments, "--duration", "0.001"], output)  # what is compiled is compiled
+                found[motion, suffix] = written([*arguments, "--duration", f"{seconds:g}"], output)
+                output.unlink()
+    return found
