@@ -53,13 +53,15 @@ class ShowVersion(argparse.Action):
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
     streams.prepare()
-    if argv is None:  # this process is ours
-        signal.signal(signal.SIGINT, stopping.interrupt)
     try:
+        if argv is None:  # this process is ours
+            signal.signal(signal.SIGINT, stopping.interrupt)
         code = _command(argv)
         fault = streams.written()
     except SystemExit as leaving:  # argparse has said why
         code, fault = int(leaving.code or 0), streams.written()
+    except KeyboardInterrupt:  # before there was anything to end in order
+        return 130
     except BrokenPipeError:  # whoever read our output has gone
         streams.abandon(sys.stdout)
         return 1
@@ -76,10 +78,7 @@ def _command(argv: Sequence[str] | None) -> int:
     """Parse and run."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
-    try:
-        module = importlib.import_module(f"liftgate_hil.cli.{name}")
-    except KeyboardInterrupt:
-        return 130
+    module = importlib.import_module(f"liftgate_hil.cli.{name}")
     parser = Parser(
         prog="liftgate-hil" if name == "run" else f"liftgate-hil {name}",
         description=module.__doc__,
@@ -102,8 +101,6 @@ def _command(argv: Sequence[str] | None) -> int:
         for text in causes(error):
             streams.say(f"liftgate-hil: {as_flags(text)}")
         return error.exit_code if isinstance(error, stopping.StoppedError) else 1
-    except KeyboardInterrupt:  # before there was anything to end in order
-        return 130
 
 
 def _fault_of(error: OSError) -> str:

@@ -46,10 +46,15 @@ _NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
+# A search also tries what makes the model diverge; that counts as far away, and is nobody's business.
+_FAR_AWAY = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+
+
 class NothingToTellError(ValueError):
     """The data say nothing about anything that is sought."""
 
 
+@_FAR_AWAY
 def identify(
     problem: Problem,
     report: Report | None = None,
@@ -209,6 +214,7 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
     return second if first is None else better(first, second)
 
 
+@_FAR_AWAY
 def validate(problem: Problem) -> Validation:
     """A model against measurements; estimated are only the input delay and what is not known of the beginnings."""
     point, outputs = problem.initial, problem.outputs

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -123,10 +125,26 @@ def _opened(path: Path) -> Iterator[Any]:
             f"{path}: MF4 needs asammdf; allowed after: pip install asammdf"
         ) from error
     check_file(path)
+    said = ""
     try:
         with MDF(path) as measurement:
             yield measurement
     except ConfigError:
         raise
     except Exception as error:  # asammdf raises what its parsers raise
-        raise ConfigError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+        said = " ".join(str(error).split()) or type(error).__name__
+        with _silent_end():
+            error.__traceback__ = None  # what is half open goes here
+    if said:
+        raise ConfigError(f"{path}: cannot be read: {said}")
+
+
+@contextmanager
+def _silent_end() -> Iterator[None]:
+    """What asammdf could not open fails once more as it goes, which Python would tell."""
+    told, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+        gc.collect()
+    finally:
+        sys.unraisablehook = told

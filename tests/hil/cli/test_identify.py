@@ -581,3 +581,18 @@ def test_programs_see_the_warnings_too(opening: Path, capsys: pytest.CaptureFixt
     result = found(capsys, opening, "--estimate", "motor.resistance,spring.stop_stiffness")
     assert not result["identifiable"]["spring.stop_stiffness"]
     assert any("spring.stop_stiffness cannot be told" in each for each in result["warnings"])
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_cannot_be_told_apart_in_data_without_noise_is_said_and_warns_of_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "exact.csv"
+    given = tmp_path / "given.csv"
+    write_columns(given, driven(1.0, 8.0))
+    assert call("simulate", "--input", given, "--output", path) == 0
+    capsys.readouterr()
+    names = "motor.rotor_inertia,gear.inertia"
+    flags = ("--estimate", names, "--set", "motor.rotor_inertia=1.5e-5", "--quiet")
+    lines = complaint(capsys, "identify", path, *flags)
+    assert "nothing to identify from" in lines[0]

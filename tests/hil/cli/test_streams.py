@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from liftgate_hil.cli import main as main_module
+
 # Without a buffer nobody knows any more which file was full.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
 COMMAND = [sys.executable, "-m", "liftgate_hil"]
@@ -68,3 +70,14 @@ def test_letters_that_an_encoding_lacks_are_escaped(setting: str, tmp_path: Path
     said = (done.stdout + done.stderr).decode("ascii")
     assert done.returncode == 0, said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("where", ["_command", "Parser"])
+def test_an_interrupt_before_there_is_anything_to_end_is_an_exit_code(
+    where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(main_module, where, interrupted)
+    assert main_module.main(["--version"]) == 130

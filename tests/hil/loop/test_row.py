@@ -1,0 +1,35 @@
+"""A row whose plant still gives numbers, and such as a gate can have."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from liftgate_hil.loop.row import is_sound
+from liftgate_plant.signals import Truth, signals_of
+
+REST = Truth(*(0.0 for _ in Truth._fields))
+CATALOGUE = signals_of(Truth)
+MOVING = [
+    name
+    for name in Truth._fields
+    if name.endswith(("_current_a", "_speed_rps", "_position_rev", "_angle_deg", "_rate_degps"))
+]
+
+
+@pytest.mark.parametrize("name", Truth._fields)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_not_sound(name: str, value: float) -> None:
+    assert is_sound(REST)
+    assert not is_sound(REST._replace(**{name: value}))
+
+
+@pytest.mark.parametrize("name", MOVING)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_currents_and_motions_that_the_catalogue_does_not_know_are_not_sound(
+    name: str, sign: float
+) -> None:
+    limit = CATALOGUE[name].high
+    assert is_sound(REST._replace(**{name: sign * limit}))
+    assert not is_sound(REST._replace(**{name: sign * 1.001 * limit}))
