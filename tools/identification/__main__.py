@@ -68,6 +68,7 @@ def main() -> int:
             *_thesis(work, Path(args.output)),
             *_coverage(args.seeds),
             *_versus(work, args.short),
+            *_by_rows(),
             *_dc_motor(work, args.dc_motor),
         ]
     text = "\n".join(lines) + "\n"
@@ -164,6 +165,21 @@ def _versus(work: Path, short: bool) -> list[str]:
         mine = versus.ours(work / "run1.csv", work / "run1.json")
         lines += [f"### {title}", "", *versus.table(mine, versus.theirs(columns)), ""]
     return lines
+
+
+def _by_rows() -> list[str]:
+    _say("speed by rows")
+    return [
+        "## Speed by rows",
+        "",
+        "The whole command, start-up included and the machine code on the disk: `--preset thesis-1` on a gate "
+        "that goes back and forth (`python -m tools.identification --speed ROWS`, `--against CHECKOUT` for "
+        "another version); the least of three runs. Simulations run on all CPUs. Where the search begins far off, "
+        "a problem of few rows leads it near, and all rows are needed some twenty times.",
+        "",
+        *speed.table((10_000, 100_000, 1_000_000), None),
+        "",
+    ]
 
 
 def _dc_motor(work: Path, folder: str | None) -> list[str]:
