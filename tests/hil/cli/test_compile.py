@@ -1,0 +1,47 @@
+"""Machine code ahead of time, and compilations that are given up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from liftgate_hil import runs
+from liftgate_hil.cli.main import main
+from liftgate_hil.session import RunOptions
+from liftgate_plant import compiler
+
+needs_compiler = pytest.mark.skipif(not compiler.enabled(), reason="needs the compiler")
+
+
+@needs_compiler
+def test_it_says_where_the_machine_code_is(capsys: pytest.CaptureFixture[str]):
+    assert main(["compile"]) == 0
+    assert capsys.readouterr().out.startswith(f"{compiler.cache_folder()}: ")
+    assert main(["compile", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_without_the_compiler_there_is_nothing_to_make(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("LIFTGATE_COMPILE", "0")
+    assert main(["compile"]) == 1
+    assert "the compiler is switched off" in capsys.readouterr().err
+
+
+@needs_compiler
+@pytest.mark.parametrize("clock", ["free", "lockstep", "realtime"])
+def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
+):
+    # Entry points keep what they have: fresh ones, and an empty disk.
+    monkeypatch.setattr(compiler, "_entry", compiler.Entry)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    job = runs.Job("demo", "reference", options=RunOptions(clock=clock, duration=1.0), trace=1)
+    result = runs.execute(job, stopped=lambda: True)
+    assert (result.verdict, result.reason, result.summary.ticks) == ("pass", "", 0)
+    assert np.isnan(result.maxima["pinch_force_n"])
+    assert len(result.trace["time_s"]) == 0
+    assert not list(tmp_path.rglob("*.code"))
