@@ -58,8 +58,9 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# AGAINST=CHECKOUT: what it costs to start, to write and to identify, in pairs with another one.
 bench: setup
-	$(BIN)/python -m tools.benchmark --output docs
+	$(BIN)/python -m tools.benchmark --output docs $(if $(AGAINST),--against $(AGAINST))
 
 # Thousands of mangled files and hundreds of signals against every command; what it finds stays in $(OUT)/hostile.
 hostile: setup

@@ -1,4 +1,4 @@
-"""The figures of this machine: python -m tools.benchmark [--output FOLDER] [--rounds N] [--seconds S].
+"""The figures of this machine: python -m tools.benchmark [--output FOLDER] [--against CHECKOUT] …
 
 Writes benchmark.md and benchmark.png. Ratios were measured side by side in one run and hold further; absolute
 times are this machine's at this moment.
@@ -9,10 +9,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import told
-from tools.benchmark import costs, episodes, lateness, processes, tables
+from tools.benchmark import costs, episodes, identification, lateness, processes, tables
+from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import load_line, machine_lines
 from tools.c_translator.build import BUILDS, compare
@@ -135,20 +137,32 @@ def episode_section() -> list[str]:
         f"| {name} | **{pace.wall:.0f}** | {pace.cpu:.0f} |"
         for name, pace in processes.paces().items()
     ]
-    lines += [
-        "",
-        "| from start to exit | cold: wall | cold: CPU | warm: wall | warm: CPU |",
-        "|---|---|---|---|---|",
-    ]
-    for name, each in processes.compiles().items():
-        lines.append(
-            f"| {name} | {shown(each.cold.wall)} | {shown(each.cold.cpu)} | {shown(each.warm.wall)} "
-            f"| {shown(each.warm.cpu)} |"
-        )
     return [*lines, ""]
 
 
-def table_section() -> list[str]:
+def start_section(roots: Sequence[Path]) -> list[str]:
+    """From start to exit."""
+    lines = [
+        "## Start",
+        "",
+        paragraph(
+            """Commands that do next to nothing but start, cold with an empty cache of machine code, warm with what
+            that has left (medians). CPU time includes the process that compiles."""
+        ),
+        "",
+        "| from start to exit | | cold: wall | cold: CPU | warm: wall | warm: CPU |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, each in processes.compiles(roots).items():
+        lines += [
+            f"| {name} | {name_of(root)} | {shown(times.cold.wall)} | **{shown(times.cold.cpu)}** "
+            f"| {shown(times.warm.wall)} | **{shown(times.warm.cpu)}** |"
+            for root, times in each.items()
+        ]
+    return [*lines, ""]
+
+
+def table_section(roots: Sequence[Path]) -> list[str]:
     """An hour in each format."""
     lines = [
         "## An hour of `simulate`",
@@ -159,15 +173,32 @@ def table_section() -> list[str]:
             are free."""
         ),
         "",
-        "| | format | wall | CPU | memory at most | file |",
-        "|---|---|---|---|---|---|",
+        "| | format | | wall | CPU | memory at most | file |",
+        "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {motion} | `{suffix}` | {shown(each.wall)} | **{shown(each.cpu)}** | {each.peak / 1e6:.0f} MB "
-        f"| {each.size / 1e6:,.0f} MB |"
-        for (motion, suffix), each in tables.measure().items()
+        f"| {motion} | `{suffix}` | {name_of(root)} | {shown(each.wall)} | **{shown(each.cpu)}** "
+        f"| {each.peak / 1e6:.0f} MB | {each.size / 1e6:,.0f} MB |"
+        for (motion, suffix, root), each in tables.measure(roots).items()
     ]
     return [*lines, ""]
+
+
+def identification_section(against: Path | None) -> list[str]:
+    """`identify` by rows."""
+    return [
+        "## `identify` by rows",
+        "",
+        paragraph(
+            """The whole command, start-up included and the machine code on the disk: `--preset thesis-1` on a gate
+            that goes back and forth; the least of the runs. Simulations run on all CPUs. Where the search begins
+            far off, a problem of few rows leads it near, and all rows are needed some twenty times."""
+        ),
+        "",
+        *identification.table((10_000, 100_000), against, rounds=3),
+        *identification.table((1_000_000,), against, rounds=1)[2:],
+        "",
+    ]
 
 
 def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
@@ -208,7 +239,21 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("docs"), metavar="FOLDER")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--seconds", type=float, default=3.0, help="of each run of the lateness")
+    parser.add_argument(
+        "--against",
+        type=Path,
+        metavar="CHECKOUT",
+        help="another one, for starts, files and identify",
+    )
+    parser.add_argument("--only-files", action="store_true", help="print these three, and no more")
     args = parser.parse_args()
+    against = args.against and args.against.resolve()
+    roots = [HERE] if against is None else [against, HERE]
+    if args.only_files:
+        print(
+            "\n".join(start_section(roots) + table_section(roots) + identification_section(against))
+        )
+        return
     args.output.mkdir(parents=True, exist_ok=True)
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
     text += episode_section() + step_section()
@@ -220,7 +265,7 @@ def main() -> None:
         )
     hot = figures[costs.HOT]
     text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
-    text += table_section()
+    text += start_section(roots) + table_section(roots) + identification_section(against)
     if lateness.available():
         text += lateness_section(args.output, args.rounds, args.seconds)
     else:

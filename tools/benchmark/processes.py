@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from liftgate_hil.config.shipped import data_root
+from tools.benchmark.checkouts import HERE, environment_of
 
 ROUNDS = 7
 PACE_ROUNDS = 3
 LONGER = 11  # demos one after the other, against one, for the marginal cost
-_ROOT = Path(__file__).resolve().parents[2]
 
 # What the compiler's figures are of: commands that do next to nothing but start.
 ENTRIES = {
@@ -55,13 +55,19 @@ class Compile(NamedTuple):
     warm: Times
 
 
-def times_of(*arguments: str, environment: Mapping[str, str] | None = None) -> Times:
-    """One run of a command that succeeds."""
+def times_of(
+    *arguments: str, environment: Mapping[str, str] | None = None, root: Path = HERE
+) -> Times:
+    """One run of a command of a checkout that succeeds."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", *arguments]
     with tempfile.TemporaryFile() as said:
         start = perf_counter()
         child = subprocess.Popen(
-            command, cwd=_ROOT, env={**os.environ, **(environment or {})}, stdout=said, stderr=said
+            command,
+            cwd=HERE,
+            env={**environment_of(root), **(environment or {})},
+            stdout=said,
+            stderr=said,
         )
         _, status, used = os.wait4(child.pid, 0)
         wall = perf_counter() - start
@@ -125,23 +131,34 @@ def paces() -> dict[str, Pace]:
     }
 
 
-def compile_times(arguments: Sequence[str]) -> Compile:
-    """A command with an empty cache, and then with what it has left there."""
+def compile_times(arguments: Sequence[str], roots: Sequence[Path]) -> dict[Path, Compile]:
+    """A command of each checkout with an empty cache, and then, in turns, with what it has left there."""
     ours, theirs = os.openpty()
     try:
         with tempfile.TemporaryDirectory() as folder:
             places = {"folder": folder, "port": os.ttyname(theirs)}
             command = [each.format(**places) for each in arguments]
-            cache = {"XDG_CACHE_HOME": f"{folder}/cache"}
-            cold = times_of(*command, environment=cache)
-            runs = [times_of(*command, environment=cache) for _ in range(ROUNDS)]
+            cache = {"XDG_CACHE_HOME": f"{folder}/cache"}  # by content: checkouts do not meet there
+
+            def run(root: Path) -> Times:
+                return times_of(*command, environment=cache, root=root)
+
+            cold = {root: run(root) for root in roots}
+            warm: dict[Path, list[Times]] = {root: [] for root in roots}
+            for _ in range(ROUNDS):
+                for root in roots:
+                    warm[root].append(run(root))
     finally:
         os.close(ours)
         os.close(theirs)
-    warm = Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
-    return Compile(cold, warm)
+    return {
+        root: Compile(
+            cold[root], Times(*(statistics.median(each) for each in zip(*warm[root], strict=True)))
+        )
+        for root in roots
+    }
 
 
-def compiles() -> dict[str, Compile]:
-    """Of the commands in ENTRIES."""
-    return {name: compile_times(arguments) for name, arguments in ENTRIES.items()}
+def compiles(roots: Sequence[Path]) -> dict[str, dict[Path, Compile]]:
+    """Of the commands in ENTRIES, by checkout."""
+    return {name: compile_times(arguments, roots) for name, arguments in ENTRIES.items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from liftgate_hil.recording.open import TABLES
+from tools.benchmark.checkouts import environment_of
 
 SECONDS = 3600
 REVERSAL = 5.0  # s between two reversals of the voltage
@@ -34,8 +36,8 @@ class Written(NamedTuple):
     size: float  # bytes of the file
 
 
-def written(arguments: list[str], output: Path) -> Written:
-    """One run of `simulate` to a file."""
+def written(arguments: list[str], output: Path, root: Path) -> Written:
+    """One run of a checkout's `simulate` to a file."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "simulate", *arguments]
     start = perf_counter()
     done = subprocess.run(
@@ -43,15 +45,18 @@ def written(arguments: list[str], output: Path) -> Written:
         stdout=subprocess.PIPE,
         text=True,
         check=True,
+        env=environment_of(root),
     )
     wall = perf_counter() - start
     cpu, kilobytes = map(float, done.stdout.split())
     return Written(wall, cpu, 1024.0 * kilobytes, output.stat().st_size)
 
 
-def measure(seconds: float = SECONDS) -> dict[tuple[str, str], Written]:
-    """By motion and suffix. At the open stop most columns hold still; a gate that is reversed again and again
-    moves all of them that can move without a contact.
+def measure(
+    roots: Sequence[Path], seconds: float = SECONDS
+) -> dict[tuple[str, str, Path], Written]:
+    """By motion, suffix and checkout, as far as a checkout knows the format. At the open stop most columns hold
+    still; a gate that is reversed again and again moves all of them that can move without a contact.
     """
     found = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -67,7 +72,13 @@ def measure(seconds: float = SECONDS) -> dict[tuple[str, str], Written]:
         for motion, arguments in motions.items():
             for suffix in TABLES:
                 output = Path(folder) / f"out{suffix}"
-                written([*arguments, "--duration", "0.001"], output)  # what is compiled is compiled
-                found[motion, suffix] = written([*arguments, "--duration", f"{seconds:g}"], output)
-                output.unlink()
+                for root in roots:
+                    try:  # what is compiled is compiled
+                        written([*arguments, "--duration", "0.001"], output, root)
+                    except subprocess.CalledProcessError:
+                        continue
+                    found[motion, suffix, root] = written(
+                        [*arguments, "--duration", f"{seconds:g}"], output, root
+                    )
+                    output.unlink()
     return found

@@ -17,7 +17,7 @@ from liftgate_hil.cli import identify as command
 from liftgate_hil.report.drawing import png
 from liftgate_hil.report.figures import trace_figure
 from tools.benchmark.machine import machine_lines
-from tools.identification import coverage, dc_motor, speed, thesis, versus
+from tools.identification import coverage, dc_motor, thesis, versus
 from tools.identification.measurements import write_thesis_data
 
 WHY = """
@@ -43,15 +43,7 @@ def main() -> int:
     parser.add_argument(
         "--data", metavar="FOLDER", help="only write the generated measurements there"
     )
-    parser.add_argument(
-        "--speed", metavar="ROWS,…", help="only time the command on files of so many rows"
-    )
-    parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="and that of another one")
     args = parser.parse_args()
-    if args.speed:
-        rows = [int(each) for each in args.speed.split(",")]
-        print("\n".join(speed.table(rows, args.against)))
-        return 0
     if args.data:
         write_thesis_data(Path(args.data))
         return 0
@@ -68,7 +60,6 @@ def main() -> int:
             *_thesis(work, Path(args.output)),
             *_coverage(args.seeds),
             *_versus(work, args.short),
-            *_by_rows(),
             *_dc_motor(work, args.dc_motor),
         ]
     text = "\n".join(lines) + "\n"
@@ -165,21 +156,6 @@ def _versus(work: Path, short: bool) -> list[str]:
         mine = versus.ours(work / "run1.csv", work / "run1.json")
         lines += [f"### {title}", "", *versus.table(mine, versus.theirs(columns)), ""]
     return lines
-
-
-def _by_rows() -> list[str]:
-    _say("speed by rows")
-    return [
-        "## Speed by rows",
-        "",
-        "The whole command, start-up included and the machine code on the disk: `--preset thesis-1` on a gate "
-        "that goes back and forth (`python -m tools.identification --speed ROWS`, `--against CHECKOUT` for "
-        "another version); the least of three runs. Simulations run on all CPUs. Where the search begins far off, "
-        "a problem of few rows leads it near, and all rows are needed some twenty times.",
-        "",
-        *speed.table((10_000, 100_000, 1_000_000), None),
-        "",
-    ]
 
 
 def _dc_motor(work: Path, folder: str | None) -> list[str]:

@@ -1,6 +1,4 @@
-"""How long the whole command takes and how much memory it needs, by rows; of two checkouts in turns.
-
-    python -m tools.identification --speed 10000,100000,1000000 --against OTHER/CHECKOUT
+"""How long `identify` takes and how much memory it needs, by rows; of two checkouts in turns.
 
 Each run is a process of its own, with the machine code in the cache. On a machine that does other things too the
 least of several runs and the CPU time say more than one wall time.
@@ -17,9 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from tools.identification.long_runs import BEGIN_DEG, write_long_run
+from tools.benchmark.checkouts import HERE, environment_of, name_of
+from tools.benchmark.long_runs import BEGIN_DEG, write_long_run
 
-_HERE = Path(__file__).resolve().parents[2]
 _MODELS = ("third-order", "full")
 _FAST = 200_000  # rows from which on the logger takes 10 kHz
 
@@ -32,11 +30,11 @@ class Run(NamedTuple):
     memory: float  # MB, peak
 
 
-def table(rows: Sequence[int], against: Path | None, rounds: int = 3) -> list[str]:
+def table(rows: Sequence[int], against: Path | None, rounds: int) -> list[str]:
     """Lines of a table; `against`: another checkout, measured in turns with this one."""
-    roots = [_HERE] if against is None else [against.resolve(), _HERE]
+    roots = [HERE] if against is None else [against, HERE]
     lines = [
-        "| rows | model | checkout | wall, s | CPU, s | peak memory, MB | largest difference, std |",
+        "| rows | model | | wall, s | CPU, s | peak memory, MB | largest difference, std |",
         "|---|---|---|---|---|---|---|",
     ]
     with tempfile.TemporaryDirectory() as name:
@@ -52,8 +50,8 @@ def table(rows: Sequence[int], against: Path | None, rounds: int = 3) -> list[st
                 away = _away(work / f"{roots[0].name}.json", work / f"{roots[-1].name}.json")
                 for root in roots:
                     least = Run(*(min(each) for each in zip(*runs[root][1:], strict=True)))
-                    which = "this" if root == _HERE else "the other"
-                    shown = f"{away:.1e}" if against is not None and root == _HERE else ""
+                    which = name_of(root)
+                    shown = f"{away:.1e}" if against is not None and root == HERE else ""
                     lines.append(
                         f"| {count} | {model} | {which} | {least.wall:.2f} | {least.cpu:.2f} | "
                         f"{least.memory:.0f} | {shown} |"
@@ -67,7 +65,7 @@ def _measured(root: Path, path: Path, model: str, result: Path) -> Run:
         sys.executable, "-m", "liftgate_hil", "identify", str(path), "--preset", "thesis-1", "--model", model,
         "--initial", str(BEGIN_DEG), "--result", str(result), "--quiet",
     ]  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": f"{root / 'hil'}:{root / 'plant'}"}
+    environment = environment_of(root)
     began = time.perf_counter()
     child = os.spawnvpe(os.P_NOWAIT, command[0], command, environment)
     _, status, usage = os.wait4(child, 0)
