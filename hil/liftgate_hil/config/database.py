@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import codecs
 import logging
+import math
+import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,7 +86,30 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
             issues.add("dbc", f"{path}: ambiguous: {record.getMessage()}")
     if not database.messages:
         issues.add("dbc", f"{path}: has no messages; allowed: a CAN database with some")
+    _check_numbers(issues, path, database.messages)
     return {message.name: message for message in database.messages}
+
+
+def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]) -> None:
+    """Factors, offsets and ranges may have any number of digits there; a float holds 308."""
+    for message in messages:
+        for signal in message.signals:
+            for what, value in (
+                ("factor", signal.scale),
+                ("offset", signal.offset),
+                ("minimum", signal.minimum),
+                ("maximum", signal.maximum),
+            ):
+                # An infinite limit is none.
+                is_limit = (
+                    what.endswith("imum") and isinstance(value, float) and not math.isnan(value)
+                )
+                if value is None or is_limit or abs(value) <= sys.float_info.max:
+                    continue
+                issues.add(
+                    "dbc",
+                    f"{path}: {message.name}.{signal.name}: {what} {show(value)}; allowed: up to 1.8e+308",
+                )
 
 
 def _encoding(raw: bytes, kind: str) -> str:

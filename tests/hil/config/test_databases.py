@@ -7,8 +7,11 @@ from pathlib import Path
 import cantools
 import pytest
 
+from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.rig import load_rig
+from liftgate_hil.config.shipped import data_root
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import ConfigIssues
 
 ROOT = Path(__file__).parents[3]
 OURS = cantools.database.load_file(ROOT / "dbc/liftgate.dbc")
@@ -214,3 +217,31 @@ def test_a_database_without_messages_is_told(tmp_path: Path):
     (tmp_path / "x.dbc").write_text('VERSION ""\nBS_:\nBU_: A\n')
     (issue,) = issues_of(tmp_path, "x.dbc")
     assert "has no messages" in issue
+
+
+@pytest.mark.parametrize(
+    ("numbers", "what"),
+    [
+        (f"(1{'0' * 400},0) [0|6553.5]", "factor"),
+        (f"(0.1,-1{'0' * 400}) [0|6553.5]", "offset"),
+        ("(1e400,0) [0|6553.5]", "factor"),
+        (f"(0.1,0) [0|1{'0' * 400}]", "maximum"),
+        (f"(0.1,0) [-1{'0' * 400}|1]", "minimum"),
+        ("(0.1,0) [-1e400|1e400]", ""),  # no limit
+    ],
+)
+def test_numbers_beyond_what_a_float_holds_are_told(
+    tmp_path: Path, numbers: str, what: str
+) -> None:
+    source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
+    before = "PinchForce : 0|16@1+ (0.1,0) [0|6553.5]"
+    assert source.count(before) == 1
+    path = tmp_path / "theirs.dbc"
+    path.write_text(source.replace(before, f"PinchForce : 0|16@1+ {numbers}"), encoding="utf-8")
+    issues = ConfigIssues("r.toml")
+    assert load_messages(issues, path)
+    if what:
+        (line,) = issues.lines
+        assert line.startswith(f"r.toml: dbc: {path}: BenchStatus.PinchForce: {what} ")
+    else:
+        assert not issues.lines
