@@ -122,7 +122,7 @@ def _opened(path: Path) -> Iterator[Any]:
         from asammdf import MDF
     except ImportError as error:
         raise ConfigError(
-            f"{path}: MF4 needs asammdf; allowed after: pip install asammdf"
+            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
         ) from error
     check_file(path)
     said = ""

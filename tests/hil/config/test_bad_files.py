@@ -87,14 +87,6 @@ def test_a_name_of_no_file_is_told_as_such(tmp_path: Path, name: str):
     assert "no such file" in issue or "neither a file nor a shipped name" in issue
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_a_folder_that_may_not_be_read_is_told_as_such(tmp_path: Path):
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=0)
-    (issue,) = issues_of(lambda: find_config("vehicles", str(closed / "x.toml")))
-    assert "Permission denied" in issue
-
-
 def test_a_folder_that_may_not_be_read_is_no_missing_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

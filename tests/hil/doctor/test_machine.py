@@ -283,7 +283,7 @@ def test_missing_packages_make_real_time_impossible():
 def test_a_model_that_is_not_compiled_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder = tmp_path / "not" / "there"
     says(software.model(True, True, folder), "ok", str(folder))
-    says(software.model(True, False, folder), "warning", "first start", "virtual:warm")
+    says(software.model(True, False, folder), "warning", "first start", "liftgate-hil compile")
     says(software.model(False, False, folder), "warning", "unset LIFTGATE_COMPILE")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     says(software.model(True, False, folder), "warning", "XDG_CACHE_HOME")
