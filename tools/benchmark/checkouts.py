@@ -9,8 +9,10 @@ HERE = Path(__file__).resolve().parents[2]
 
 
 def environment_of(root: Path) -> dict[str, str]:
-    """For a process that is to run a checkout's code."""
-    return {**os.environ, "PYTHONPATH": f"{root / 'hil'}:{root / 'plant'}"}
+    """For a process that is to run a checkout's code; Python keeps what it has compiled, as it does by itself."""
+    environment = {**os.environ, "PYTHONPATH": f"{root / 'hil'}:{root / 'plant'}"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
 
 
 def name_of(root: Path) -> str:
