@@ -96,18 +96,20 @@ class Entry:
 
     def __call__(self, *arguments: Any) -> Any:
         """Raises TypeError for arguments that machine code cannot be given, and what numba raises."""
-        if self._last is not None:
-            fits, result = self._last.call(arguments)
+        code = self._last  # other threads may set it meanwhile
+        if code is not None:
+            fits, result = code.call(arguments)
             if fits:
                 return result
         kinds = tuple(kind_of(each) for each in arguments)
         if kinds not in self._all:
             self._all[kinds] = building.machine_code_of(self._function, kinds)
-        self._last = self._all[kinds]
-        fits, result = self._last.call(arguments)
+        self._last = code = self._all[kinds]
+        fits, result = code.call(arguments)
         if not fits:
             raise TypeError(
-                f"{self._function.__qualname__}: an array of a type that machine code does not know"
+                f"{self._function.__qualname__}: an array of a type that machine code does not know, or a whole "
+                "number of more than 64 bits"
             )
         return result
 
