@@ -16,7 +16,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from liftgate_plant import compiler
-from liftgate_plant.compiler import Watcher, building, child, compiled, enabled, packing, storage
+from liftgate_plant.compiler import (
+    Watcher,
+    building,
+    child,
+    compiled,
+    enabled,
+    packing,
+    storage,
+    watching,
+)
 from liftgate_plant.compiler.kinds import (
     Array,
     Kind,
@@ -60,7 +69,7 @@ def told() -> Iterator[Told]:
     watcher = Told()
     compiler.watch(watcher)
     yield watcher
-    compiler.watch(Watcher())
+    compiler.unwatch(watcher)
 
 
 class Point(NamedTuple):
@@ -348,9 +357,10 @@ class Impatient(Watcher):
 
 @pytest.fixture
 def impatient() -> Iterator[None]:
-    compiler.watch(Impatient())
+    watcher = Impatient()
+    compiler.watch(watcher)
     yield
-    compiler.watch(Watcher())
+    compiler.unwatch(watcher)
 
 
 def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
@@ -360,7 +370,18 @@ def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
     told = Told()
     compiler.watch(told)
     made(told)  # nothing of it is in the way
+    compiler.unwatch(told)
     assert told.said == ["compiles double"]
+
+
+def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
+    first, second, before = Told(), Told(), watching.watcher()
+    compiler.watch(first)
+    compiler.watch(second)
+    compiler.unwatch(first)
+    assert watching.watcher() is second
+    compiler.unwatch(second)
+    assert watching.watcher() is before
 
 
 def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path):
