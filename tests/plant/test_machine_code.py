@@ -209,9 +209,13 @@ def test_an_array_of_an_unknown_type_is_refused():
         compiled(first_of)(np.arange(3.0).view(Rows))
 
 
+def next_of(count: int) -> int:
+    return count + 1
+
+
 def test_a_number_of_more_than_64_bits_is_refused():
     with pytest.raises(TypeError, match="more than 64 bits"):
-        compiled(scaled)(2**64, 2.0)
+        compiled(next_of)(2**64)
 
 
 def test_arrays_lie_in_memory_as_is_taken_for_granted():
@@ -233,6 +237,14 @@ def test_a_kind_survives_being_written_down(kind: Kind):
     size, unpack = unpacker(kind)
     assert size == 8 * packing.slots_of(kind)
     assert kind_of(unpack(bytes(size))) == kind
+
+
+def test_code_is_of_the_names_of_fields_too():
+    before, after = (
+        NamedTuple("Pair", [(name, float) for name in names]) for names in ("ab", "ba")
+    )
+    kinds = [kind_of(each(1.0, 2.0)) for each in (before, after)]
+    assert text_of(kinds[0]) != text_of(kinds[1])
 
 
 def test_arguments_of_other_kinds_are_not_packed():
