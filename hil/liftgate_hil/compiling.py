@@ -51,8 +51,9 @@ def told_of_compiling(
     listener: Listener, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[None]:
     """Within it a listener is told, see `watcher_for`."""
-    before = compiler.watch(watcher_for(listener, stopped))
+    watcher = watcher_for(listener, stopped)
+    compiler.watch(watcher)
     try:
         yield
     finally:
-        compiler.watch(before)
+        compiler.unwatch(watcher)

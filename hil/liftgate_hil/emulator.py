@@ -165,9 +165,12 @@ class Emulator:
             try:
                 self._clocked(loop, clock)
             finally:
-                loop.finish()
-                recording.flush()
-                self.summary = loop.summary(options.clock, Timing(distribution(clock.lateness)))
+                try:
+                    loop.finish()
+                finally:  # a plant that has diverged does so again
+                    recording.flush()
+                    timing = Timing(distribution(clock.lateness))
+                    self.summary = loop.summary(options.clock, timing)
         self.summary.recordings = [file for each in recorders for file in each.files]
         raise_failures(recorders)
 

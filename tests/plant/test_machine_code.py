@@ -16,7 +16,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from liftgate_plant import compiler
-from liftgate_plant.compiler import Watcher, building, child, compiled, enabled, packing, storage
+from liftgate_plant.compiler import (
+    Watcher,
+    building,
+    child,
+    compiled,
+    enabled,
+    packing,
+    storage,
+    watching,
+)
 from liftgate_plant.compiler.kinds import (
     Array,
     Kind,
@@ -47,8 +56,9 @@ class Told(Watcher):
         self.said: list[str] = []
 
     def compiles(self, name: str, seconds: float) -> None:
-        if seconds < 0.01:
-            self.said.append(f"compiles {name}")
+        said = f"compiles {name}"
+        if said not in self.said:  # it is told of it all the time
+            self.said.append(said)
 
     def not_kept(self, why: str) -> None:
         self.said.append(f"not kept: {why}")
@@ -59,7 +69,7 @@ def told() -> Iterator[Told]:
     watcher = Told()
     compiler.watch(watcher)
     yield watcher
-    compiler.watch(Watcher())
+    compiler.unwatch(watcher)
 
 
 class Point(NamedTuple):
@@ -172,6 +182,24 @@ def test_code_that_allocates_does_not_compile():
         compiled(allocating)(3)
 
 
+LARGE, SPACED = np.arange(200_000.0), np.arange(20.0)[::2]
+
+
+def item_of_large(at: int) -> float:
+    return LARGE[at]
+
+
+def item_of_spaced(at: int) -> float:
+    return SPACED[at]
+
+
+@pytest.mark.parametrize("entry", [item_of_large, item_of_spaced], ids=lambda each: each.__name__)
+def test_code_that_has_the_compiling_process_s_addresses_in_it_is_not_kept(entry: Any, cache: Path):
+    with pytest.raises(TypeError, match="constant array by its address"):
+        compiled(entry)(3)
+    assert not list(cache.rglob("*.code"))
+
+
 class Rows(np.ndarray):
     """A subclass that machine code does not know."""
 
@@ -179,6 +207,15 @@ class Rows(np.ndarray):
 def test_an_array_of_an_unknown_type_is_refused():
     with pytest.raises(TypeError, match="an array of a type"):
         compiled(first_of)(np.arange(3.0).view(Rows))
+
+
+def next_of(count: int) -> int:
+    return count + 1
+
+
+def test_a_number_of_more_than_64_bits_is_refused():
+    with pytest.raises(TypeError, match="more than 64 bits"):
+        compiled(next_of)(2**64)
 
 
 def test_arrays_lie_in_memory_as_is_taken_for_granted():
@@ -202,6 +239,14 @@ def test_a_kind_survives_being_written_down(kind: Kind):
     assert kind_of(unpack(bytes(size))) == kind
 
 
+def test_code_is_of_the_names_of_fields_too():
+    before, after = (
+        NamedTuple("Pair", [(name, float) for name in names]) for names in ("ab", "ba")
+    )
+    kinds = [kind_of(each(1.0, 2.0)) for each in (before, after)]
+    assert text_of(kinds[0]) != text_of(kinds[1])
+
+
 def test_arguments_of_other_kinds_are_not_packed():
     kinds = [kind_of(each) for each in (Point(1.0, 2.0), np.zeros(1), None)]
     assert isinstance(kinds[1], Array)
@@ -216,6 +261,35 @@ def test_arguments_of_other_kinds_are_not_packed():
         (None, np.zeros(1), None),
     ):
         assert pack(other) is None
+
+
+class Turned(NamedTuple):
+    y: float
+    x: float
+
+
+def test_what_only_looks_alike_is_not_packed():
+    record = np.dtype([("a", "f8"), ("b", "f8")])
+    rows = (np.zeros(2), np.zeros(2))
+    given = ((True, Point(1.0, 2.0), rows), np.zeros(1, record))
+    pack = packer([kind_of(each) for each in given])
+    assert pack(given) is not None
+    for inner, table in (
+        ((1, Point(1.0, 2.0), rows), np.zeros(1, record)),  # not a bool
+        ((None, Point(1.0, 2.0), rows), np.zeros(1, record)),
+        ((True, Turned(1.0, 2.0), rows), np.zeros(1, record)),
+        ((True, Point(1.0, 2.0), np.zeros((2, 2))), np.zeros(1, record)),  # its rows would be gone
+        ((True, Point(1.0, 2.0), list(rows)), np.zeros(1, record)),
+        ((True, Point(1.0, 2.0), rows), np.zeros(1, [("b", "f8"), ("a", "f8")])),
+    ):
+        assert pack((inner, table)) is None
+
+
+def test_an_array_of_the_other_byte_order_is_not_read_as_one_of_ours():
+    row = np.arange(6.0)
+    assert compiled(first_of)(row) == 5.0
+    with pytest.raises(Exception, match=packing.SWAPPED + "f8"):
+        compiled(first_of)(row.astype(packing.SWAPPED + "f8"))
 
 
 def double(x: float) -> float:
@@ -295,9 +369,10 @@ class Impatient(Watcher):
 
 @pytest.fixture
 def impatient() -> Iterator[None]:
-    compiler.watch(Impatient())
+    watcher = Impatient()
+    compiler.watch(watcher)
     yield
-    compiler.watch(Watcher())
+    compiler.unwatch(watcher)
 
 
 def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
@@ -307,7 +382,18 @@ def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
     told = Told()
     compiler.watch(told)
     made(told)  # nothing of it is in the way
+    compiler.unwatch(told)
     assert told.said == ["compiles double"]
+
+
+def test_who_watches_need_not_end_in_the_order_of_the_beginnings():
+    first, second, before = Told(), Told(), watching.watcher()
+    compiler.watch(first)
+    compiler.watch(second)
+    compiler.unwatch(first)
+    assert watching.watcher() is second
+    compiler.unwatch(second)
+    assert watching.watcher() is before
 
 
 def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path):

@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.compiling import told_of_compiling
+    from liftgate_hil.loop.realtime_loop import run_realtime
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if stopped():
         return stopped.exit_code
     files = list(compiler.cache_folder().rglob("*.code"))
-    if not files:
+    if not compiler.is_cached(run_realtime):  # files of other versions may be there
         raise LiftgateError("no machine code could be kept, for the reason above")
     if not args.quiet:
         size = sum(file.stat().st_size for file in files) / 1e6

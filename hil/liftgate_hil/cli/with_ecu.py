@@ -137,7 +137,7 @@ class EcuProcess:
             match = _EVENT.match(line)
             if match:
                 self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
-                self._teller.say(line.rstrip())
+                self._teller.happened(float(match[1]), match[2])
                 continue
             self._others.append(line.strip())
             self._teller.say(line.rstrip())

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from liftgate_hil.config.arguments import texts_of
-from liftgate_hil.config.toml import Table
+from liftgate_hil.config.toml import Table, shortened
 from liftgate_hil.errors import ConfigError
 
 _DEEPEST = 3  # left.motor.resistance
@@ -49,17 +49,13 @@ def _setting_of(text: str) -> Setting:
     names = tuple(key.strip().split("."))
     if not equals or not all(names) or len(content) > 1:
         raise ConfigError(
-            f"`set` {_short(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8"
+            f"`set` {shortened(text)}: allowed: KEY=VALUE, e.g. environment.road_slope_deg=8"
         )
     if len(names) > _DEEPEST:
         raise ConfigError(
-            f"`set` {_short(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY"
+            f"`set` {shortened(key)}: {len(names)} parts; allowed: TABLE.KEY, or left.TABLE.KEY"
         )
     return Setting(names, content["value"], "`set` ")
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _plain_number(text: str) -> float | str:

@@ -217,7 +217,7 @@ def _step(
     size = np.diag(matrix)
     size = np.where(size > 0.0, size, 1.0)
     own = within(matrix + (damping + _BLIND) * np.diag(size), gradient, low, high)
-    curve = float(own @ matrix @ own)
+    curve = max(float(own @ matrix @ own), 0.0)  # rounding may leave less than nothing
     step[free] = own
     return step, float(gradient @ own) - 0.5 * curve, math.sqrt(curve / len(free))
 

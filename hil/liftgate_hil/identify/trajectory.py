@@ -150,7 +150,7 @@ def run(
 ) -> None:
     """Fill `out` (n, 7) with OUTPUTS at `times`; the currents as a sensor of that filter, gain and offset shows
     them. It returns after so many steps, to be called again until `kept` says that it is through: nobody can stop
-    it within. Gives no tuple back: numba crashes where an interrupt comes while it makes one for Python.
+    it within.
     """
     degrees = 180.0 / math.pi
     k, done, room = int(kept[_ROW]), int(kept[_STEPS]), _STRETCH

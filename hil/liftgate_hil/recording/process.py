@@ -198,6 +198,8 @@ def main() -> int:
                 open_recorder(Path(path), content, limit, lambda text: _tell(failed=text))
             )
     except ConfigError as error:
+        for recorder in recorders:  # what stays would be taken for the rest of a recording
+            recorder.close()
         _tell(issues=error.issues)
         return 2
     _tell(ready=True)

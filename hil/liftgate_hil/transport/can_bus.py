@@ -56,8 +56,9 @@ class CanTransport:
             bus = _can.Bus(**self._arguments)
             if self._echoes is not None:
                 self._recv = multicast.Receiver(bus, self._arguments).recv
-            elif type(bus).recv is _can.BusABC.recv:
-                # Without its deadline on the wall clock, which a step of that makes wait for long.
+            elif type(bus).recv is _can.BusABC.recv and not bus.filters:
+                # Without its deadline on the wall clock, which a step of that makes wait for long, and without the
+                # filters that some drivers leave to it.
                 self._recv = lambda timeout: bus._recv_internal(timeout)[0]
             else:
                 self._recv = bus.recv

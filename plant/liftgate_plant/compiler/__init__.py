@@ -35,12 +35,12 @@ from liftgate_plant.compiler.child import CompileError
 from liftgate_plant.compiler.kinds import Kind, kind_of
 from liftgate_plant.compiler.loading import MachineCode
 from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
-from liftgate_plant.compiler.watching import GivenUpError, Watcher, watch
+from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, watch
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
     "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill", "is_cached",
-    "last_error", "overlay", "picked", "watch", "with_item",
+    "last_error", "overlay", "picked", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -96,18 +96,20 @@ class Entry:
 
     def __call__(self, *arguments: Any) -> Any:
         """Raises TypeError for arguments that machine code cannot be given, and what numba raises."""
-        if self._last is not None:
-            fits, result = self._last.call(arguments)
+        code = self._last  # other threads may set it meanwhile
+        if code is not None:
+            fits, result = code.call(arguments)
             if fits:
                 return result
         kinds = tuple(kind_of(each) for each in arguments)
         if kinds not in self._all:
             self._all[kinds] = building.machine_code_of(self._function, kinds)
-        self._last = self._all[kinds]
-        fits, result = self._last.call(arguments)
+        self._last = code = self._all[kinds]
+        fits, result = code.call(arguments)
         if not fits:
             raise TypeError(
-                f"{self._function.__qualname__}: an array of a type that machine code does not know"
+                f"{self._function.__qualname__}: an array of a type that machine code does not know, or a whole "
+                "number of more than 64 bits"
             )
         return result
 

@@ -1,6 +1,6 @@
 """Compiling in a process of its own, which can be stopped at any moment: machine code comes back from it.
 
-python -P -c ... PATH        the import path as JSON; a pickled Request is on stdin, a pickled Answer on stdout
+python -P -c ... PATH        the import path as JSON; a pickled Request is on stdin, a pickled Stored on stdout
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class CompileError(RuntimeError):
 
 
 def compile_apart(request: Request, look: Callable[[], None]) -> Any:
-    """What `making.make` gives; None where it can only be compiled in this process. `look` is called all the time,
-    and may raise.
+    """What `building.make_here` gives; None where it can only be compiled in this process. `look` is called all
+    the time, and may raise.
 
     Raises CompileError where the process was ended from outside.
     """

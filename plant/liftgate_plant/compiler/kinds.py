@@ -62,7 +62,10 @@ def kind_of(value: Any) -> Kind:
 def text_of(kind: Kind) -> str:
     """The same in every process."""
     if isinstance(kind, Tuple):
-        return f"{_name_of(kind.type)}({','.join(text_of(each) for each in kind.parts)})"
+        # The fields' names, too: of a type that no annotation names nothing else says their order.
+        names = getattr(kind.type, "_fields", ("",) * len(kind.parts))
+        parts = (f"{name} {text_of(each)}" for name, each in zip(names, kind.parts, strict=True))
+        return f"{_name_of(kind.type)}({','.join(parts)})"
     if isinstance(kind, Array):
         return f"{kind.dtype!r}[{kind.ndim}{kind.layout}{'w' if kind.is_writable else 'r'}]"
     return kind.letter if isinstance(kind, Number) else "n"

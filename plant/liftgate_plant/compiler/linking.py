@@ -96,6 +96,10 @@ class ExportLibrary(_Library):
         self._finalized = True
         return bytes(self._codegen._tm.emit_object(self._final_module))
 
+    def has_addresses(self) -> bool:
+        """Whether addresses in this process are in it, such as that of a large constant array."""
+        return any(each.has_dynamic_globals for each in _below(self))
+
     def asked_for(self) -> list[str]:
         """The functions that others are to have."""
         return [
@@ -115,7 +119,7 @@ class _WithoutAddresses:
         return getattr(self._whole, name)
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Nothing has an address yet, see EntryLibrary."""
+        """Nothing has an address yet, see HelperLibrary."""
 
 
 def _link(library: Any, module: Any) -> None:

@@ -14,6 +14,7 @@ from liftgate_plant.compiler.packing import packer, unpacker
 SYMBOL = "liftgate_entry"
 FITS, UNFIT, STRANGE_ARRAY = 0, 10_001, 10_002  # what it returns, beside the compiler's own codes
 
+_LIBM = "libm.so.6"
 _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
 
 
@@ -52,6 +53,7 @@ def _target() -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    llvm.load_library_permanently(_LIBM)  # LLVM ends the process where it does not find a function
     return llvm.Target.from_triple(llvm.get_process_triple())
 
 
@@ -67,5 +69,5 @@ def _engine_with(code: bytes) -> Any:
 
 def unresolved(names: Sequence[str]) -> list[str]:
     """Those of these functions that neither this process nor the C library has."""
-    libraries = [ctypes.CDLL(None), ctypes.CDLL("libm.so.6")]
+    libraries = [ctypes.CDLL(None), ctypes.CDLL(_LIBM)]
     return [name for name in names if not any(hasattr(library, name) for library in libraries)]

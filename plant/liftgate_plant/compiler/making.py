@@ -131,6 +131,10 @@ def _exported(compiled: Any, kinds: Sequence[Kind]) -> Made:
     builder.ret(_INT(FITS))
     library.add_ir_module(module)
     library.add_linking_library(compiled.library)
+    if library.has_addresses():
+        raise TypeError(
+            "compiled code holds a constant array by its address; allowed: contiguous ones of up to 1 MB"
+        )
     code = library.emitted()
     if missing := unresolved(library.asked_for()):
         raise TypeError(f"compiled code calls {', '.join(missing)}; allowed: the C library, libm")
@@ -185,6 +189,8 @@ class _Reader:
         dtype = self._field(object_, packing.DTYPE)
         self._check(self._field(dtype, packing.TYPE_NUMBER, _INT), kind.dtype.num)
         self._check(self._field(dtype, packing.ITEM_SIZE), kind.dtype.itemsize)
+        order = self._field(dtype, packing.BYTE_ORDER, ir.IntType(8))
+        self._unless(builder.icmp_unsigned("!=", order, order.type(ord(packing.SWAPPED))))
 
         array = self._context.make_array(numba_type)(self._context, builder)
         data = self._field(object_, packing.DATA)
@@ -247,6 +253,10 @@ def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
                 for at in (packing.DATA, packing.SHAPE, packing.STRIDES)]  # fmt: skip
     data, shape, strides = (builder.load(each) for each in pointers)
     same = builder.icmp_unsigned("==", data, builder.ptrtoint(array.data, _WORD))
+    axes = builder.load(
+        builder.inttoptr(builder.add(owner, _WORD(packing.NDIM)), _INT.as_pointer())
+    )
+    same = builder.and_(same, builder.icmp_unsigned("==", axes, _INT(part.ndim)))
     for base, mine in ((shape, array.shape), (strides, array.strides)):
         for axis in range(part.ndim):
             pointer = builder.inttoptr(builder.add(base, _WORD(8 * axis)), _WORD.as_pointer())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+import sys
 from _ctypes import PyObj_FromPtr
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,8 +22,10 @@ from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Tuple
 TYPE, DATA, NDIM, SHAPE, STRIDES, DTYPE, FLAGS = 8, 16, 24, 32, 40, 56, 64
 # Of PyArray_Descr of numpy 2.
 TYPE_NUMBER, ITEM_SIZE = 28, 40
-BYTE_ORDER = 26
+BYTE_ORDER = 26  # a character
 C_CONTIGUOUS, F_CONTIGUOUS, ALIGNED, WRITABLE = 0x1, 0x2, 0x100, 0x400
+
+SWAPPED = "><"[sys.byteorder == "big"]  # in a dtype: the other order
 
 ACCEPTED = (np.ndarray, np.recarray)  # types of arrays
 HEAD = len(ACCEPTED)  # slots before the arguments
@@ -32,7 +35,11 @@ _FORMATS = {"f": "d", "i": "q", "b": "?7x"}
 
 def is_as_expected() -> bool:
     """Whether numpy lays arrays out as is taken for granted here."""
-    for array in (np.arange(6, dtype=np.int32).reshape(2, 3), np.zeros(3).view(np.recarray)):
+    for array in (
+        np.arange(6, dtype=np.int32).reshape(2, 3),
+        np.zeros(3).view(np.recarray),
+        np.zeros(3, SWAPPED + "f8"),
+    ):
         base = id(array)
         kind = _word(base + DTYPE)
         if (
@@ -45,6 +52,7 @@ def is_as_expected() -> bool:
             or ctypes.c_int.from_address(base + FLAGS).value & 0x7 != array.flags.num & 0x7
             or ctypes.c_int.from_address(kind + TYPE_NUMBER).value != array.dtype.num
             or _word(kind + ITEM_SIZE) != array.dtype.itemsize
+            or ctypes.c_char.from_address(kind + BYTE_ORDER).value.decode() != array.dtype.byteorder
         ):
             return False
     return True
@@ -64,57 +72,76 @@ def slots_of(kind: Kind) -> int:
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
     """A function that packs arguments of these kinds; it gives None where they are of others."""
     code = _Packing()
-    patterns = [code.pattern(each) for each in kinds]
-    checks = [f"type(arguments[{place}]) is not T{place}" for place, each in enumerate(kinds)
-              if isinstance(each, Tuple)]  # fmt: skip
-    checks.append(f"len(arguments) != {len(kinds)}")
-    absent = [f"{name} is not None" for name in code.absent]
+    arguments = "".join(f"{code.name_of(each)}, " for each in kinds)
     lines = [
         "def pack(arguments):",
         "    try:",
-        f"        if {' or '.join(reversed(checks))}: return None",
-        f"        ({''.join(f'{each}, ' for each in patterns)}) = arguments",
-        *([f"        if {' or '.join(absent)}: return None"] if absent else []),
-        f"        return write(HEAD, {', '.join(code.values)})"
-        if code.values
-        else "        return write(HEAD)",
-        "    except (TypeError, ValueError, error): return None",
+        f"        ({arguments}) = arguments",
+        *(f"        {each}" for each in code.steps),
+        *([f"        if {' or '.join(code.checks)}: return None"] if code.checks else []),
+        f"        return write({', '.join(['HEAD', *code.values])})",
+        "    except (TypeError, ValueError, AttributeError, error): return None",
     ]
     head = struct.pack(f"<{HEAD}q", *(id(each) for each in ACCEPTED))
     scope = {
         "write": struct.Struct(f"<{len(head)}s" + "".join(code.formats)).pack,
         "HEAD": head,
         "error": struct.error,
-        **{f"T{place}": each.type or tuple for place, each in enumerate(kinds)
-           if isinstance(each, Tuple)},
-    }  # fmt: skip
+        **code.known,
+    }
     exec("\n".join(lines), scope)
     made: Callable[[tuple[Any, ...]], bytes | None] = scope["pack"]  # type: ignore[assignment]
     return made
 
 
 class _Packing:
-    """The parts of the generated function, in the order of the slots."""
+    """The parts of the generated function, in the order of the slots.
+
+    A tuple is taken apart only where its type is the one it was: of anything else that can be iterated the items
+    might be gone before machine code reads them.
+    """
 
     def __init__(self) -> None:
         self.values: list[str] = []
         self.formats: list[str] = []
-        self.absent: list[str] = []
+        self.steps: list[str] = []  # that take tuples apart
+        self.checks: list[str] = []  # what then says that a value is of another kind
+        self.known: dict[str, Any] = {"BOOLS": (bool, np.bool_)}
+        self._names = 0
 
-    def pattern(self, kind: Kind) -> str:
-        """What takes a value of the kind apart."""
+    def name_of(self, kind: Kind) -> str:
+        """The name that a value of the kind gets."""
+        name = f"v{self._names}"
+        self._names += 1
         if isinstance(kind, Tuple):
-            return f"({''.join(f'{self.pattern(each)}, ' for each in kind.parts)})"
-        name = f"v{len(self.values)}"
-        if isinstance(kind, Nothing):
-            name = f"n{len(self.absent)}"
-            self.absent.append(name)
+            self._take_apart(name, kind)
+        elif isinstance(kind, Nothing):
+            self.checks.append(f"{name} is not None")
         elif isinstance(kind, Array):
             self.values.append(f"id({name})")
             self.formats.append("q")
+            if kind.dtype.names is not None:  # machine code looks at numbers' types only
+                dtype = self._constant(kind.dtype)
+                self.checks.append(f"({name}.dtype is not {dtype} and {name}.dtype != {dtype})")
         else:
             self.values.append(name)
             self.formats.append(_FORMATS[kind.letter])
+            if kind.letter == "b":  # anything has a truth
+                self.checks.append(f"type({name}) not in BOOLS")
+        return name
+
+    def _take_apart(self, name: str, kind: Tuple) -> None:
+        self.steps.append(
+            f"if type({name}) is not {self._constant(kind.type or tuple)}: return None"
+        )
+        place = len(self.steps)
+        self.steps.append("")  # before those of its parts
+        parts = "".join(f"{self.name_of(each)}, " for each in kind.parts)
+        self.steps[place] = f"({parts}) = {name}"
+
+    def _constant(self, value: Any) -> str:
+        name = f"K{len(self.known)}"
+        self.known[name] = value
         return name
 
 

@@ -28,12 +28,16 @@ class Watcher:
 _told = [Watcher()]
 
 
-def watch(watcher: Watcher) -> Watcher:
-    """Have it told from now on; who was told before."""
-    before, _told[0] = _told[0], watcher
-    return before
+def watch(watcher: Watcher) -> None:
+    """Have it told from now on."""
+    _told.append(watcher)
+
+
+def unwatch(watcher: Watcher) -> None:
+    """Have it told no more; threads that watch need not end in the order in which they began."""
+    _told.remove(watcher)
 
 
 def watcher() -> Watcher:
-    """Who is told."""
-    return _told[0]
+    """Who is told: the last one that watches."""
+    return _told[-1]

@@ -182,3 +182,12 @@ def test_a_file_that_cannot_be_opened_is_told_before_the_run(
     with pytest.raises(ConfigError, match=r"^`record` .*cannot be written: No such file"):
         process.wait_until_ready()
     process.close()
+
+
+def test_a_file_that_cannot_be_leaves_no_rest_of_the_others(tmp_path: Path, memory: Memory):
+    good, bad = tmp_path / "a.blf", tmp_path / "nowhere" / "b.csv"
+    process = RecorderProcess([good, bad], BOTH, None, memory)
+    with pytest.raises(ConfigError, match="nowhere"):
+        process.wait_until_ready()
+    process.close()
+    assert [each.name for each in tmp_path.iterdir()] == ["a.blf"]
