@@ -20,7 +20,9 @@ class Status(NamedTuple):
 
 
 class Listener:
-    """Is told how a run goes; this one keeps it to itself. It is pickled where a worker process runs."""
+    """Is told how a run goes, from several threads; this one keeps it to itself. It is pickled where a worker
+    process runs.
+    """
 
     def say(self, text: str) -> None:
         """What happens to the link, what is waited for or refused, and what the machine does not give."""

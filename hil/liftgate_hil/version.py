@@ -7,7 +7,15 @@ import platform
 from importlib import metadata
 
 UNKNOWN = "unknown"
-PACKAGES = ("numba", "numpy", "scipy", "python-can", "cantools", "pyserial")  # a run rests on
+PACKAGES = (
+    "numba",
+    "llvmlite",
+    "numpy",
+    "scipy",
+    "python-can",
+    "cantools",
+    "pyserial",
+)  # a run rests on
 
 
 @functools.cache

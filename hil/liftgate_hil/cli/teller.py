@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import threading
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
@@ -20,6 +21,7 @@ class Teller(Listener):
         self._how = how  # rate and clock
         self._line = ""  # that stands on the terminal
         self._compiling = False
+        self._lock = threading.RLock()  # what other processes tell is heard in threads
 
     def say(self, text: str) -> None:
         """See Listener."""
@@ -67,23 +69,25 @@ class Teller(Listener):
 
     def _draw(self, line: str) -> None:
         """Rewrite the line, if there is a terminal for it."""
-        if line == self._line or not self._on_terminal():
-            return
-        with contextlib.suppress(OSError):  # the terminal is gone; the run need not be
-            width = _columns()
-            sys.stderr.write(f"\r{line[:width]}\x1b[K")
-            sys.stderr.flush()
-        self._line = line
+        with self._lock:
+            if line == self._line or not self._on_terminal():
+                return
+            with contextlib.suppress(OSError):  # the terminal is gone; the run need not be
+                width = _columns()
+                sys.stderr.write(f"\r{line[:width]}\x1b[K")
+                sys.stderr.flush()
+            self._line = line
 
     def _print(self, text: str) -> None:
-        line = self._line
-        self.clear()
-        with contextlib.suppress(OSError, AttributeError):  # closed, or none at all
-            print(text, file=sys.stderr, flush=True)
-        self._draw(line)
+        with self._lock:
+            line = self._line
+            self.clear()
+            with contextlib.suppress(OSError, AttributeError):  # closed, or none at all
+                print(text, file=sys.stderr, flush=True)
+            self._draw(line)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_line": "", "_compiling": False}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Teller, (self._is_quiet, self._is_json, self._how)
 
 
 def line_of(status: Status) -> str:

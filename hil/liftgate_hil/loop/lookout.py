@@ -56,12 +56,14 @@ class Lookout:
         reception: Reception,
         listener: Listener,
         events: Callable[[int], Sequence[Event]] = lambda told: (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._rig = rig
         self._config = config
         self._reception = reception
         self._listener = listener
         self._events = events
+        self._clock = clock
         self._told_events = 0
         self._told_causes: set[int] = set()
         self._command = rig.command_message()
@@ -73,7 +75,7 @@ class Lookout:
 
     def look(self, moment: Moment, is_last: bool = False) -> None:
         """Tell what is new; most calls come too soon, and cost nothing."""
-        now = time.monotonic()
+        now = self._clock()
         if now < self._next and not is_last:
             return
         self._next = now + _EVERY_S

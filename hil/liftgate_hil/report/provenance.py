@@ -11,6 +11,7 @@ from typing import Any
 
 from liftgate_hil.config.sources import Source
 from liftgate_hil.version import versions
+from liftgate_plant import compiler
 
 # https://reproducible-builds.org/specs/source-date-epoch/: seconds since 1970 that stand for "now".
 _EPOCH = "SOURCE_DATE_EPOCH"
@@ -25,6 +26,9 @@ class Provenance:
     sources: Mapping[str, Source] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=versions)
     platform: str = field(default_factory=platform.platform)
+    libc: str = field(default_factory=lambda: " ".join(platform.libc_ver()))
+    processor: str = field(default_factory=lambda: compiler.processor()[0])
+    processor_features: str = field(default_factory=lambda: compiler.processor()[1])
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -38,7 +42,7 @@ class Provenance:
             ("date", self.date),
             *((name, f"{each.path}, SHA-256 {each.sha256}") for name, each in self.sources.items()),
             ("versions", ", ".join(f"{name} {each}" for name, each in self.versions.items())),
-            ("platform", self.platform),
+            ("platform", f"{self.platform}, {self.libc}, {self.processor}"),
         ]
 
 

@@ -40,7 +40,7 @@ from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, wat
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
     "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill", "is_cached",
-    "last_error", "overlay", "picked", "unwatch", "watch", "with_item",
+    "last_error", "overlay", "picked", "processor", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -60,13 +60,21 @@ def compiled(function: F) -> F:
 
 
 def is_cached(function: Callable[..., Any]) -> bool:
-    """Whether machine code of `function` is on the disk, so that it is ready at once."""
+    """Whether machine code of `function`, for some arguments, is on the disk and may be read there."""
     if not enabled():
         return True
+    folder = cache_folder(function)
     try:
-        return any(cache_folder(function).glob("*" + storage.SUFFIX))
+        storage.check_ours(folder.parent)
+        storage.check_ours(folder)
+        return any(folder.glob("*" + storage.SUFFIX))
     except OSError:  # a folder that this user may not look into
         return False
+
+
+def processor() -> tuple[str, str]:
+    """The processor's name and features, for which machine code is made."""
+    return building.processor()
 
 
 def enabled() -> bool:

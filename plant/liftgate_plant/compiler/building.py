@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.util
 import os
@@ -31,22 +32,28 @@ _NOT_IN_KEY = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 
 def machine_code_of(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> MachineCode:
     """For arguments of these kinds. Raises what numba raises, CompileError, and what the watcher raises."""
-    with _lock:
+    began = time.monotonic()
+    while not _lock.acquire(timeout=_LOOK_S):  # another thread compiles
+        watcher().waits(function.__qualname__, time.monotonic() - began)
+    try:
         stored = _from_disk(function, kinds)
+    finally:
+        _lock.release()
     return MachineCode(function.__qualname__, stored.code, kinds, stored.result)
 
 
 def _from_disk(function: Callable[..., Any], kinds: tuple[Kind, ...]) -> Stored:
     """Kept, or compiled and kept; what is wrong with the disk costs time, and is told."""
     path = file_of(function, kinds)
-    try:
-        if stored := storage.read(path):
-            return stored
-        with storage.turn(path.parent) as turn:
-            return _in_turn(function, kinds, path, turn)
-    except OSError as error:
-        watcher().not_kept(_reason(error))
-    return _compiled(function, kinds)
+    with contextlib.ExitStack() as stack:
+        try:
+            if stored := storage.read(path):
+                return stored
+            turn = stack.enter_context(storage.turn(path.parent))
+        except OSError as error:
+            watcher().not_kept(_reason(error))
+            return _compiled(function, kinds)
+        return _in_turn(function, kinds, path, turn)
 
 
 def _in_turn(
@@ -56,9 +63,10 @@ def _in_turn(
     while not turn.taken():
         watcher().waits(function.__qualname__, time.monotonic() - began)
         time.sleep(_LOOK_S)
-    if stored := storage.read(path):  # by the one that had its turn before
-        watcher().ready(function.__qualname__, time.monotonic() - began)
-        return stored
+    with contextlib.suppress(OSError):  # told when it cannot be kept, either
+        if stored := storage.read(path):  # by the one that had its turn before
+            watcher().ready(function.__qualname__, time.monotonic() - began)
+            return stored
     stored = _compiled(function, kinds)
     try:
         storage.keep(path, stored)
@@ -94,8 +102,7 @@ def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
     _import_numba()
     from liftgate_plant.compiler import making
 
-    made = making.make(function, kinds, _sources(function, len(compilable_functions)).functions)
-    return Stored(made.code, made.result)
+    return making.make(function, kinds, _sources(function, len(compilable_functions)).functions)
 
 
 def file_of(function: Callable[..., Any], kinds: Sequence[Kind]) -> Path:
@@ -127,7 +134,6 @@ def _key(function: Callable[..., Any], registered: int) -> str:
 def _environment() -> str:
     """What else machine code depends on, as a text: compiler, its options and settings, Python, processor."""
     import llvmlite  # type: ignore[import-untyped]
-    import llvmlite.binding as llvm  # type: ignore[import-untyped]
     import numpy
 
     own = [path.read_bytes().decode() for path in sorted(Path(__file__).parent.glob("*.py"))]
@@ -144,10 +150,16 @@ def _environment() -> str:
             llvmlite.__version__,
             numpy.__version__,
             platform.python_implementation() + platform.python_version(),
-            llvm.get_host_cpu_name(),
-            llvm.get_host_cpu_features().flatten(),
+            *processor(),
         )
     )
+
+
+def processor() -> tuple[str, str]:
+    """What machine code is made for: the processor's name, and its features."""
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def _numba_version() -> str:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core.compiler import Compiler
-from numba.core.registry import cpu_target
 from numba.extending import register_jitable
 from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import from_dtype
@@ -24,6 +23,7 @@ from liftgate_plant.compiler import extensions, linking, packing  # noqa: F401
 from liftgate_plant.compiler.hastening import hastened
 from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Number, Tuple
 from liftgate_plant.compiler.loading import FITS, STRANGE_ARRAY, SYMBOL, UNFIT, unresolved
+from liftgate_plant.compiler.storage import Stored
 
 types: Any = numba.types
 
@@ -40,16 +40,9 @@ _NUMBERS = {"f": types.float64, "i": types.int64, "b": types.boolean}
 _known_to_numba: set[Callable[..., Any]] = set()
 
 
-class Made(NamedTuple):
-    """What a compilation gives."""
-
-    code: bytes  # an object file
-    result: Kind
-
-
 def make(
     function: Callable[..., Any], kinds: Sequence[Kind], helpers: set[Callable[..., Any]]
-) -> Made:
+) -> Stored:
     """Compile an entry point, and the helpers that it calls, for arguments of these kinds.
 
     Raises what numba raises.
@@ -98,7 +91,7 @@ def _kind_of(numba_type: Any) -> Kind:
     if isinstance(numba_type, types.Array):
         return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # an argument's
     for letter, kind in {"b": types.Boolean, "i": types.Integer, "f": types.Float}.items():
-        if isinstance(numba_type, kind):
+        if isinstance(numba_type, kind) and numba_type != types.uint64:  # which may be too large
             return Number(letter)
     if isinstance(numba_type, types.NoneType):
         return Nothing()
@@ -107,7 +100,7 @@ def _kind_of(numba_type: Any) -> Kind:
     )
 
 
-def _exported(compiled: Any, kinds: Sequence[Kind]) -> Made:
+def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
     """The object file with the one function that is called from outside."""
     context, signature = compiled.target_context, compiled.signature
     codegen = context.codegen()
@@ -138,7 +131,7 @@ def _exported(compiled: Any, kinds: Sequence[Kind]) -> Made:
     code = library.emitted()
     if missing := unresolved(library.asked_for()):
         raise TypeError(f"compiled code calls {', '.join(missing)}; allowed: the C library, libm")
-    return Made(code, result)
+    return Stored(code, result)
 
 
 class _Reader:
@@ -267,8 +260,3 @@ def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
     with builder.if_then(builder.not_(same), likely=False):
         builder.ret(_INT(STRANGE_ARRAY))
     return owner
-
-
-def target_text() -> str:
-    """What code is made for."""
-    return str(cpu_target.target_context.codegen().magic_tuple())

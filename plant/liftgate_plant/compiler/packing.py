@@ -62,13 +62,6 @@ def _word(address: int) -> int:
     return ctypes.c_int64.from_address(address).value
 
 
-def slots_of(kind: Kind) -> int:
-    """How many times 8 bytes it takes."""
-    if isinstance(kind, Tuple):
-        return sum(map(slots_of, kind.parts))
-    return int(not isinstance(kind, Nothing))
-
-
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
     """A function that packs arguments of these kinds; it gives None where they are of others."""
     code = _Packing()
@@ -90,7 +83,7 @@ def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
         **code.known,
     }
     exec("\n".join(lines), scope)
-    made: Callable[[tuple[Any, ...]], bytes | None] = scope["pack"]  # type: ignore[assignment]
+    made: Callable[[tuple[Any, ...]], bytes | None] = scope["pack"]
     return made
 
 

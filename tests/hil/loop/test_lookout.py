@@ -11,7 +11,6 @@ from liftgate_hil.codec.frames import REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS, receive
 from liftgate_hil.ecu.events import IN_WORDS, Event
 from liftgate_hil.listener import Listener, Status
-from liftgate_hil.loop import lookout as module
 from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 
@@ -36,9 +35,8 @@ class Told(Listener):
 class Bench:
     """A gate that receives, and a lookout on it; its clock goes by hand."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self) -> None:
         self.now = 100.0
-        monkeypatch.setattr(module.time, "monotonic", lambda: self.now)
         self.rig = session.rig_from("liftgate")
         self.config = session.loop_config_of(session.vehicle_from("suv"), self.rig, 1000.0, 0)
         self.reception = session.start_of(self.config).reception
@@ -46,7 +44,12 @@ class Bench:
         self.told = Told()
         self.events: list[Event] = []
         self.lookout = Lookout(
-            self.rig, self.config, self.reception, self.told, lambda told: self.events[told:]
+            self.rig,
+            self.config,
+            self.reception,
+            self.told,
+            lambda told: self.events[told:],
+            lambda: self.now,
         )
         self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
         self.row = np.zeros(ROW_WIDTH)
@@ -67,8 +70,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    return Bench(monkeypatch)
+def bench() -> Bench:
+    return Bench()
 
 
 def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
