@@ -192,3 +192,18 @@ def test_what_a_rig_and_the_rate_do_not_fit_in_is_told_before_the_run(scenario: 
         line.startswith("note: ") and "LeftDrive.cycle_ms: 5 is no whole number of ticks" in line
         for line in heard.lines
     )
+
+
+def test_a_run_in_python_that_diverges_keeps_what_it_has_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "liftgate_hil.loop.python_loop.is_sound", lambda truth: truth.time_s < 0.0305
+    )
+    path = tmp_path / "run.csv"
+    result = lh.run("demo", clock="lockstep", duration=0.1, record=path)
+    assert result.verdict == "error"
+    assert "the plant diverged at 0.031 s" in result.reason
+    assert result.summary.ticks >= 31
+    times = [line.partition(",")[0] for line in path.read_text().splitlines()[1:]]
+    assert times[30] == "0.031"
