@@ -8,6 +8,19 @@ from collections.abc import Callable, Iterator
 from liftgate_hil.listener import Listener
 from liftgate_plant import compiler
 
+# What entry points are called where users read of them.
+_CALLED = {
+    "run_realtime": "real-time loop",
+    "run_stretch": "closed loop",
+    "scheduled_tick": "loop on a bus",
+    "turn": "ECU's side of the bus",
+    "block": "simulation",
+    "run": "model of identification",
+    "walk": "reading of bus logs",
+    "note_wakeups": "measurement of lateness",
+    "put_lines": "CSV text",
+}
+
 
 class _Watcher(compiler.Watcher):
     """Tells a listener of compilations, and gives them up when the run is stopped."""
@@ -20,19 +33,19 @@ class _Watcher(compiler.Watcher):
         """See Watcher."""
         if self._stopped():
             raise compiler.GivenUpError
-        self._listener.compiles(f"compiling the model ({name})", seconds)
+        self._listener.compiles(f"compiling the {_CALLED.get(name, name)}", seconds)
 
     def waits(self, name: str, seconds: float) -> None:
         """See Watcher."""
         if self._stopped():
             raise compiler.GivenUpError
         self._listener.compiles(
-            f"waiting for another process to compile the model ({name})", seconds
+            f"waiting for another process to compile the {_CALLED.get(name, name)}", seconds
         )
 
     def ready(self, name: str, seconds: float) -> None:
         """See Watcher."""
-        self._listener.compiled(name, seconds)
+        self._listener.compiled(_CALLED.get(name, name), seconds)
 
     def not_kept(self, why: str) -> None:
         """See Watcher."""

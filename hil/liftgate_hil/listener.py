@@ -15,7 +15,8 @@ class Status(NamedTuple):
     command_age_s: float | None  # None: there is none
     sent: int  # frames
     accepted: int  # frames
-    refused: int  # frames
+    rejected: int  # frames of ours
+    foreign: int  # frames of other identifiers
     overruns: int  # periods skipped
 
 

@@ -174,6 +174,11 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
 
     found = []
     columns, summary = shown.trace, shown.summary
+    received = summary.received
+    if not received.accepted and received.foreign:
+        found.append(
+            f"no command was accepted, {received.foreign} frames have identifiers that the rig does not receive"
+        )
     if event is None:
         found.append("the gate never met the obstacle")
     elif not event.back_deg > _FREE_DEG:

@@ -31,7 +31,7 @@ _PATIENCE_NS = 2_000_000_000  # without a word from the gate, until it says that
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
     options.add_bus(parser)
-    options.add_ecu(parser, "reference")
+    options.add_ecu(parser, "reference", has_bus=False)
     parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
     parser.add_argument(
         "--request",
@@ -132,7 +132,8 @@ def _take_turns(
                 teller.happened(event.time, event.text)
                 told += 1
             if is_waiting and not peer.has_heard_the_gate and now > _PATIENCE_NS:
-                gates = ", ".join(dict.fromkeys(wire.message for wire in rig.outputs))
+                names = dict.fromkeys(wire.message for wire in rig.outputs)
+                gates = ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in names)
                 teller.say(f"waits for the gate: {gates}")
                 is_waiting = False
             time.sleep(0.001)

@@ -207,13 +207,15 @@ def add_realtime(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_ecu(parser: argparse.ArgumentParser, default: str) -> None:
-    """What closes the loop."""
+def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True) -> None:
+    """What closes the loop; unless it is that command itself, somebody on the bus, too."""
     parser.add_argument(
         "--ecu",
         default=default,
-        metavar="reference|LIBRARY|MODULE:CLASS|bus",
-        help=f"what closes the loop: ours, a C library, a Python class, one on the bus; default: {default}",
+        metavar="reference|LIBRARY|MODULE:CLASS" + ("|bus" if has_bus else ""),
+        help="what closes the loop: ours, a C library, a Python class"
+        + (", one on the bus" if has_bus else "")
+        + f"; default: {default}",
     )
 
 

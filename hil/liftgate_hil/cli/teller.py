@@ -47,7 +47,7 @@ class Teller(Listener):
         if self._is_json or self._is_quiet:
             return
         if self._on_terminal():
-            self._draw(f"{name}, once for this version and machine: {seconds:.0f} s")
+            self._draw(f"{name}, once for this version and machine: {seconds:.0f} s so far")
         elif not self._compiling:
             self._print(f"{name}, once for this version and machine …")
         self._compiling = True
@@ -97,19 +97,20 @@ def line_of(status: Status) -> str:
         f"{status.time_s:8.1f} s",
         f"{status.angle_deg:6.2f} deg",
         f"{status.left_current_a:6.2f} A {status.right_current_a:6.2f} A",
-        "no command" if age is None else f"command {1e3 * age:.0f} ms ago",
-        f"sent {status.sent}",
-        f"received {status.accepted}",
+        "no command" if age is None else f"command {1e3 * age:.0f} ms",
     ]
-    if status.refused:
-        parts.append(f"refused {status.refused}")
-    if status.overruns:
-        parts.append(f"missed {status.overruns}")
-    return "  ".join(parts)
+    for name, count in (
+        ("overruns", status.overruns),
+        ("rejected", status.rejected),
+        ("foreign", status.foreign),
+    ):
+        if count:
+            parts.append(f"{name} {count}")
+    return "  ".join([*parts, f"accepted {status.accepted}", f"sent {status.sent}"])
 
 
 def _columns() -> int:
-    """Of the terminal, less one: a full line would wrap."""
+    """Of the terminal, less what it adds for a Ctrl-C: a line that wraps could not be rewritten."""
     with contextlib.suppress(OSError, ValueError):
-        return max(20, os.get_terminal_size(sys.stderr.fileno()).columns - 1)
-    return 79
+        return max(20, os.get_terminal_size(sys.stderr.fileno()).columns - 3)
+    return 77

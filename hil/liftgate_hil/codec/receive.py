@@ -209,6 +209,7 @@ def judge(
         return ERROR_FRAME, -1, 0
     message = find_message(bus, identifier & ~REMOTE)
     if message < 0:
+        note_evidence(current.refusals, FOREIGN, -1, float(identifier), np.nan)
         return FOREIGN, -1, 0
     if identifier & REMOTE:
         return REMOTE_FRAME, message, 0

@@ -27,7 +27,7 @@ REFUSAL = np.dtype(
         ("time_ns", "i8"),  # model time of the first, and of it:
         ("message", "i8"),  # row of the tables
         ("signal", "i8"),  # row of the tables, of one out of range
-        ("found", "f8"),  # length, checksum, counter, or value in the database's unit
+        ("found", "f8"),  # length, checksum, counter, identifier, or value in the database's unit
         ("expected", "f8"),  # length, checksum, counter
     ]
 )

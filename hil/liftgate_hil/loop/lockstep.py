@@ -56,7 +56,9 @@ def run_lockstep(
                 "allowed: an ECU that answers, or a longer `wall_timeout`"
             )
         if silent > _PATIENCE and not is_told:
-            lockstep.say(f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X})")
+            lockstep.say(
+                f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X}); `wall_timeout` ends that"
+            )
             is_told = True
         while waiting.commands:
             frames = waiting.commands.popleft()

@@ -13,6 +13,7 @@ from liftgate_hil.codec.refusals import (
     ACCEPTED,
     BAD_CHECKSUM,
     BAD_COUNTER,
+    FOREIGN,
     OUT_OF_RANGE,
     REMOTE_FRAME,
     WRONG_LENGTH,
@@ -96,15 +97,20 @@ class Lookout:
         """Whether it is there; where it is long in coming, what it is that is waited for."""
         if self._reception.seen_ns[self._row] >= 0:
             if self._is_waiting:
-                self._listener.say(f"{time_s:.3f} s: {self._command} comes")
+                self._listener.say(f"{time_s:.3f} s: {self._command} received")
             self._heard, self._was_heard, self._is_waiting = now, True, False
         elif self._was_heard:
-            self._listener.say(f"{time_s:.3f} s: {self._command} has stopped: motors off")
+            self._listener.say(f"{time_s:.3f} s: {self._command} timed out: motors off")
             self._was_heard, self._is_waiting = False, True
         elif not self._is_waiting and now - self._heard > _PATIENCE_S:
             identifier = self._rig.messages[self._command].frame_id
+            others = self._reception.refusals[FOREIGN]
+            heard = (
+                f"; hears 0x{int(others.found) & 0x1FFFFFFF:X}, which is not received by this rig"
+            )
             self._listener.say(
                 f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"
+                + (heard if others.count else "")
             )
             self._is_waiting = True
 
@@ -120,7 +126,8 @@ class Lookout:
             command_age_s=age,
             sent=moment.sent,
             accepted=int(counts[ACCEPTED]),
-            refused=sum(int(counts[cause]) for cause in _REFUSED),
+            rejected=sum(int(counts[cause]) for cause in _REFUSED),
+            foreign=int(counts[FOREIGN]),
             overruns=moment.overruns,
         )
 

@@ -108,7 +108,7 @@ class PinchEvent(NamedTuple):
             name = f"{limit.force:.0f} N"
             if limit.longest:
                 name = f"{name} for more than {limit.longest:g} s"
-                told = f"passed for {over:.3f} s"
+                told = f"exceeded for {over:.3f} s"
             judged = "borrowed" if limit.is_judged else "borrowed, not judged"
             said.append(f"  limit {name} ({limit.source}; {judged}): {told}")
         if np.isfinite(self.turn_s):

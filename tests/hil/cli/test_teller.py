@@ -12,7 +12,7 @@ import pytest
 from liftgate_hil.cli.teller import Teller, line_of
 from liftgate_hil.listener import Status
 
-STATUS = Status(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0)
+STATUS = Status(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
 
 
 class Terminal(io.StringIO):
@@ -30,17 +30,19 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
 
 def test_a_line_says_where_the_run_is():
     assert line_of(STATUS) == (
-        "     1.2 s   12.50 deg    1.50 A  -0.25 A  command 12 ms ago  sent 30  received 12"
+        "     1.2 s   12.50 deg    1.50 A  -0.25 A  command 12 ms  accepted 12  sent 30"
     )
-    worse = STATUS._replace(command_age_s=None, refused=2, overruns=7)
-    assert line_of(worse).endswith("no command  sent 30  received 12  refused 2  missed 7")
+    worse = STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7)
+    assert line_of(worse).endswith(
+        "no command  overruns 7  rejected 2  foreign 9  accepted 12  sent 30"
+    )
 
 
 def test_the_line_is_rewritten_and_makes_room_for_what_is_said(terminal: Terminal):
     teller = Teller(is_quiet=False)
     teller.status(STATUS)
     teller.status(STATUS)
-    line = line_of(STATUS)[:79]
+    line = line_of(STATUS)[:77]
     assert terminal.getvalue() == f"\r{line}\x1b[K"
     teller.say("`record` run.log: full")
     assert terminal.getvalue() == f"\r{line}\x1b[K\r\x1b[K--record run.log: full\n\r{line}\x1b[K"
@@ -53,7 +55,7 @@ def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):
     teller.compiles("compiling the model", 0.0)
     teller.compiles("compiling the model", 7.4)
     assert terminal.getvalue().endswith(
-        "\rcompiling the model, once for this version and machine: 7 s\x1b[K"
+        "\rcompiling the model, once for this version and machine: 7 s so far\x1b[K"
     )
     teller.compiled("the model", 8.0)
     assert terminal.getvalue().endswith("\r\x1b[K")

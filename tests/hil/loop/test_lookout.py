@@ -78,7 +78,7 @@ def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
     bench.receive(command_payload(bench.rig, 1), tick=10)
     assert bench.look(tick=15) == []
     (status,) = bench.told.seen
-    assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 3)
+    assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
 
 
 def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
@@ -102,7 +102,7 @@ def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
     ]
     bench.receive(good[:-1], tick=80)
     assert bench.look(tick=90) == []
-    assert bench.told.seen[-1].refused == 6
+    assert bench.told.seen[-1].rejected == 6
 
 
 def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
@@ -113,11 +113,11 @@ def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
     ]
     assert bench.look(tick=9000, after=9.0) == []
     bench.receive(command_payload(bench.rig, 1), tick=9100)
-    assert bench.look(tick=9101) == ["9.101 s: DriveCommand comes"]
+    assert bench.look(tick=9101) == ["9.101 s: DriveCommand received"]
     bench.reception.seen_ns[:] = -1
-    assert bench.look(tick=9200) == ["9.200 s: DriveCommand has stopped: motors off"]
+    assert bench.look(tick=9200) == ["9.200 s: DriveCommand timed out: motors off"]
     bench.receive(command_payload(bench.rig, 2), tick=9300)
-    assert bench.look(tick=9301) == ["9.301 s: DriveCommand comes"]
+    assert bench.look(tick=9301) == ["9.301 s: DriveCommand received"]
 
 
 def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
@@ -127,3 +127,12 @@ def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
     assert bench.look(after=0.0) == []  # too soon
     assert bench.look(after=0.0, is_last=True) == ["0.9 open"]
     assert bench.look() == []
+
+
+def test_a_bus_with_frames_of_others_only_is_told_as_that(bench: Bench):
+    bench.look()
+    bench.receive(b"\1\2", identifier=0x1A0)
+    assert bench.look(tick=2500, after=2.5) == [
+        "2.500 s: waits for DriveCommand (0x120), motors off; hears 0x1A0, which is not received by this rig"
+    ]
+    assert bench.told.seen[-1].foreign == 1

@@ -63,7 +63,25 @@ def draft_rig(database: Path, target: Path) -> Draft:
     waiting = {
         f"{line.section}.{line.quantity}": line.reason for line in _all(lines) if not line.is_sure
     }
+    text += "".join(_unused(text, messages, {line.message.name for line in _all(lines)}))
     return Draft(text, mapped, [*waiting.items(), *_missing(faults, waiting, mapped)])
+
+
+def _unused(text: str, messages: Mapping[str, Message], used: set[str]) -> Iterator[str]:
+    """Comments with the signals that stand nowhere above, of the messages that do."""
+    left = [
+        f"{name}.{signal.name}"
+        for name in used
+        for signal in messages[name].signals
+        if quoted(f"{name}.{signal.name}") not in text and quoted(signal.name) not in text
+    ]
+    if left:
+        yield "\n# Not drafted: names that say nothing known. docs/rig.md has all quantities.\n"
+    for each in sorted(left):
+        yield f"#   {printable(each)}\n"
+    others = len(messages) - len(used)
+    if others:
+        yield f"# Messages of which nothing was drafted: {others}.\n"
 
 
 def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
