@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
+from liftgate_hil.errors import LiftgateError
 from liftgate_hil.listener import Listener
 from liftgate_plant import compiler
 
@@ -50,9 +51,11 @@ def watcher_for(
 def told_of_compiling(
     listener: Listener, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[None]:
-    """Within it a listener is told, see `watcher_for`."""
+    """Within it a listener is told, see `watcher_for`. Raises LiftgateError where another ends a compilation."""
     before = compiler.watch(watcher_for(listener, stopped))
     try:
         yield
+    except compiler.CompileError as error:
+        raise LiftgateError(str(error)) from None
     finally:
         compiler.watch(before)
