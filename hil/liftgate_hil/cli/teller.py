@@ -107,5 +107,6 @@ def line_of(status: Status) -> str:
 def _columns() -> int:
     """Of the terminal, less one: a full line would wrap."""
     with contextlib.suppress(OSError, ValueError):
-        return max(20, os.get_terminal_size(sys.stderr.fileno()).columns - 1)
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+        return columns - 1 if columns > 1 else 79  # 0 where it does not know
     return 79
