@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
+from liftgate_hil.errors import LiftgateError
 from liftgate_hil.listener import Listener
 from liftgate_plant import compiler
 
@@ -52,21 +53,19 @@ class _Watcher(compiler.Watcher):
         self._listener.say(f"machine code is not kept: {why}")
 
 
-def watcher_for(
-    listener: Listener, stopped: Callable[[], bool] = lambda: False
-) -> compiler.Watcher:
-    """Tells a listener of compilations, which GivenUpError ends when it is `stopped`."""
-    return _Watcher(listener, stopped)
-
-
 @contextlib.contextmanager
 def told_of_compiling(
     listener: Listener, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[None]:
-    """Within it a listener is told, see `watcher_for`."""
-    watcher = watcher_for(listener, stopped)
+    """Within it a listener is told of compilations, which GivenUpError ends when it is `stopped`.
+
+    Raises LiftgateError where another ends a compilation.
+    """
+    watcher = _Watcher(listener, stopped)
     compiler.watch(watcher)
     try:
         yield
+    except compiler.CompileError as error:
+        raise LiftgateError(str(error)) from None
     finally:
         compiler.unwatch(watcher)

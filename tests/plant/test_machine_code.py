@@ -345,6 +345,19 @@ def test_a_link_to_code_elsewhere_is_not_followed(told: Told, cache: Path, tmp_p
     assert "compiles double" in told.said
 
 
+def test_code_that_was_kept_for_something_else_is_not_run(told: Told, cache: Path):
+    made(told)
+    (file,) = cache.rglob("*.code")
+    stored = storage.read(file)
+    assert stored is not None
+    other = file.with_name("0" * 16 + ".code")
+    storage.keep(other, stored)
+    assert storage.read(other) == stored
+    other.replace(file)
+    made(told)
+    assert told.said == ["compiles double"]
+
+
 def test_a_full_disk_is_told_and_costs_only_time(
     told: Told, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):

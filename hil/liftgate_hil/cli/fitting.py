@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -87,9 +86,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
-    from liftgate_hil.compiling import watcher_for
     from liftgate_hil.identify.problem import Problem
-    from liftgate_plant import compiler
 
     measurements = measurements_from(args, vehicle, model != "full")
     angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
@@ -99,7 +96,6 @@ def problem_of(
     ]
     data = _thinned(data, args, vehicle)
     delay, is_delay_sought = delay_of(args.input_delay, data)
-    compiler.watch(watcher_for(Teller(args.quiet)))
     try:
         problem = Problem(
             vehicle,

@@ -116,6 +116,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.compiling import told_of_compiling
+
+    with told_of_compiling(Teller(args.quiet)):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     from liftgate_hil.report.files import check_targets
 
     targets = {"--result": args.result, "--save-vehicle": args.save_vehicle, "--html": args.html}

@@ -124,10 +124,12 @@ def _cells(signal: MappedSignal) -> tuple[str, ...]:
 def _draft(args: argparse.Namespace) -> int:
     from liftgate_hil.config.drafting.draft import draft_rig
 
-    target = Path(args.output) if args.output else Path(args.database).with_suffix(".toml")
+    database = Path(args.database)
+    beside = database.with_suffix(".toml") if database.name else database / "rig.toml"
+    target = Path(args.output) if args.output else beside
     if args.output and is_there(target):
         raise ConfigError(f"`output` {target}: is there already; allowed: a new file")
-    draft = draft_rig(Path(args.database), target)
+    draft = draft_rig(database, target)
     if args.output:
         write_text(target, draft.text)
     else:

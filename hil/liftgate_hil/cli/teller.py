@@ -112,5 +112,6 @@ def line_of(status: Status) -> str:
 def _columns() -> int:
     """Of the terminal, less what it adds for a Ctrl-C: a line that wraps could not be rewritten."""
     with contextlib.suppress(OSError, ValueError):
-        return max(20, os.get_terminal_size(sys.stderr.fileno()).columns - 3)
+        columns = os.get_terminal_size(sys.stderr.fileno()).columns
+        return max(columns - 3, 1) if columns else 77  # 0 where it does not know
     return 77

@@ -26,9 +26,16 @@ class Weighting:
     root: Floats
 
     @property
+    def log_determinant(self) -> float:
+        """Of the Λ that W belongs to: where outputs go together (both drives alike) rounding makes the determinant
+        of `covariance` 0, or negative.
+        """
+        return float(-2.0 * np.sum(np.log(np.diag(self.root))))
+
+    @property
     def loss(self) -> float:
         """The determinant of Λ."""
-        return float(np.linalg.det(self.covariance))
+        return float(np.exp(self.log_determinant))
 
 
 def is_whole(measured: Floats) -> bool:
@@ -71,8 +78,7 @@ def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighti
     counts = np.sum(np.isfinite(measured), axis=0)
     excess = float(np.sum((errors @ weighting.root) ** 2) - np.sum(counts))
     if is_whole(measured):
-        _, logarithm = np.linalg.slogdet(weighting.covariance)
-        return sampled_rows(measured) * float(logarithm) + excess
+        return sampled_rows(measured) * weighting.log_determinant + excess
     return float(np.sum(counts * np.log(np.diag(weighting.covariance)))) + excess
 
 

@@ -144,7 +144,7 @@ class Lookout:
         if cause == BAD_CHECKSUM:
             signal = (options and options.checksum) or "checksum"
             if refusal.found == refusal.expected:
-                return f"{head}: {signal} or data ID: not those of this message"
+                return f"{head}: data ID or counter: none that this message has ({signal} fits)"
             found, expected = int(refusal.found), int(refusal.expected)
             return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
         if cause == BAD_COUNTER:

@@ -9,6 +9,9 @@ import pytest
 
 from liftgate_hil import runs
 from liftgate_hil.cli.main import main
+from liftgate_hil.compiling import told_of_compiling
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.listener import Listener
 from liftgate_hil.session import RunOptions
 from liftgate_plant import compiler
 
@@ -45,3 +48,8 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     assert np.isnan(result.maxima["pinch_force_n"])
     assert len(result.trace["time_s"]) == 0
     assert not list(tmp_path.rglob("*.code"))
+
+
+def test_a_compilation_that_is_ended_from_outside_is_one_message():
+    with pytest.raises(LiftgateError, match="ended from outside"), told_of_compiling(Listener()):
+        raise compiler.CompileError("the compiler's process was ended from outside (SIGKILL)")

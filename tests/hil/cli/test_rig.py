@@ -133,3 +133,11 @@ def test_labels_of_a_database_cannot_speak_to_the_terminal(
     main(["rig", "check", str(path)])
     said = capsys.readouterr()
     assert "\x1b" not in said.out + said.err
+
+
+@pytest.mark.parametrize("database", ["", ".", "/"])
+def test_a_folder_without_a_name_is_no_database_to_draft_from(
+    database: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["rig", "draft", database]) == 2
+    assert "is a folder; allowed: a file" in capsys.readouterr().err

@@ -50,6 +50,15 @@ def test_the_line_is_rewritten_and_makes_room_for_what_is_said(terminal: Termina
     assert terminal.getvalue().endswith("\r\x1b[K")
 
 
+def test_the_line_never_fills_a_narrow_terminal(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(terminal, "fileno", lambda: 2)
+    monkeypatch.setattr("os.get_terminal_size", lambda _: SimpleNamespace(columns=10))
+    Teller(is_quiet=False).status(STATUS)
+    assert terminal.getvalue() == f"\r{line_of(STATUS)[:9]}\x1b[K"
+
+
 def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):
     teller = Teller(is_quiet=False)
     teller.compiles("compiling the model", 0.0)

@@ -267,3 +267,15 @@ def test_sensors_are_applied_to_data_that_come_through_them_alone() -> None:
     other = Problem(vehicle, "third-order", sought(names[1:]), [plain], list(NOISE), 20.0)
     assert search(other).point == pytest.approx([0.708], rel=1e-7)
     assert vehicle.sensors != Sensors()
+
+
+def test_drives_that_are_alike_to_the_last_digit_do_not_hide_where_the_end_is():
+    """The covariance of their errors is singular."""
+    names = ["left_current_a", "right_current_a", "left_speed_rps", "right_speed_rps"]
+    vehicle = suv()
+    data = measured(vehicle, "full", noise=dict.fromkeys(names, 0.0))
+    wanted = sought(["motor.resistance", "motor.rotor_inertia"])
+    other = suv("motor.resistance=0.8", "motor.rotor_inertia=1.6e-5")
+    found = search(Problem(other, "full", wanted, [data], names, 20.0))
+    truth = [vehicle.left.motor.resistance, vehicle.left.motor.rotor_inertia]
+    assert found.point == pytest.approx(truth, rel=1e-6)
