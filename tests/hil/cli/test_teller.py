@@ -56,7 +56,7 @@ def test_the_line_never_fills_a_narrow_terminal(
     monkeypatch.setattr(terminal, "fileno", lambda: 2)
     monkeypatch.setattr("os.get_terminal_size", lambda _: SimpleNamespace(columns=10))
     Teller(is_quiet=False).status(STATUS)
-    assert terminal.getvalue() == f"\r{line_of(STATUS)[:9]}\x1b[K"
+    assert terminal.getvalue() == f"\r{line_of(STATUS)[:7]}\x1b[K"
 
 
 def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):

@@ -269,13 +269,15 @@ def test_sensors_are_applied_to_data_that_come_through_them_alone() -> None:
     assert vehicle.sensors != Sensors()
 
 
-def test_drives_that_are_alike_to_the_last_digit_do_not_hide_where_the_end_is():
-    """The covariance of their errors is singular."""
-    names = ["left_current_a", "right_current_a", "left_speed_rps", "right_speed_rps"]
-    vehicle = suv()
-    data = measured(vehicle, "full", noise=dict.fromkeys(names, 0.0))
-    wanted = sought(["motor.resistance", "motor.rotor_inertia"])
-    other = suv("motor.resistance=0.8", "motor.rotor_inertia=1.6e-5")
-    found = search(Problem(other, "full", wanted, [data], names, 20.0))
-    truth = [vehicle.left.motor.resistance, vehicle.left.motor.rotor_inertia]
-    assert found.point == pytest.approx(truth, rel=1e-6)
+@pytest.mark.parametrize("seed", range(5))
+def test_outputs_that_go_together_have_a_loss_that_says_which_errors_are_smaller(seed: int):
+    """As of two drives that are alike to the last digit: the covariance of their errors is singular."""
+    one = np.random.default_rng(seed).normal(size=(500, 3)) * [1.0, 1e-3, 1e-6]
+    alike = np.repeat(one, 2, axis=1)
+    losses, deviances = [], []
+    for size in (2.0, 1.0):
+        weighting = weighting_of(alike, size * alike, None)
+        losses.append(weighting.loss)
+        deviances.append(log_likelihood_deviance(alike, size * alike, weighting))
+    assert losses[0] == pytest.approx(losses[1] * 2.0 ** (2 * alike.shape[1]), rel=1e-3)
+    assert deviances[0] - deviances[1] == pytest.approx(500 * 2 * 6 * math.log(2.0), rel=1e-3)
