@@ -441,7 +441,8 @@ def test_a_thread_that_ends_is_told_with_its_cause(way: str, cause: str):
     if way == "out":
         transport.receive = Endless().receive  # type: ignore[method-assign]
     pump = Pump(transport)
-    send(pump, [(1, b"")])
+    if way == "out":
+        send(pump, [(1, b"")])
     thread = pump._threads[way == "out"]
     thread.join(PATIENCE)
     with pytest.raises(TransportError, match=f"has ended: {cause}"):
