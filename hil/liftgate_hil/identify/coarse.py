@@ -39,18 +39,7 @@ def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
     ]
     if _SAVES * _steps(data, _SPACING) > steps:
         return None
-    coarse = Problem(
-        problem.vehicle,
-        problem.model,
-        problem.sought,
-        data,
-        problem.outputs,
-        delay=problem.delay,
-        is_delay_sought=problem.is_delay_sought,
-        speed_window=problem.speed_window,
-        longest=_SPACING,
-        beginnings=problem.beginnings,
-    )
+    coarse = problem.on(data, longest=_SPACING)
     return coarse, coarse.leave_out_few()
 
 

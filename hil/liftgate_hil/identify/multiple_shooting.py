@@ -54,18 +54,7 @@ def in_segments(problem: Problem) -> Problem | None:
             beginnings.append(InitialCondition(start, ()))
     if not segments:
         return None
-    return Problem(
-        problem.vehicle,
-        problem.model,
-        problem.sought,
-        segments,
-        problem.outputs,
-        delay=problem.delay,
-        is_delay_sought=problem.is_delay_sought,
-        speed_window=problem.speed_window,
-        longest=problem.longest,
-        beginnings=beginnings,
-    )
+    return problem.on(segments, beginnings=beginnings)
 
 
 def _edges(data: Data) -> list[tuple[int, int]]:

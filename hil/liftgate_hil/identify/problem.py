@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,10 @@ class Problem:
         for column, name in enumerate(self.outputs):
             if name.endswith("_position_rev"):
                 self._compare_edges(column)
+
+    def on(self, data: Sequence[Data], **changes: Any) -> Problem:
+        """The same question of other data; `changes` are fields that go with them."""
+        return replace(self, data=data, angle_deg=None, evaluations=0, **changes)
 
     def leave_out_few(self) -> list[int]:
         """Leave out outputs with hardly a sample to compare: they say nothing of their noise. Gives the numbers of
