@@ -46,18 +46,19 @@ def document(content: dict[str, Any]) -> str:
     return "".join(f"{literal(key)} = {literal(value)}\n" for key, value in content.items())
 
 
-def _slots(value: Any) -> Iterator[tuple[Any, Any]]:
+def slots(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every place in a tree where a value stands: the container, and the key there."""
     if isinstance(value, dict | list):
         for key in list(value) if isinstance(value, dict) else range(len(value)):
             yield value, key
-            yield from _slots(value[key])
+            yield from slots(value[key])
 
 
 def tree(chance: random.Random, content: dict[str, Any], words: list[str]) -> dict[str, Any]:
     """The tree with some values changed, moved, left out, or under other keys."""
     content = copy.deepcopy(content)
     for _ in range(chance.choice(_TIMES)):
-        places = list(_slots(content))
+        places = list(slots(content))
         if not places:
             break
         container, key = chance.choice(places)

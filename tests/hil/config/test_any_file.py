@@ -8,7 +8,7 @@ import logging
 import random
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
+from tools.hostile.mangling import document, slots
 
 ROOT = Path(__file__).parents[3]
 FOREIGN = ROOT / "tests/system/foreign"
@@ -30,32 +31,6 @@ ODD: list[Any] = [
     {"a": 1}, {"signal": "Gate.Angle"}, {"signal": "KlappeIst.Winkel", "values": {"open": 1}},
     1e300, -1e300, 1e-300,
 ]  # fmt: skip
-
-
-def literal(value: Any) -> str:
-    """A value in TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        quoted = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{quoted}"'
-    if isinstance(value, list):
-        return "[" + ", ".join(map(literal, value)) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{literal(k)} = {literal(v)}" for k, v in value.items()) + "}"
-    return repr(value)
-
-
-def document(content: dict[str, Any]) -> str:
-    return "".join(f"{literal(key)} = {literal(value)}\n" for key, value in content.items())
-
-
-def slots(value: Any) -> Iterator[tuple[Any, Any]]:
-    """Every place in a tree where a value stands."""
-    if isinstance(value, dict | list):
-        for key in list(value) if isinstance(value, dict) else range(len(value)):
-            yield value, key
-            yield from slots(value[key])
 
 
 def mutated(chance: random.Random, content: dict[str, Any]) -> dict[str, Any]:
