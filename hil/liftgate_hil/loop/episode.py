@@ -64,39 +64,37 @@ def run_stretch(
     control = shared.control[0]
     room = len(shared.frames) - 2 * most_frames(config) - control.frames
     rows = len(shared.rows) - control.rows
-    outcome = DONE
-    if asked < 0:
-        asked = ask(node, state, script.requests, 0, 0)
-        state, to_gate, is_fine = turn(node, state, config.nothing, 0)
-        outcome = DONE if is_fine else BAD_ECU
     last = script.ticks + script.is_last
+    outcome = DONE
     while outcome == DONE and loop.tick < last and rows > 0 and room > 0:
-        rows -= 1
         stopping = loop.tick >= script.ticks
         if control.stop != 0 and not stopping:
             break
-        take_letters(shared.box, script.held)
-        outside = outside_at(
-            script.timeline, script.held, loop.tick * config.step, 0, False, stopping
-        )
-        given = config.nothing if stopping else to_gate
-        loop, replies, truth, sensed = tick(config, loop, given, outside)
-        now_ns = loop.tick * config.step_ns
-        note_row(shared, truth, sensed)
-        if given.count + replies.count > 0:
-            count_bits(shared, given)
-            count_bits(shared, replies)
-            if script.is_recorded:
-                note_frames(shared, given, now_ns, 0)
-                note_frames(shared, replies, now_ns, 1)
-                room -= given.count + replies.count
-        control.sent += replies.count
-        control.tick = loop.tick
-        if not is_sound(truth):
-            outcome = DIVERGED
-        elif not stopping:
-            asked = ask(node, state, script.requests, asked, now_ns)
-            state, to_gate, is_fine = turn(node, state, replies, now_ns)
+        heard, now_ns = config.nothing, 0
+        if asked >= 0:
+            rows -= 1
+            take_letters(shared.box, script.held)
+            outside = outside_at(
+                script.timeline, script.held, loop.tick * config.step, 0, False, stopping
+            )
+            given = config.nothing if stopping else to_gate
+            loop, heard, truth, sensed = tick(config, loop, given, outside)
+            now_ns = loop.tick * config.step_ns
+            note_row(shared, truth, sensed)
+            if given.count + heard.count > 0:
+                count_bits(shared, given)
+                count_bits(shared, heard)
+                if script.is_recorded:
+                    note_frames(shared, given, now_ns, 0)
+                    note_frames(shared, heard, now_ns, 1)
+                    room -= given.count + heard.count
+            control.sent += heard.count
+            control.tick = loop.tick
+            if not is_sound(truth):
+                outcome = DIVERGED
+        if outcome == DONE and not stopping:
+            asked = ask(node, state, script.requests, max(asked, 0), now_ns)
+            state, to_gate, is_fine = turn(node, state, heard, now_ns)
             if not is_fine:
                 outcome = BAD_ECU
     return Stretch(
