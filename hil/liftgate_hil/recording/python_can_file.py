@@ -26,6 +26,7 @@ class PythonCanRecorder:
         self._stream = stream
         self._channel = content.bus_number
         self._left_out = _NOT_IN_TRC if suffix == ".trc" else 0
+        self._suffix = suffix
         self._epoch_ns = 0
         self._held = _CONTAINER if suffix == ".blf" else 0
         if suffix == ".blf":
@@ -41,7 +42,18 @@ class PythonCanRecorder:
 
     def begin(self, epoch_ns: int) -> None:
         """See Recorder."""
-        self._epoch_ns = epoch_ns
+        # By themselves these writers count from the first frame that they are given, and give one that is earlier
+        # the wrong time.
+        start = epoch_ns * 1e-9
+        if self._suffix == ".blf":
+            self._epoch_ns = epoch_ns
+            self._writer.start_timestamp = int(start * 1000) / 1000  # its header has milliseconds
+        elif self._suffix == ".asc":
+            self._writer.log_event("start of the run", start)
+            self._writer.started = 0.0
+        else:
+            self._writer.write_header(start)
+            self._writer.first_timestamp = 0.0
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""

@@ -31,6 +31,11 @@ def recorded(
     return messages_in(path)
 
 
+def epoch_of(suffix: str, epoch_ns: int) -> float:
+    """Where python-can's readers begin to count; ASC's gives times since the start of the measurement."""
+    return 0.0 if suffix == ".asc" else epoch_ns / 1e9
+
+
 @pytest.mark.parametrize(
     ("identifier", "payload", "is_sent", "expected"),
     [
@@ -114,13 +119,22 @@ def test_every_format_has_the_same_frames_with_times_and_directions(
         (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
     ] == many()
     assert [m.is_rx for m in messages] == [k % 4 == 0 for k in range(300)]
-    times = [message.timestamp - messages[0].timestamp for message in messages]
+    times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
     exact = 1.1e-6 if suffix != ".trc" else 1e-4
-    assert times == pytest.approx([0.001 * number for number in range(300)], abs=exact)
-    if suffix not in (".asc", ".trc"):  # these tell times since the first frame
-        start = epoch_ns / 1e9 + 0.5 if epoch_ns or suffix != ".blf" else messages[0].timestamp
-        assert messages[0].timestamp == pytest.approx(start, abs=1e-3)
+    assert times == pytest.approx([0.001 * number + 0.5 for number in range(300)], abs=exact)
     assert [each.name for each in tmp_path.iterdir()] == [f"bus{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
+@pytest.mark.filterwarnings("ignore")
+def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
+    tmp_path: Path, suffix: str, epoch_ns: int
+) -> None:
+    blocks = [sent([(0x120, b"")], at) for at in (0.25, 0.125, 0.5)]
+    messages = recorded(tmp_path / f"bus{suffix}", blocks, epoch_ns=epoch_ns)
+    times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
+    assert sorted(times) == pytest.approx([0.125, 0.25, 0.5], abs=1e-4)
 
 
 @pytest.mark.parametrize("suffix", BUS)
