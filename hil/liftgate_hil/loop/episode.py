@@ -71,7 +71,7 @@ def run_stretch(
         if control.stop != 0 and not stopping:
             break
         heard, now_ns = config.nothing, 0
-        if asked >= 0:
+        if asked >= 0 or stopping:
             rows -= 1
             take_letters(shared.box, script.held)
             outside = outside_at(

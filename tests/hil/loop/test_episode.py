@@ -235,6 +235,16 @@ def test_an_episode_that_is_told_to_stop_ends_between_two_stretches(rig: Rig) ->
     memory.close()
 
 
+def test_an_episode_that_is_told_to_stop_before_it_began_has_its_last_tick(rig: Rig) -> None:
+    keeper = Keeper()
+    with ReferenceEcu(rig, 2) as adapter:
+        episode = episode_of([keeper], adapter)
+        episode.run(900, stopped=lambda: True)
+        episode.finish()
+        episode.close()
+    assert len(keeper.rows) == 1
+
+
 def test_the_last_tick_has_the_motors_off_and_sends_everything(rig: Rig) -> None:
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
