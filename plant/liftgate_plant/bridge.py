@@ -54,36 +54,37 @@ def drive_input(state: int, duty: float) -> DriveInput:
 class Coasting(NamedTuple):
     """A coasting winding over a step.
 
-    Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time; else the current is zero at
-    the end and has the mean `mean`.
+    Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time. Else the current ends inside
+    the step and has brought the mean `mean`; from `restart` [s] on the diodes hold `voltage`, against a back-EMF
+    beyond their limit. A restart at the end of the step is none.
     """
 
     conducts: float
     voltage: float
     mean: float
+    restart: float
 
 
 @compilable
 def coasting(
     current: float, emf: float, resistance: float, inductance: float, limit: float, step: float
 ) -> Coasting:
-    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V."""
+    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V at its start."""
+    beyond = math.copysign(limit, emf) if abs(emf) > limit else 0.0
     if current == 0.0:
-        if abs(emf) <= limit:
-            return Coasting(0.0, 0.0, 0.0)
-        return Coasting(1.0, math.copysign(limit, emf), 0.0)
+        return Coasting(1.0 if beyond != 0.0 else 0.0, beyond, 0.0, step)
     voltage = -math.copysign(limit, current)
     final = (voltage - emf) / resistance
     if final * current >= 0.0:
-        return Coasting(1.0, voltage, 0.0)
+        return Coasting(1.0, voltage, 0.0, step)
     # i(t) = final + (i0 − final) exp(−t R/L) is zero at:
     time = inductance / resistance * math.log(1.0 - current / final)
     if time >= step:
-        return Coasting(1.0, voltage, 0.0)
+        return Coasting(1.0, voltage, 0.0, step)
     charge = final * time + (current - final) * inductance / resistance * (
         1.0 - math.exp(-time * resistance / inductance)
     )
-    return Coasting(0.0, 0.0, charge / step)
+    return Coasting(0.0, beyond, charge / step, time if beyond != 0.0 else step)
 
 
 @compilable

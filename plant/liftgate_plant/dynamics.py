@@ -94,9 +94,10 @@ class State(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What the surroundings do during a step, SI; temperature in °C."""
+    """What the surroundings do during a step, its mean, SI; temperature in °C."""
 
     supply_voltage: float
+    supply_rise: float  # from the step's start to its end; the winding follows within microseconds
     road_slope: float
     ambient_temperature: float
     wind_pressure: float
@@ -125,6 +126,35 @@ class Outputs(NamedTuple):
     pinch_force: float
     terminal_voltage: float
     gate_acceleration: float
+
+
+@compilable
+def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
+    """The inputs with another source: its mean voltage [V] and its rise over the step [V]."""
+    load = inputs.load
+    return Inputs(
+        inputs.left,
+        inputs.right,
+        Load(
+            supply_voltage=voltage,
+            supply_rise=rise,
+            road_slope=load.road_slope,
+            ambient_temperature=load.ambient_temperature,
+            wind_pressure=load.wind_pressure,
+            snow_mass=load.snow_mass,
+            hand_force=load.hand_force,
+            external_torque=load.external_torque,
+            latch_released=load.latch_released,
+            obstacle=load.obstacle,
+        ),
+    )
+
+
+@compilable
+def at(inputs: Inputs, share: float) -> Inputs:
+    """The inputs of a step as they are at a share of it: 0 its start, 1 its end."""
+    load = inputs.load
+    return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
 
 
 @compilable

@@ -14,6 +14,7 @@ from liftgate_plant.motor import (
     Transient,
     Winding,
     end_current,
+    restarted,
     solve_windings,
     transient_of,
 )
@@ -26,6 +27,7 @@ class Electric(NamedTuple):
     transient: Transient
     resistance: float  # Ω, at the present temperature
     torque_constant: float  # N m/A, at the present temperature
+    diodes: float  # V, what those of a coasting motor hold on it
 
 
 NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
@@ -34,9 +36,16 @@ NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def winding_of(
-    drive: Drive, state: DriveState, drive_input: DriveInput, terminal: float, step: float
+    drive: Drive,
+    state: DriveState,
+    drive_input: DriveInput,
+    terminal: float,
+    rise: float,
+    step: float,
 ) -> tuple[Winding, Coasting]:
-    """The winding at its present temperature with what is applied to it, and how it coasts."""
+    """The winding at its present temperature with what is applied to it, and how it coasts; `terminal` voltage of
+    the step's start, `rise` of the source over the step.
+    """
     motor = drive.motor
     resistance = motor.resistance * thermal.resistance_factor(
         drive.thermal, state.winding_temperature
@@ -45,17 +54,20 @@ def winding_of(
         drive.thermal, state.housing_temperature
     )
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
-        winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0)
-        return winding, Coasting(1.0, 0.0, 0.0)
+        winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0, 0.0)
+        return winding, Coasting(1.0, 0.0, 0.0, step)
     if drive_input.coast == 0.0:
+        duty = drive_input.duty
         winding = Winding(
-            resistance, motor.inductance, emf_constant, drive_input.duty, drive_input.voltage
+            resistance, motor.inductance, emf_constant, duty, drive_input.voltage, duty * rise
         )
-        return winding, Coasting(1.0, 0.0, 0.0)
+        return winding, Coasting(1.0, 0.0, 0.0, step)
     limit = terminal + 2.0 * drive.diode_drop
     emf = emf_constant * state.speed
     coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, step)
-    return Winding(resistance, motor.inductance, emf_constant, 0.0, coast.voltage), coast
+    more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
+    voltage = coast.voltage + 0.5 * more
+    return Winding(resistance, motor.inductance, emf_constant, 0.0, voltage, more), coast
 
 
 @compilable
@@ -68,15 +80,20 @@ def electric_of(
     response: Response,
     step: float,
 ) -> Electric:
-    """One drive's side of the solved windings; a coasting motor whose current ends is switched off."""
+    """One drive's side of the solved windings; a coasting motor whose current ends is switched off until its
+    back-EMF drives one the other way.
+    """
     flux = thermal.flux_factor(drive.thermal, state.housing_temperature)
     torque_constant = drive.motor.torque_constant * flux
     if drive.active == 0.0:
-        return Electric(NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant)
+        return Electric(NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant, 0.0)
     if coast.conducts == 0.0:
         idle = Response(coast.mean, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return Electric(idle, NO_TRANSIENT, winding.resistance, torque_constant)
+        if coast.restart < step:
+            idle = restarted(winding, coast.mean, coast.restart, state.speed, step)
+        return Electric(idle, NO_TRANSIENT, winding.resistance, torque_constant, coast.voltage)
     fall = state.current - end_current(response, state.speed, other.speed)
+    fall += winding.rise / winding.resistance  # which does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
     transient = transient_of(per_inertia, winding, fall, step)
     lagging = Response(
@@ -87,7 +104,7 @@ def electric_of(
         response.end_own,
         response.end_other,
     )
-    return Electric(lagging, transient, winding.resistance, torque_constant)
+    return Electric(lagging, transient, winding.resistance, torque_constant, winding.voltage)
 
 
 @compilable
@@ -96,16 +113,17 @@ def electrics_of(
 ) -> tuple[Electric, Electric]:
     """Both drives' electrical sides during a step of `step` seconds."""
     load = inputs.load
+    rise = load.supply_rise
     terminal = supply.terminal_voltage(
-        load.supply_voltage,
+        load.supply_voltage - 0.5 * rise,
         plant.source_resistance,
         inputs.left.duty,
         state.left.current,
         inputs.right.duty,
         state.right.current,
     )
-    winding_l, coast_l = winding_of(plant.left, state.left, inputs.left, terminal, step)
-    winding_r, coast_r = winding_of(plant.right, state.right, inputs.right, terminal, step)
+    winding_l, coast_l = winding_of(plant.left, state.left, inputs.left, terminal, rise, step)
+    winding_r, coast_r = winding_of(plant.right, state.right, inputs.right, terminal, rise, step)
     response_l, response_r = solve_windings(
         winding_l,
         winding_r,
@@ -124,12 +142,7 @@ def electrics_of(
 
 
 @compilable
-def final_current(
-    electric: Electric, state: DriveState, coast: float, own: float, other: float
-) -> float:
+def final_current(electric: Electric, coast: float, own: float, other: float) -> float:
     """Current [A] at the end of the step; a coasting motor's diodes let none pass backwards."""
     current = end_current(electric.response, own, other)
-    if coast == 0.0:
-        return current
-    direction = state.current if state.current != 0.0 else -state.speed
-    return bridge.blocked(current, direction)
+    return current if coast == 0.0 else bridge.blocked(current, -electric.diodes)

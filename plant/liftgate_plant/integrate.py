@@ -351,7 +351,7 @@ def next_drive(
     if way != 0.0:  # a held shaft stays exactly where it is
         way += step * electric.transient.drift
     return DriveState(
-        electrics.final_current(electric, state, coast, speed, other),
+        electrics.final_current(electric, coast, speed, other),
         speed,
         state.position + way,
         winding,

@@ -33,7 +33,8 @@ class Winding(NamedTuple):
     inductance: float
     speed_constant: float
     duty: float  # signed share of the terminal voltage, −1…1
-    voltage: float  # V, applied directly
+    voltage: float  # V, applied directly; its mean
+    rise: float  # V, by how much all that is applied rises over the step
 
 
 class Response(NamedTuple):
@@ -112,7 +113,8 @@ def solve_windings(
     source_resistance: float,
     step: float,
 ) -> tuple[Response, Response]:
-    """Both currents over a step, exact for speeds that change linearly in time.
+    """Both currents over a step, exact for speeds and voltages that change linearly in time; `supply_voltage` is
+    the source's mean.
 
     With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h:
     y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean of y is φ1 y0 + h φ2 g0 + h φ3 g1.
@@ -128,20 +130,24 @@ def solve_windings(
     x_r = root_r * current_right
     y1 = c * x_l - s * x_r
     y2 = s * x_l + c * x_r
-    u_l = (left.voltage + left.duty * supply_voltage - left.speed_constant * speed_left) / root_l
-    u_r = (
-        right.voltage + right.duty * supply_voltage - right.speed_constant * speed_right
-    ) / root_r
+    u_l = left.voltage + left.duty * supply_voltage - left.speed_constant * speed_left
+    u_r = right.voltage + right.duty * supply_voltage - right.speed_constant * speed_right
+    u_l = (u_l - 0.5 * left.rise) / root_l
+    u_r = (u_r - 0.5 * right.rise) / root_r
     f1 = step * (c * u_l - s * u_r)
     f2 = step * (s * u_l + c * u_r)
+    w_l = left.rise / root_l
+    w_r = right.rise / root_r
+    w1 = step * (c * w_l - s * w_r)
+    w2 = step * (s * w_l + c * w_r)
 
     # Slope of the forcing per unit of final speed; the part of the initial speed is taken off below.
     k_l = -left.speed_constant / root_l * step
     k_r = -right.speed_constant / root_r * step
-    mean_1 = p1 * y1 + q1 * f1
-    mean_2 = p2 * y2 + q2 * f2
-    end_1 = e1 * y1 + p1 * f1
-    end_2 = e2 * y2 + p2 * f2
+    mean_1 = p1 * y1 + q1 * f1 + r1 * w1
+    mean_2 = p2 * y2 + q2 * f2 + r2 * w2
+    end_1 = e1 * y1 + p1 * f1 + q1 * w1
+    end_2 = e2 * y2 + p2 * f2 + q2 * w2
 
     mean_ll = (c * c * r1 + s * s * r2) * k_l / root_l
     mean_lr = (-c * s * r1 + s * c * r2) * k_r / root_l
@@ -158,6 +164,29 @@ def solve_windings(
     return (
         Response(mean_l, mean_ll, mean_lr, end_l, end_ll, end_lr),
         Response(mean_r, mean_rr, mean_rl, end_r, end_rr, end_rl),
+    )
+
+
+@compilable
+def restarted(winding: Winding, mean: float, restart: float, speed: float, step: float) -> Response:
+    """The current of a winding that has none at `restart` [s] of a step, and `winding.voltage` on it from then on;
+    before that it brought the mean `mean` [A]. For speeds and voltages that change linearly over the step.
+    """
+    left = step - restart
+    before, after = restart / step, left / step
+    k = winding.speed_constant / winding.inductance
+    _, phi1, phi2, phi3 = phi_functions(-winding.resistance / winding.inductance * left)
+    voltage = winding.voltage + winding.rise * (before - 0.5)
+    start = voltage / winding.inductance - k * after * speed
+    slope = after * (winding.rise / winding.inductance + k * speed)
+    share = left * after
+    return Response(
+        mean + share * (phi2 * start + phi3 * slope),
+        -share * k * (phi2 * before + phi3 * after),
+        0.0,
+        left * (phi1 * start + phi2 * slope),
+        -left * k * (phi1 * before + phi2 * after),
+        0.0,
     )
 
 

@@ -27,10 +27,19 @@ def value_or(value: float, default: float) -> float:
 
 
 @compilable
-def overlaid(base: Load, said: Surroundings, latch_released: float, obstacle: Obstacle) -> Load:
+def rise_under(rise: float, said: Surroundings) -> float:
+    """How much the supply's voltage rises over a step: what is laid over it is held."""
+    return rise if np.isnan(said.supply_voltage_v) else 0.0
+
+
+@compilable
+def overlaid(
+    base: Load, said: Surroundings, supply_rise: float, latch_released: float, obstacle: Obstacle
+) -> Load:
     """What acts on the gate: `base` where `said` is silent (NaN), and what it says elsewhere."""
     return Load(
         supply_voltage=value_or(said.supply_voltage_v, base.supply_voltage),
+        supply_rise=supply_rise,
         road_slope=value_or(math.radians(said.road_slope_deg), base.road_slope),
         ambient_temperature=value_or(said.ambient_temperature_degc, base.ambient_temperature),
         wind_pressure=value_or(said.wind_pressure_pa, base.wind_pressure),
@@ -52,7 +61,7 @@ _SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings
 @compilable
 def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
     """What a row of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
-    drives = picked(row, _DRIVES)
+    drives, said = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
     released = value_or(row[AT.latch_released], base.latch_released)
     return Inputs(
         DriveInput(
@@ -65,7 +74,7 @@ def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
             voltage=value_or(drives.right_voltage_v, 0.0),
             coast=value_or(drives.right_coast, 0.0),
         ),
-        overlaid(base, picked(row, _SURROUNDINGS), released, base.obstacle),
+        overlaid(base, said, rise_under(base.supply_rise, said), released, base.obstacle),
     )
 
 

@@ -92,6 +92,7 @@ def load_of(vehicle: Vehicle) -> Load:
     place: environment.Environment = vehicle.environment
     return Load(
         supply_voltage=vehicle.supply.voltage,
+        supply_rise=0.0,
         road_slope=place.road_slope,
         ambient_temperature=place.ambient_temperature,
         wind_pressure=place.wind_pressure,

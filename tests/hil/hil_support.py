@@ -149,7 +149,7 @@ def outside(
 ) -> Outside:
     """What acts on one tick that begins at a time [s]; nothing was posted."""
     given = NO_TIMELINE if timeline is None else timeline
-    return compiled(outside_at)(given, nothing_held(), time, missed, silent, stop)
+    return compiled(outside_at)(given, nothing_held(), time, 0.001, missed, silent, stop)
 
 
 Ticked = list[tuple[LoopState, Frames, Any, Any]]

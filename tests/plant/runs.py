@@ -15,7 +15,7 @@ from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state
+from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state, supplied
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.reference import event_solution
@@ -49,6 +49,8 @@ def fill(plant: Plant, state: State, inputs: Inputs, h: float, rows: np.ndarray)
     for k in range(len(rows)):
         if k > 0:
             state = integrate.step(plant, state, inputs, h)
+            now = inputs.load  # a supply that rises goes on doing so
+            inputs = supplied(inputs, now.supply_voltage + now.supply_rise, now.supply_rise)
         for side in range(2):
             drive = state.left if side == 0 else state.right
             rows[k, 5 * side] = drive.current
@@ -112,11 +114,15 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
     return DriveInput(sign * command.value, 0.0, 0.0)
 
 
-def inputs_of(vehicle: Vehicle, phase: event_solution.Phase) -> Inputs:
-    """A phase of the event solution as inputs of the plant."""
+def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> Inputs:
+    """A phase of the event solution as inputs of the plant, of the first of its steps."""
     changes: dict[str, Any] = {"external_torque": phase.external_torque}
     if phase.supply_voltage is not None:
         changes["supply_voltage"] = phase.supply_voltage
+    if phase.supply_end is not None:
+        source = changes.get("supply_voltage", vehicle.supply.voltage)
+        changes["supply_rise"] = (phase.supply_end - source) / steps
+        changes["supply_voltage"] = source + 0.5 * changes["supply_rise"]
     if phase.slope_deg is not None:
         changes["road_slope"] = math.radians(phase.slope_deg)
     rod = phase.obstacle
@@ -147,6 +153,6 @@ def run_phases(
     for phase in phases:
         steps = round((phase.end - start) / step)
         state = state_of(parts[-1][-1])
-        parts.append(fast_run(plant, state, inputs_of(vehicle, phase), step, steps)[1:])
+        parts.append(fast_run(plant, state, inputs_of(vehicle, phase, steps), step, steps)[1:])
         start = phase.end
     return np.concatenate(parts)

@@ -51,7 +51,9 @@ def coupled_windings(windings, source_resistance, source, currents, speeds, ends
     emf = np.array([left.speed_constant, right.speed_constant])
     applied = np.array([left.voltage, right.voltage]) + duty * source
     b0 = inverse @ (applied - emf * speeds)
-    b1 = inverse @ (-emf * (ends - speeds) / step)
+    rises = np.array([left.rise, right.rise])
+    b0 -= 0.5 * inverse @ rises
+    b1 = inverse @ (rises - emf * (ends - speeds)) / step
     # States: i (2), ∫i (2), 1, t.
     system = np.zeros((6, 6))
     system[:2, :2] = a
@@ -71,15 +73,16 @@ def coupled_windings(windings, source_resistance, source, currents, speeds, ends
     currents=st.tuples(floats(-20, 20), floats(-20, 20)),
     speeds=st.tuples(floats(-160, 160), floats(-160, 160)),
     changes=st.tuples(floats(-5, 5), floats(-5, 5)),
+    rises=st.tuples(floats(-2, 2), floats(-2, 2)),
     source_resistance=st.sampled_from([0.0, 0.03, 0.5]),
     step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]),
 )
 def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
-    duties, inductances, resistances, currents, speeds, changes, source_resistance, step
+    duties, inductances, resistances, currents, speeds, changes, rises, source_resistance, step
 ) -> None:
     windings = [
-        motor.Winding(r, inductance, 0.0769, duty, 0.0)
-        for r, inductance, duty in zip(resistances, inductances, duties, strict=True)
+        motor.Winding(r, inductance, 0.0769, duty, 0.0, rise)
+        for r, inductance, duty, rise in zip(resistances, inductances, duties, rises, strict=True)
     ]
     ends = np.array(speeds) + np.array(changes)
     left, right = motor.solve_windings(*windings, *currents, *speeds, 12.0, source_resistance, step)
@@ -133,7 +136,7 @@ def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, ste
     resistance, inductance, limit = 0.708, 4.37e-5, 13.4
     result = bridge.coasting(current, emf, resistance, inductance, limit, step)
     if current == 0.0:
-        assert result == bridge.Coasting(0.0, 0.0, 0.0)
+        assert result == bridge.Coasting(0.0, 0.0, 0.0, step)
         return
     against = -math.copysign(limit, current)
 
@@ -148,7 +151,7 @@ def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, ste
         slope, (0, step), [current, 0.0], "DOP853", events=empty, rtol=1e-11, atol=1e-13
     )
     if solution.status == 0:  # the step ends first
-        assert result == bridge.Coasting(1.0, against, 0.0)
+        assert result == bridge.Coasting(1.0, against, 0.0, step)
     else:
         assert result.conducts == 0.0
         assert result.mean * step == pytest.approx(solution.y[1, -1], rel=1e-6, abs=1e-12)
@@ -156,7 +159,7 @@ def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, ste
 
 def test_a_fast_coasting_motor_charges_the_source() -> None:
     result = bridge.coasting(0.0, 15.0, 0.708, 4.37e-5, 13.4, 1e-3)
-    assert result == bridge.Coasting(1.0, 13.4, 0.0)
+    assert result == bridge.Coasting(1.0, 13.4, 0.0, 1e-3)
     assert bridge.blocked(0.5, -1.0) == 0.0
     assert bridge.blocked(-0.5, -1.0) == -0.5
 

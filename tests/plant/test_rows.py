@@ -12,7 +12,7 @@ import pytest
 
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import Inputs, Load, Outputs, State
+from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
@@ -198,20 +198,41 @@ def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
     numbers = count(1.5)
     base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
     call = called(overlaid, which)
-    load = call(base, said, base.latch_released, base.obstacle)
+    load = call(base, said, base.supply_rise, base.latch_released, base.obstacle)
     assert load_by_name(load) == pytest.approx(said._asdict())
     assert (load.latch_released, load.obstacle) == (base.latch_released, base.obstacle)
-    latch, obstacle = next(numbers), distinct(Obstacle, numbers)
-    load = call(base, said, latch, obstacle)
-    assert (load.latch_released, load.obstacle) == (latch, obstacle)
+    rise, latch, obstacle = next(numbers), next(numbers), distinct(Obstacle, numbers)
+    load = call(base, said, rise, latch, obstacle)
+    assert (load.supply_rise, load.latch_released, load.obstacle) == (rise, latch, obstacle)
     silent = Surroundings(*([math.nan] * len(Surroundings._fields)))
-    assert call(base, silent, base.latch_released, base.obstacle) == base
+    assert call(base, silent, base.supply_rise, base.latch_released, base.obstacle) == base
     for name in Surroundings._fields:
         one = silent._replace(**{name: getattr(said, name)})
-        alone = call(base, one, base.latch_released, base.obstacle)
+        alone = call(base, one, base.supply_rise, base.latch_released, base.obstacle)
         assert load_by_name(alone) == pytest.approx(
             {**load_by_name(base), name: getattr(said, name)}
         )
+
+
+@BOTH
+def test_a_rising_supply_is_what_it_is_at_a_share_of_the_step(which: str) -> None:
+    inputs = distinct(Inputs)
+    load = inputs.load
+    for share, voltage in ((0.0, -0.5), (0.5, 0.0), (1.0, 0.5)):
+        expected = load.supply_voltage + voltage * load.supply_rise
+        assert called(at, which)(inputs, share) == inputs._replace(
+            load=load._replace(supply_voltage=expected, supply_rise=0.0)
+        )
+
+
+@BOTH
+def test_a_voltage_that_is_given_does_not_rise_with_the_one_below_it(which: str) -> None:
+    base = distinct(Load)
+    row = np.full(len(INPUT_COLUMNS), np.nan)
+    assert called(inputs_of, which)(row, base).load == base
+    row[INPUT_COLUMNS.index("supply_voltage_v")] = 11.0
+    given = base._replace(supply_voltage=11.0, supply_rise=0.0)
+    assert called(inputs_of, which)(row, base).load == given
 
 
 @BOTH

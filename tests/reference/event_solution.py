@@ -51,12 +51,15 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Phase:
-    """Constant inputs until time `end` [s]; None means the vehicle's own value."""
+    """Constant inputs until time `end` [s]; None means the vehicle's own value. With `supply_end` the source's
+    voltage goes there on a straight line.
+    """
 
     end: float
     left: DriveInput
     right: DriveInput
     supply_voltage: float | None = None
+    supply_end: float | None = None
     slope_deg: float | None = None
     external_torque: float = 0.0
     obstacle: Obstacle | None = None
@@ -83,8 +86,9 @@ class Solution:
 
 
 class View(NamedTuple):
-    """One state with its kinematics: travel l_S, its rate and the lever arm r_AP."""
+    """A time and the state then, with its kinematics: travel l_S, its rate and the lever arm r_AP."""
 
+    time: float
     state: Sequence[float]
     travel: float
     travel_rate: float
@@ -177,10 +181,10 @@ class Geometry:
     def length(self, angle: float) -> float:
         return math.sqrt(self.square_sum - 2 * self.product * math.cos(angle + self.theta))
 
-    def view(self, state: Sequence[float]) -> View:
+    def view(self, time: float, state: Sequence[float]) -> View:
         length = self.length(state[0])
         arm = self.product * math.sin(state[0] + self.theta) / length
-        return View(state, length - self.closed_length, arm * state[1], arm)
+        return View(time, state, length - self.closed_length, arm * state[1], arm)
 
 
 class Drive:
@@ -280,6 +284,7 @@ class Scene:
         sides: Sequence[Mapping[str, Any]],
         geometry: Geometry,
         phase: Phase,
+        begin: float,
     ) -> None:
         seal, supply, slope = common["seal"], common["supply"], phase.slope_deg
         if slope is None:
@@ -288,6 +293,9 @@ class Scene:
         self.weight_angle = geometry.weight_angle + math.radians(slope)
         given = phase.supply_voltage
         self.source: float = supply["voltage"] if given is None else given
+        self.begin = begin
+        rise = 0.0 if phase.supply_end is None else phase.supply_end - self.source
+        self.ramp: float = rise / (phase.end - begin)  # V/s
         drives = list(zip((2, 5), sides, (phase.left, phase.right), strict=False))
         self.drops: list[tuple[float, int]] = [
             (supply["internal_resistance"] * source_share(command), first)
@@ -315,7 +323,8 @@ class Scene:
 
     def terminal(self, v: View) -> float:
         """U_terminal behind the source resistance; the currents are states, so it is exact."""
-        return self.source - sum(share * v.state[first] for share, first in self.drops)
+        source = self.source + self.ramp * (v.time - self.begin)
+        return source - sum(share * v.state[first] for share, first in self.drops)
 
     def _intrusion(self, v: View) -> tuple[float, float]:
         o = self.phase.obstacle
@@ -338,60 +347,62 @@ class Scene:
             moment += self.pinch(v) * (lever if self.phase.obstacle.closing else -lever)
         return moment
 
-    def derivative(self, state: Sequence[float]) -> list[float]:
-        v = self.geometry.view(state)
+    def derivative(self, time: float, state: Sequence[float]) -> list[float]:
+        v = self.geometry.view(time, state)
         rates = [state[1], self.hinge.derivative(v)]
         for drive in self.drives:
             rates += [drive.coil.derivative(v), drive.shaft.derivative(v), state[drive.first + 1]]
         return rates
 
-    def slope(self, _: float, y: np.ndarray) -> list[float]:
+    def slope(self, time: float, y: np.ndarray) -> list[float]:
         """The right-hand side in the form that solve_ivp wants."""
-        return self.derivative(y.tolist())
+        return self.derivative(time, y.tolist())
 
-    def jacobian(self, _: float, y: np.ndarray) -> np.ndarray:
+    def jacobian(self, time: float, y: np.ndarray) -> np.ndarray:
         """Difference quotients; solve_ivp's own overflow where a frozen state has no influence."""
         state = y.tolist()
-        base = np.array(self.derivative(state))
+        base = np.array(self.derivative(time, state))
         result = np.empty((base.size, base.size))
         for k, value in enumerate(state):
             step = 1e-7 * (1 + abs(value))
             shifted = [*state[:k], value + step, *state[k + 1 :]]
-            result[:, k] = (np.array(self.derivative(shifted)) - base) / step
+            result[:, k] = (np.array(self.derivative(time, shifted)) - base) / step
         return result
 
     def start(self, state: list[float]) -> None:
         """Take the regime from the state alone, then settle what the state leaves open."""
-        v = self.geometry.view(state)
+        v = self.geometry.view(self.begin, state)
         for contact in self.contacts:
             contact.active = contact.reach(v) > 0
         for balance in self.balances:
             value = state[balance.index]
             balance.sign = (value > 0) - (value < 0)
-        self.settle(state, [], True)
+        self.settle(self.begin, state, [], True)
 
-    def settle(self, state: list[float], fired: list[Element], progress: bool) -> None:
+    def settle(self, time: float, state: list[float], fired: list[Element], progress: bool) -> None:
         """Switch what fired, then what it makes switch at once, each at most once (so it ends).
 
         The others are judged a moment ahead: just at a boundary their sign now is rounding noise.
         """
-        self._switch(state, fired, progress)
+        self._switch(time, state, fired, progress)
         done = list(fired)
-        while more := self._due(state, done):
-            self._switch(state, more, True)
+        while more := self._due(time, state, done):
+            self._switch(time, state, more, True)
             done += more
 
-    def _due(self, state: list[float], done: list[Element]) -> list[Element]:
-        rates = self.derivative(state)
+    def _due(self, time: float, state: list[float], done: list[Element]) -> list[Element]:
+        rates = self.derivative(time, state)
         ahead = [y + LOOK_AHEAD * rate for y, rate in zip(state, rates, strict=True)]
-        v = self.geometry.view(ahead)
+        v = self.geometry.view(time + LOOK_AHEAD, ahead)
         return [e for e in self.elements if e not in done and e.alarm(v) > 0]
 
-    def _switch(self, state: list[float], elements: list[Element], progress: bool) -> None:
+    def _switch(
+        self, time: float, state: list[float], elements: list[Element], progress: bool
+    ) -> None:
         for element in elements:
             if isinstance(element, MomentumEquation):
                 state[element.index] = 0.0
-        v = self.geometry.view(state)
+        v = self.geometry.view(time, state)
         for element in elements:
             element.switch(v, progress)
 
@@ -400,7 +411,7 @@ class Scene:
 
         def alarm_of(element: Element) -> Callable[[float, np.ndarray], float]:
             def event(t: float, y: np.ndarray) -> float:
-                value = element.alarm(self.geometry.view(y.tolist()))
+                value = element.alarm(self.geometry.view(t, y.tolist()))
                 return value if t > start else min(value, -1e-300)
 
             event.terminal, event.direction = True, 1.0  # type: ignore[attr-defined]
@@ -408,9 +419,9 @@ class Scene:
 
         return [alarm_of(element) for element in self.elements]
 
-    def outputs(self, state: Sequence[float]) -> list[float]:
+    def outputs(self, time: float, state: Sequence[float]) -> list[float]:
         """Forces of both drives, pinch force and terminal voltage."""
-        v = self.geometry.view(state)
+        v = self.geometry.view(time, state)
         forces = [drive.force(v) for drive in self.drives] + [0.0]
         return [*forces[:2], max(0.0, self.pinch(v)), self.terminal(v)]
 
@@ -454,7 +465,7 @@ def solve(
     outputs = np.zeros((times.size, 4))
     now, events = 0.0, 0
     for phase in phases:
-        scene = Scene(vehicle, sides, geometry, phase)
+        scene = Scene(vehicle, sides, geometry, phase, now)
         scene.start(state)
         while now < phase.end:
             piece = solve_ivp(
@@ -477,14 +488,17 @@ def solve(
             if chosen.any():
                 rows = piece.sol(times[chosen]).T
                 states[chosen, : len(state)] = rows
-                outputs[chosen] = [scene.outputs(row) for row in rows.tolist()]
+                outputs[chosen] = [
+                    scene.outputs(time, row)
+                    for time, row in zip(times[chosen].tolist(), rows.tolist(), strict=True)
+                ]
             state = piece.y[:, -1].tolist()
             if piece.status == 1:
                 events += 1
                 if events > MAX_EVENTS:
                     raise RuntimeError(f"more than {MAX_EVENTS} events, the last at {reached} s")
                 due = [e for e, t in zip(scene.elements, piece.t_events, strict=True) if t.size]
-                scene.settle(state, due, reached - now > NO_PROGRESS)
+                scene.settle(reached, state, due, reached - now > NO_PROGRESS)
             now = reached
     angle, rate, *drives = states.T
     left_force, right_force, pinch_force, terminal_voltage = outputs.T

@@ -72,6 +72,29 @@ ONE_AFTER_THE_OTHER = [
 ]
 
 
+# A coasting motor that the gate drives beyond the source and two diodes charges it, from within a step on.
+SAG = [
+    both(1.0, OPENING),
+    Phase(1.5, COASTING, COASTING, supply_voltage=6.0),
+    Phase(2.0, OPENING, OPENING, supply_voltage=12.0),
+]
+PUSHED = [
+    both(1.0, OPENING),
+    Phase(2.5, COASTING, COASTING, supply_voltage=6.0, external_torque=600.0),
+]
+RAMPS = [
+    both(1.0, OPENING),
+    Phase(1.1, OPENING, OPENING, supply_end=6.0),
+    Phase(1.3, OPENING, CLOSING, supply_voltage=6.0, supply_end=13.0),
+    Phase(1.6, BRAKING, CLOSING, supply_voltage=13.0, supply_end=11.0),
+]
+RAMP_COASTING = [
+    both(1.0, OPENING),
+    Phase(1.1, COASTING, OPENING, supply_end=6.0),
+    Phase(1.5, COASTING, COASTING, supply_voltage=6.0),
+]
+
+
 def pinch(obstacle: Obstacle) -> list[Phase]:
     """Open, brake, close onto the rod and stall there."""
     return [both(2.7, OPENING), both(2.9, BRAKING), both(4.4, CLOSING, obstacle)]
@@ -109,6 +132,18 @@ VARIANTS = {
     "pinched, 65 N/mm": ([], pinch(rod(65e3))),
     "pinched, 65 N/mm, damped, gap": ([], pinch(rod(65e3, damping=500.0, gap=0.003))),
     "coasting": ([], COASTS),
+    "sag while coasting": ([], SAG),
+    "sag while coasting, light gate": (LIGHT, SAG),
+    "pushed while coasting": ([], PUSHED),
+    "supply ramps": ([], RAMPS),
+    "supply ramps, source resistance": (
+        [*OTHER_RIGHT, "supply.internal_resistance=0.03"],
+        RAMPS,
+    ),
+    "supply ramp while coasting": (
+        [*OTHER_RIGHT, "supply.internal_resistance=0.03"],
+        RAMP_COASTING,
+    ),
     "duty 0.6": ([], DUTY),
     "large inductance": (["motor.inductance=1e-3"], SHORT),
     "light gate": (LIGHT, TO_STOP),

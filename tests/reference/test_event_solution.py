@@ -66,10 +66,10 @@ def columns(solution: Solution) -> dict[str, np.ndarray]:
 
 def test_hand_checks(suv: dict[str, Any]) -> None:
     geometry = Geometry(suv["gate"])
-    scene = Scene(suv, [suv], geometry, both(1.0, BRAKE))
+    scene = Scene(suv, [suv], geometry, both(1.0, BRAKE), 0.0)
     (drive,) = scene.drives
     assert drive.shaft.limit is not None
-    assert f"{drive.shaft.limit(geometry.view([0.0] * 5)):.6f}" == "0.013628"
+    assert f"{drive.shaft.limit(geometry.view(0.0, [0.0] * 5)):.6f}" == "0.013628"
     assert f"{geometry.inertia:.4f}" == "10.5467"
     assert f"{geometry.closed_length:.6f}" == "0.457411"
     assert f"{geometry.open_travel:.6f}" == "0.253945"
@@ -217,7 +217,7 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
     ]
     s = solve(suv, phases, times, initial_angle=math.radians(35))
     geometry, advance = Geometry(suv["gate"]), 0.010 / 29
-    views = [geometry.view(pair) for pair in zip(s.angle, s.rate, strict=True)]
+    views = [geometry.view(0.0, pair) for pair in zip(s.angle, s.rate, strict=True)]
     travel = np.array([v.travel for v in views])
     travel_rate = np.array([v.travel_rate for v in views])
     for side, half in (("left", 0.5e-4), ("right", 1.5e-4)):

@@ -88,7 +88,7 @@ def hot_ticks(
         frames = receive(shared, params, room)
         take_letters(shared.box, params.held)
         outside = outside_at(
-            params.timeline, params.held, state.tick * config.step, 0, False, False
+            params.timeline, params.held, state.tick * config.step, config.step, 0, False, False
         )
         state, replies, truth, sensed = tick(config, state, frames, outside)
         if replies.count > 0:
@@ -206,7 +206,7 @@ def measure() -> dict[str, float]:
 
     config = session.loop_config_of(vehicle, rig, 1000.0, 0)
     loop_state = session.start_of(config)
-    outside = compiled(outside_at)(no_timeline(), nothing_held(), 0.0, 0, False, False)
+    outside = compiled(outside_at)(no_timeline(), nothing_held(), 0.0, config.step, 0, False, False)
     ticks = compiled(many_ticks)
     ticks(config, loop_state, outside, 1)
     figures["tick, compiled, in a loop"] = per_call(
@@ -254,7 +254,9 @@ def portable_tick(
     def run(count: int) -> None:
         current = state
         for _ in range(count):
-            around = outside(timeline, held, current.tick * config.step, 0, False, False)
+            around = outside(
+                timeline, held, current.tick * config.step, config.step, 0, False, False
+            )
             current, replies, _, _ = one_tick(config, current, transport.receive(), around)
             transport.send(replies)
 

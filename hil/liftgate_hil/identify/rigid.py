@@ -84,12 +84,14 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
             NO_TRANSIENT,
             r_l,
             left.motor.torque_constant * f_l,
+            0.0,
         ),
         Electric(
             Response(now_r + half_r, 0.5 * own_r, 0.5 * other_r, now_r, own_r, other_r),
             NO_TRANSIENT,
             r_r,
             right.motor.torque_constant * f_r,
+            0.0,
         ),
     )
 
@@ -192,7 +194,7 @@ def next_motor(
         step,
     )
     return DriveState(
-        electrics.final_current(electric, state, coast, speed, speed),
+        electrics.final_current(electric, coast, speed, speed),
         speed,
         position,
         winding,

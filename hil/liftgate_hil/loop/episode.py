@@ -74,9 +74,8 @@ def run_stretch(
         if asked >= 0 or stopping:
             rows -= 1
             take_letters(shared.box, script.held)
-            outside = outside_at(
-                script.timeline, script.held, loop.tick * config.step, 0, False, stopping
-            )
+            now = loop.tick * config.step
+            outside = outside_at(script.timeline, script.held, now, config.step, 0, False, stopping)
             given = config.nothing if stopping else to_gate
             loop, heard, truth, sensed = tick(config, loop, given, outside)
             now_ns = loop.tick * config.step_ns

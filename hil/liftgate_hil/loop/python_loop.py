@@ -46,7 +46,7 @@ def scheduled_tick(
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
     """A tick with what timeline and mailbox say."""
     time = state.tick * config.step
-    outside = outside_at(timeline, held, time, ticks_missed, is_silent, is_stop)
+    outside = outside_at(timeline, held, time, config.step, ticks_missed, is_silent, is_stop)
     return tick(config, state, frames, outside)
 
 

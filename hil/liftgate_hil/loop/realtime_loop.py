@@ -265,7 +265,7 @@ def run_realtime(
             control.overruns += int(left > 0)
             now = state.tick * config.step
             outside = outside_at(
-                params.timeline, params.held, now, control.overruns, left > 0, stopping
+                params.timeline, params.held, now, config.step, control.overruns, left > 0, stopping
             )
             state, replies, truth, sensed = tick(config, state, given, outside)
             given = none

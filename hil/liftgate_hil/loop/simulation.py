@@ -14,7 +14,12 @@ from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
-from liftgate_hil.stimuli.timeline import Timeline, obstacle_at, profiles_at
+from liftgate_hil.stimuli.timeline import (
+    Timeline,
+    obstacle_at,
+    profiles_over,
+    supply_rise_over,
+)
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
@@ -51,10 +56,13 @@ class OfflineState(NamedTuple):
 def inputs_at(
     offline: Offline, row: Floats, time: float, arming: ObstacleArming, angle: float
 ) -> tuple[ObstacleArming, Inputs]:
-    """The inputs from a time [s] on: the file's, and what it leaves out (NaN) from scenario and vehicle."""
-    arming, obstacle = armed(arming, obstacle_at(offline.timeline, time), angle)
-    said = profiles_at(offline.timeline, time)
-    base = overlaid(offline.base, said, offline.base.latch_released, obstacle)
+    """The inputs of the step from a time [s] on: the file's, and what it leaves out (NaN) from scenario and
+    vehicle.
+    """
+    timeline, step = offline.timeline, offline.step
+    arming, obstacle = armed(arming, obstacle_at(timeline, time), angle)
+    said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
+    base = overlaid(offline.base, said, rise, offline.base.latch_released, obstacle)
     return arming, inputs_of(row, base)
 
 
@@ -71,12 +79,13 @@ def block(
     for k in range(rows.shape[0]):
         time = done * offline.step
         arming, inputs = inputs_at(offline, rows[k], time, arming, state.gate_angle)
-        shown = dynamics.outputs(offline.plant, state, inputs)
+        begun = dynamics.at(inputs, 0.0)
+        shown = dynamics.outputs(offline.plant, state, begun)
         memory, sensed = sensors.sense(
-            offline.sensors, offline.plant, state, inputs, shown, memory,
+            offline.sensors, offline.plant, state, begun, shown, memory,
             offline.seed, done, offline.step,
         )  # fmt: skip
-        truth = truth_of(offline.sensors, time, state, inputs, shown)
+        truth = truth_of(offline.sensors, time, state, begun, shown)
         sound = is_sound(truth)
         if not sound:
             break

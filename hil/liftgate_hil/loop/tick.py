@@ -37,7 +37,7 @@ from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_i
 from liftgate_plant.compiler import compilable, fill, overlay, picked
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.rows import overlaid, truth_of, value_or
+from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.signals import Sensed, Truth
 
@@ -146,8 +146,8 @@ def surroundings(
     angle: float,
 ) -> tuple[ObstacleArming, Load]:
     """The vehicle's surroundings, and over them the scenario's, the panel's, and what was posted."""
-    panel = picked(values, IN_SURROUNDINGS)
-    said = overlay(outside.posted, overlay(panel, outside.profiles))
+    above = overlay(outside.posted, picked(values, IN_SURROUNDINGS))
+    said, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
     obstacle = panel_obstacle(config, values, outside.obstacle)
     if not np.isnan(outside.posted_obstacle.stiffness):
         obstacle = outside.posted_obstacle
@@ -155,7 +155,7 @@ def surroundings(
     if config.latch_mapped == 0:
         released = 1.0 if opening else 0.0
     arming, obstacle = armed(arming, obstacle, angle)
-    return arming, overlaid(config.load, said, released, obstacle)
+    return arming, overlaid(config.load, said, rise, released, obstacle)
 
 
 @compilable
@@ -212,6 +212,7 @@ def tick(
     inputs = Inputs(left, right, load)
     plant_state = integrate.step(config.plant, state.plant, inputs, config.step)
     done = state.tick + 1
+    inputs = dynamics.at(inputs, 1.0)
     shown = dynamics.outputs(config.plant, plant_state, inputs)
     memory, sensed = sensors.sense(
         config.sensors, config.plant, plant_state, inputs, shown, state.sensors,

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.mailbox import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
-from liftgate_hil.stimuli.timeline import Timeline, obstacle_at, profiles_at
+from liftgate_hil.stimuli.timeline import (
+    Timeline,
+    obstacle_at,
+    profiles_over,
+    supply_rise_over,
+)
 from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
@@ -22,7 +27,8 @@ from liftgate_plant.signals import Surroundings
 class Outside(NamedTuple):
     """One tick's."""
 
-    profiles: Surroundings  # the scenario's; NaN: not said
+    profiles: Surroundings  # the scenario's, their mean over the tick; NaN: not said
+    supply_rise: float  # V, of the scenario's supply over the tick
     obstacle: Obstacle  # the scenario's; stiffness 0: none
     posted: Surroundings  # by API or page; NaN: not said
     posted_obstacle: Obstacle  # stiffness NaN: not said
@@ -37,13 +43,15 @@ def outside_at(
     timeline: Timeline,
     held: NDArray[np.float64],
     time: float,
+    step: float,
     ticks_missed: int,
     is_silent: bool,
     is_stop: bool,
 ) -> Outside:
-    """What acts from a time [s] on; `held` is what was posted, see `mailbox`."""
+    """What acts during the step [s] from a time on; `held` is what was posted, see `mailbox`."""
     return Outside(
-        profiles=profiles_at(timeline, time),
+        profiles=profiles_over(timeline, time, step),
+        supply_rise=supply_rise_over(timeline, time, step),
         obstacle=obstacle_at(timeline, time),
         posted=picked(held, HELD_SURROUNDINGS),
         posted_obstacle=picked(held, HELD_OBSTACLE),

@@ -13,6 +13,8 @@ from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import NOTHING_SAID, Surroundings
 
+_SUPPLY = Surroundings._fields.index("supply_voltage_v")
+
 CHANNEL = np.dtype(
     [
         ("first", "i8"),  # row of the first knot
@@ -99,14 +101,34 @@ def value_at(timeline: Timeline, place: int, time: float) -> float:
 
 
 @compilable
-def profiles_at(timeline: Timeline, time: float) -> Surroundings:
-    """What the profiles say at a time [s]; NaN where there is none."""
+def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float:
+    """By how much a profile rises over the step [s] from a time on: what is held changes between steps. NaN: the
+    profile has not begun.
+    """
+    if timeline.channels[place].linear == 0:
+        return 0.0
+    return value_at(timeline, place, time + step) - value_at(timeline, place, time)
+
+
+@compilable
+def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
+    """What the profiles say over the step [s] from a time on: where they are straight lines their mean, which is
+    that of their ends. NaN where there is none.
+    """
     said = NOTHING_SAID
     if len(timeline.knots) == 0:
         return said
     for place in range(len(said)):
-        said = with_item(said, place, value_at(timeline, place, time))
+        value = value_at(timeline, place, time) + 0.5 * rise_over(timeline, place, time, step)
+        said = with_item(said, place, value)
     return said
+
+
+@compilable
+def supply_rise_over(timeline: Timeline, time: float, step: float) -> float:
+    """By how much the supply's voltage [V] rises over the step [s] from a time on."""
+    rise = rise_over(timeline, _SUPPLY, time, step)
+    return 0.0 if np.isnan(rise) else rise
 
 
 @compilable

@@ -11,7 +11,7 @@ from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import PROFILES
-from liftgate_hil.stimuli.timeline import obstacle_at, profiles_at
+from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
@@ -148,7 +148,7 @@ points = [[1, 10], [2, -10]]
     )
 
     def at(name: str, time: float) -> float:
-        return float(getattr(profiles_at(scenario.timeline, time), name))
+        return float(getattr(profiles_over(scenario.timeline, time, 0.0), name))
 
     assert [
         at("supply_voltage_v", time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)
@@ -156,6 +156,14 @@ points = [[1, 10], [2, -10]]
     assert [at("road_slope_deg", time) for time in (0.5, 1.0, 1.999, 2.0, 50.0)] == (
         pytest.approx([math.nan, 10.0, 10.0, -10.0, -10.0], nan_ok=True)
     )
+    # Over a step: a straight line's mean and its rise, what is held as it is at the start. A
+    # point inside the step is passed over.
+    over = profiles_over(scenario.timeline, 2.0, 0.5)
+    assert (over.supply_voltage_v, over.road_slope_deg) == pytest.approx((11.5, -10.0))
+    over = profiles_over(scenario.timeline, 1.75, 0.5)
+    assert (over.supply_voltage_v, over.road_slope_deg) == pytest.approx((11.5, 10.0))
+    rises = [supply_rise_over(scenario.timeline, time, 0.5) for time in (0.75, 1.0, 2.0, 4.0)]
+    assert rises == pytest.approx([0.0, 1.0, -1.0, 0.0])
     # What has no profile says nothing.
     for name in PROFILES:
         if name not in ("supply_voltage_v", "road_slope_deg"):
@@ -169,7 +177,7 @@ def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
     for index in range(points - 1):
         for share in (0.0, 0.25, 0.75):
             expected = index**2 + share * ((index + 1) ** 2 - index**2)
-            found = profiles_at(scenario.timeline, index + share).hand_force_n
+            found = profiles_over(scenario.timeline, index + share, 0.0).hand_force_n
             assert found == pytest.approx(expected)
 
 

@@ -531,7 +531,8 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, tim
     # Step n begins at n ms and is recorded at its end.
     assert volts == [12.0] * 100 + [10.0] * 100 + [14.0] * 201
     slopes = [truth.road_slope_deg for truth in truths]
-    assert slopes == pytest.approx([8.0 * number / 400 for number in range(401)])
+    # What moves on a straight line is recorded with its mean over the step.
+    assert slopes == pytest.approx([*(8.0 * (n + 0.5) / 400 for n in range(400)), 8.0])
 
 
 def test_a_panel_replaces_the_scenario_from_its_first_frame_on(

@@ -163,6 +163,7 @@ def test_every_input_reaches_what_its_name_says(
     assert inputs.right == drive_input(CLOSE, 0.55)
     assert inputs.load._asdict() == {
         "supply_voltage": 11.0,
+        "supply_rise": 0.0,
         "road_slope": pytest.approx(math.radians(3.0)),
         "ambient_temperature": -8.0,
         "wind_pressure": 17.0,
@@ -216,7 +217,7 @@ def test_what_is_said_of_one_quantity_moves_no_other(
         said = {name: value}
     else:
         held[getattr(HELD, column)] = value
-    around = outside_at(timeline, held, 0.0, 0, False, False)
+    around = outside_at(timeline, held, 0.0, 0.001, 0, False, False)
     assert before[column] != value
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
@@ -239,7 +240,7 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
         held[getattr(HELD, name)] = value
 
     def found(said: dict[str, float], posted: Any) -> dict[str, float]:
-        around = outside_at(timeline, posted, 0.0, 0, False, False)
+        around = outside_at(timeline, posted, 0.0, 0.001, 0, False, False)
         return shown(fast_tick, config, said, around)
 
     assert found({}, nothing_held()) == pytest.approx({**COASTING, **levels["profile"]})
