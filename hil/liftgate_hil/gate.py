@@ -26,6 +26,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
@@ -50,7 +51,7 @@ from liftgate_plant.vehicle import Vehicle
 if TYPE_CHECKING:
     import can
 
-_ROWS, _FRAMES = 1024, 8192
+_ROWS, _FRAMES, _EDGES = 1024, 8192, 2**17  # the last two with room for twice what a tick may bring
 
 
 class Gate:
@@ -87,14 +88,16 @@ class Gate:
             ticks=0,
             is_last=0,
             is_recorded=1,
+            edges=_EDGES // 2,
         )
-        self._now = Stretch(initial_loop(self._config, state), self._bus.state, 0, 0, 0)
+        self._now = Stretch(initial_loop(self._config, state, _EDGES), self._bus.state, 0, 0, 0)
         self._run = compiled(run_stretch)
         self._values: NDArray[np.float64] | None = None  # what is sent cyclically
         self._sent = np.zeros(len(self._config.inputs.messages), dtype=np.int64)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._distance = vehicle.gate.length
         self._waiting: list[tuple[int, int, bytes]] = []
+        self._edges: list[Edge] = []
 
     def __enter__(self) -> Gate:
         return self
@@ -278,7 +281,9 @@ class Gate:
             raise ConfigError(f"`step` {show(seconds)}: allowed: above 0, up to 1e6 s")
         end = self._now.loop.tick + max(1, round(seconds / self._config.step))
         messages: list[can.Message] = []
+        self._edges = []
         while self._now.loop.tick < end:
+            seen = int(self._now.loop.sensors.edges.written[0])
             self._advance(self._next_stop(end))
             control = self._memory.shared.control[0]
             self._row[:] = self._memory.shared.rows[control.rows - 1]
@@ -294,9 +299,20 @@ class Gate:
                     message.timestamp = row["time_ns"] * 1e-9
                     messages.append(message)
             control.rows = control.frames = 0
+            self._edges += edges_since(self._now.loop.sensors.edges, seen)
             if self._now.outcome == DIVERGED:
                 raise PlantDivergedError(f"the plant diverged at {self.time:.3f} s")
         return messages
+
+    def edges(self, drive: str) -> list[Edge]:
+        """The edges of a drive's Hall sensors, `left` or `right`, during the last `step`, in the order of time.
+
+        Raises ConfigError.
+        """
+        drives = DRIVES[: self._drives]
+        if drive not in drives:
+            raise ConfigError(f"`edges` {show(drive)}: allowed: {', '.join(drives)}")
+        return [edge for edge in self._edges if edge.drive == drive]
 
     def _cycle(self) -> int:
         """Ticks of a command cycle."""

@@ -1,10 +1,10 @@
 """What the ECU's sensors make of the state (§4.1–4.2), in the order of the real chain.
 
-    shaft → square waves of Hall A and B → quadrature decoder → count → speed
+    shaft → edges of Hall A and B → quadrature decoder → count → speed       hall
     current → low-pass of its amplifier → gain, offset, noise → converter
 
 The decoder gives `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
-period (§4.6.1).
+period (§4.6.1), period speed what the time of the last electrical turn says.
 """
 
 from __future__ import annotations
@@ -15,6 +15,20 @@ from typing import Annotated, NamedTuple
 from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import DriveState, Inputs, Outputs, Plant, State
 from liftgate_plant.gate import GRAVITY
+from liftgate_plant.hall import (
+    LEFT,
+    RIGHT,
+    EdgeRing,
+    Encoder,
+    HallState,
+    Shaft,
+    Tick,
+    edge_ring,
+    hall_after,
+    ideal_count,
+    initial_hall,
+    period_speed,
+)
 from liftgate_plant.noise import disturbance
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.signals import Sensed
@@ -25,6 +39,22 @@ class Sensors(NamedTuple):
 
     hall_counts: Annotated[float, Quantity("", "1/rev", 1.0, 1e4, "counts per revolution")] = 4.0
     hall_sample_period: Annotated[float, Quantity("", "s", 1e-4, 1.0, "of the Hall speed")] = 0.005
+    hall_pitch_error: Annotated[
+        float, Quantity("σ", "1", 0.0, 0.2, "where two poles of the magnet wheel meet, of a pole")
+    ] = 0.0
+    hall_phase_error: Annotated[
+        float, Quantity("", "deg", -40.0, 40.0, "electrical; by how much B lags its 90°")
+    ] = 0.0
+    hall_duty_error: Annotated[
+        float, Quantity("", "1", -0.2, 0.2, "of A and B, beyond half high")
+    ] = 0.0
+    hall_hysteresis: Annotated[
+        float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both ways")
+    ] = 0.0
+    hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 20.0, "electrical; of each edge")] = 0.0
+    hall_wheel: Annotated[
+        float, Quantity("", "", 0.0, 1e9, "which magnet wheel of the production: its poles")
+    ] = 0.0
     current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "motor current")] = 1.0
     current_offset: Annotated[float, Quantity("", "A", -100.0, 100.0, "motor current")] = 0.0
     current_noise: Annotated[float, Quantity("σ", "A", 0.0, 100.0, "motor current")] = 0.0
@@ -46,21 +76,6 @@ class Sensors(NamedTuple):
     temperature_offset: Annotated[float, Quantity("", "K", -50.0, 50.0, "all thermometers")] = 0.0
 
 
-_MOST_EDGES = 100_000  # in a tick
-_FARTHEST = 1e12  # rev; a count beyond it does not fit into 64 bits
-
-
-class HallState(NamedTuple):
-    """The Hall sensors of one drive."""
-
-    step: int  # where the shaft is, in steps of the square waves; edges lie half a step beside whole ones
-    a: int  # the levels that the decoder saw last
-    b: int
-    count: int  # type: ignore[assignment]  # shadows tuple.count; what the decoder has counted
-    sampled: int  # the count at the start of the present sample period
-    speed: int
-
-
 class SensorState(NamedTuple):
     """What the sensors remember: filtered currents [A], Hall decoders and sample periods."""
 
@@ -68,6 +83,7 @@ class SensorState(NamedTuple):
     right_current: float
     left_hall: HallState
     right_hall: HallState
+    edges: EdgeRing
 
 
 @compilable
@@ -80,49 +96,28 @@ def quantised(value: float, resolution: float) -> float:
 
 @compilable
 def hall_count(sensors: Sensors, position: float) -> int:
-    """A perfect encoder's count at a motor position [rev]; its edges lie half a count beside whole positions."""
-    return math.floor(position * sensors.hall_counts + 0.5)
+    """A perfect encoder's count at a motor position [rev]."""
+    return ideal_count(sensors.hall_counts, position)
 
 
 @compilable
-def hall_levels(step: int) -> tuple[int, int]:
-    """Hall A and B (0 or 1) at a step of the shaft: Gray code, A leads B while opening."""
-    phase = step % 4
-    return (1 if 1 <= phase <= 2 else 0), (1 if phase >= 2 else 0)
-
-
-@compilable
-def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
-    """What a quadrature decoder counts for a change of levels: 1 up, −1 down, 0 for none or both at once."""
-    phase_before = 2 * before_b + (before_a ^ before_b)
-    phase = 2 * b + (a ^ b)
-    way = (phase - phase_before) % 4
-    if way == 1:
-        return 1
-    return -1 if way == 3 else 0
-
-
-@compilable
-def hall_after(sensors: Sensors, hall: HallState, position: float, sample: bool) -> HallState:
-    """The Hall sensors at the end of a tick: the decoder sees every edge that the shaft has passed, one after the
-    other. At the end of a sample period the speed is the counts that came during it.
-    """
-    target = hall_count(sensors, position) if abs(position) < _FARTHEST else hall.step
-    step, a, b, count = hall.step, hall.a, hall.b, hall.count
-    if abs(target - step) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
-        count += target - step
-        step = target
-        a, b = hall_levels(step)
-    while step != target:
-        step += 1 if target > step else -1
-        next_a, next_b = hall_levels(step)
-        count += decoded(a, b, next_a, next_b)
-        a, b = next_a, next_b
-    if sample:
-        return HallState(
-            step=step, a=a, b=b, count=count, sampled=count, speed=count - hall.sampled
-        )
-    return HallState(step=step, a=a, b=b, count=count, sampled=hall.sampled, speed=hall.speed)
+def encoder_of(sensors: Sensors) -> Encoder:
+    """The encoders on both shafts."""
+    steps = 4.0 / (2.0 * math.pi)  # of an electrical angle
+    return Encoder(
+        counts=sensors.hall_counts,
+        pitch=2.0 * sensors.hall_pitch_error,
+        phase=steps * sensors.hall_phase_error,
+        high=4.0 * sensors.hall_duty_error,
+        hysteresis=steps * sensors.hall_hysteresis,
+        jitter=steps * sensors.hall_jitter,
+        wheel=int(sensors.hall_wheel),
+        is_ideal=sensors.hall_pitch_error == 0.0
+        and sensors.hall_phase_error == 0.0
+        and sensors.hall_duty_error == 0.0
+        and sensors.hall_hysteresis == 0.0
+        and sensors.hall_jitter == 0.0,
+    )
 
 
 @compilable
@@ -142,22 +137,15 @@ def sensed_current(
     return current, min(max(reading, -sensors.current_limit), sensors.current_limit)
 
 
-@compilable
-def initial_hall(sensors: Sensors, position: float) -> HallState:
-    """Hall sensors of a shaft at rest; the decoder has counted from position 0."""
-    count = hall_count(sensors, position)
-    a, b = hall_levels(count)
-    return HallState(step=count, a=a, b=b, count=count, sampled=count, speed=0)
-
-
-@compilable
-def initial_sensors(sensors: Sensors, state: State) -> SensorState:
-    """Sensors of a gate at rest."""
+def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> SensorState:
+    """Sensors before the first tick, and a ring for the last so many Hall edges."""
+    encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
-        left_current=state.left.current,
-        right_current=state.right.current,
-        left_hall=initial_hall(sensors, state.left.position),
-        right_hall=initial_hall(sensors, state.right.position),
+        left_current=left.current,
+        right_current=right.current,
+        left_hall=initial_hall(encoder, Shaft(left.position, left.speed)),
+        right_hall=initial_hall(encoder, Shaft(right.position, right.speed)),
+        edges=edge_ring(edges),
     )
 
 
@@ -190,9 +178,14 @@ def sense(
         disturbance(sensors.current_noise, seed, tick, 1),
         step,
     )
+    now = tick * step
+    encoder = encoder_of(sensors)
     period = max(1, round(sensors.hall_sample_period / step))
-    hall_l = hall_after(sensors, memory.left_hall, state.left.position, tick % period == 0)
-    hall_r = hall_after(sensors, memory.right_hall, state.right.position, tick % period == 0)
+    when = Tick((tick - 1) * step, step, seed, tick % period == 0)
+    left, right = state.left, state.right
+    shaft_l, shaft_r = Shaft(left.position, left.speed), Shaft(right.position, right.speed)
+    hall_l = hall_after(encoder, memory.left_hall, shaft_l, when, LEFT, memory.edges)
+    hall_r = hall_after(encoder, memory.right_hall, shaft_r, when, RIGHT, memory.edges)
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
@@ -204,7 +197,11 @@ def sense(
     )
     return (
         SensorState(
-            left_current=filtered_l, right_current=filtered_r, left_hall=hall_l, right_hall=hall_r
+            left_current=filtered_l,
+            right_current=filtered_r,
+            left_hall=hall_l,
+            right_hall=hall_r,
+            edges=memory.edges,
         ),
         Sensed(
             left_current_a=current_l,
@@ -217,6 +214,14 @@ def sense(
             right_hall_count=float(hall_r.count),
             left_hall_speed=float(hall_l.speed),
             right_hall_speed=float(hall_r.speed),
+            left_edge_count=float(hall_l.capture.edges),
+            right_edge_count=float(hall_r.capture.edges),
+            left_edge_age_s=now - hall_l.capture.last,
+            right_edge_age_s=now - hall_r.capture.last,
+            left_period_s=hall_l.capture.period,
+            right_period_s=hall_r.capture.period,
+            left_period_speed_rps=period_speed(encoder, hall_l.capture, now),
+            right_period_speed_rps=period_speed(encoder, hall_r.capture, now),
             gate_angle_deg=quantised(angle, sensors.angle_resolution * degrees),
             latched=state.latched,
             terminal_voltage_v=outputs.terminal_voltage

@@ -64,6 +64,12 @@ SPEED = Signal("rev/s", -1e5, 1e5, "motor speed")
 POSITION = Signal("rev", -1e9, 1e9, "motor position")
 HALL_COUNT = Signal("", -1e12, 1e12, "signed count of the Hall sensors' edges", is_whole=True)
 HALL_SPEED = Signal("", -1e6, 1e6, "counts in one sample period", is_whole=True)
+EDGE_COUNT = Signal("", 0.0, 1e12, "edges of Hall A and B so far", is_whole=True)
+EDGE_AGE = Signal("s", 0.0, 1e9, "since the last edge; before the first since the start")
+PERIOD = Signal("s", 0.0, 1e9, "of the last full electrical turn, four edges; 0: none yet")
+PERIOD_SPEED = Signal(
+    "rev/s", -1e5, 1e5, "motor speed by that period, or by the time since the last edge"
+)
 HALL_A = Signal("", 0.0, 1.0, "square wave; leads B while opening", is_whole=True)
 HALL_B = Signal("", 0.0, 1.0, "square wave", is_whole=True)
 DRIVE_FORCE = Signal("N", -1e7, 1e7, "of the drive on the gate")
@@ -165,6 +171,14 @@ class Sensed(NamedTuple):
     right_hall_count: Annotated[float, HALL_COUNT]
     left_hall_speed: Annotated[float, HALL_SPEED]
     right_hall_speed: Annotated[float, HALL_SPEED]
+    left_edge_count: Annotated[float, EDGE_COUNT]
+    right_edge_count: Annotated[float, EDGE_COUNT]
+    left_edge_age_s: Annotated[float, EDGE_AGE]
+    right_edge_age_s: Annotated[float, EDGE_AGE]
+    left_period_s: Annotated[float, PERIOD]
+    right_period_s: Annotated[float, PERIOD]
+    left_period_speed_rps: Annotated[float, PERIOD_SPEED]
+    right_period_speed_rps: Annotated[float, PERIOD_SPEED]
     gate_angle_deg: Annotated[float, GATE_ANGLE]
     latched: Annotated[float, LATCHED]
     terminal_voltage_v: Annotated[float, TERMINAL_VOLTAGE]

@@ -186,3 +186,29 @@ def test_what_cannot_be_meant_is_told_and_changes_nothing(call: Any, message: st
 def test_a_gate_that_cannot_be_is_told(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.Gate(**arguments)
+
+
+def test_the_edges_of_the_last_step_are_told() -> None:
+    with lh.Gate(initial=30.0) as gate:
+        gate.command(**OPENING)
+        gate.step(1.0)
+        count = gate.sensed["left_edge_count"]
+        gate.step(0.004)
+        second = gate.edges("left")
+        gate.step(0.020)
+        edges = gate.edges("left")
+        assert len(edges) + len(second) == gate.sensed["left_edge_count"] - count
+        assert all(edge.drive == "left" for edge in edges)
+        assert all(1.004 < edge.time_s <= 1.024 for edge in edges)
+        levels = [(edge.channel, edge.level) for edge in edges]
+        turn = [("a", 1), ("b", 1), ("a", 0), ("b", 0)]
+        start = turn.index(levels[0])
+        assert levels == [turn[(start + k) % 4] for k in range(len(levels))]
+        assert len(gate.edges("right")) > 0
+        gate.step(2.0)
+        # However many they are.
+        assert len(gate.edges("left")) > 500
+        with pytest.raises(ConfigError, match="allowed: left, right"):
+            gate.edges("middle")
+    with lh.Gate("compact") as gate, pytest.raises(ConfigError, match=r"allowed: left$"):
+        gate.edges("right")

@@ -12,14 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_plant.compiler import compiled
-from liftgate_plant.sensors import (
+from liftgate_plant.hall import (
+    A,
+    B,
+    Capture,
+    EdgeRing,
+    Encoder,
     HallState,
-    Sensors,
+    Shaft,
+    Tick,
     decoded,
+    edge_ring,
     hall_after,
-    hall_count,
     hall_levels,
+    ideal_count,
     initial_hall,
+    period_speed,
 )
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
@@ -43,14 +51,52 @@ def counted(levels: list[tuple[int, int]]) -> list[int]:
     return totals
 
 
+def encoder(counts: float = 4.0, **errors: float) -> Encoder:
+    """One without errors but these."""
+    ideal = Encoder(counts, 0.0, 0.0, 0.0, 0.0, 0.0, 0, not errors)
+    return ideal._replace(**errors)
+
+
 def walked(
-    sensors: Sensors, positions: list[float], period: int = 5, call=hall_after
+    wheel: Encoder, positions: list[float], period: int = 5, call=hall_after
 ) -> list[HallState]:
-    """The Hall sensors at each of the positions, a tick each."""
-    states = [initial_hall(sensors, positions[0])]
+    """The Hall sensors at each of the positions, a tick of a millisecond each."""
+    states, ring = [initial_hall(wheel, Shaft(positions[0], 0.0))], edge_ring(16)
     for tick, position in enumerate(positions[1:], start=1):
-        states.append(call(sensors, states[-1], position, tick % period == 0))
+        when = Tick((tick - 1) * 1e-3, 1e-3, 0, tick % period == 0)
+        states.append(call(wheel, states[-1], Shaft(position, 0.0), when, 0, ring))
     return states
+
+
+class Motion:
+    """A shaft of constant acceleration [rev/s²] from a position [rev] and a speed [rev/s]."""
+
+    def __init__(self, position: float, speed: float, acceleration: float = 0.0) -> None:
+        self._terms = position, speed, acceleration
+
+    def shaft(self, time: float) -> Shaft:
+        position, speed, acceleration = self._terms
+        return Shaft(
+            position + speed * time + 0.5 * acceleration * time * time, speed + acceleration * time
+        )
+
+
+def edges_of(
+    wheel: Encoder,
+    motion: Motion,
+    seconds: float,
+    rate: float = 1e3,
+    seed: int = 0,
+    call=hall_after,
+) -> tuple[np.ndarray, HallState]:
+    """All edges of a run at so many ticks a second, and the sensors at its end."""
+    ring: EdgeRing = edge_ring(100_000)
+    state = initial_hall(wheel, motion.shaft(0.0))
+    for tick in range(1, round(seconds * rate) + 1):
+        when = Tick((tick - 1) / rate, 1.0 / rate, seed, False)
+        state = call(wheel, state, motion.shaft(tick / rate), when, 0, ring)
+    assert ring.written[0] == state.capture.edges
+    return ring.rows[: ring.written[0]].copy(), state
 
 
 def test_the_levels_are_a_gray_code_in_which_a_leads_b_while_it_counts_up() -> None:
@@ -74,12 +120,13 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
     which: str, direction: float, counts: float, speed: float
 ) -> None:
     """Up to thousands of edges a tick; the decoder sees each of them."""
-    sensors = Sensors()._replace(hall_counts=counts)
-    times = np.concatenate([np.arange(200), np.arange(200, 0, -1), -np.arange(100)]) * 1e-3
+    wheel = encoder(counts)
+    ticks = 200 if speed * counts < 1e5 else 10
+    times = np.concatenate([np.arange(ticks), np.arange(ticks, -ticks, -1)]) * 1e-3
     positions = [float(direction * speed * time) for time in times]
     call = hall_after if which == "plain" else compiled(hall_after)
-    for state, position in zip(walked(sensors, positions, call=call), positions, strict=True):
-        exact = hall_count(sensors, position)
+    for state, position in zip(walked(wheel, positions, call=call), positions, strict=True):
+        exact = ideal_count(counts, position)
         assert state.count == exact == np.floor(position * counts + 0.5)
         assert (state.a, state.b) == hall_levels(exact)
 
@@ -93,10 +140,10 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
 def test_however_the_shaft_moves_no_count_is_lost(
     start: float, ways: list[float], counts: float
 ) -> None:
-    sensors = Sensors()._replace(hall_counts=counts)
+    wheel = encoder(counts)
     positions = np.cumsum([start, *ways]).tolist()
-    states = walked(sensors, positions)
-    assert [state.count for state in states] == [hall_count(sensors, at) for at in positions]
+    states = walked(wheel, positions)
+    assert [state.count for state in states] == [ideal_count(counts, at) for at in positions]
     assert all((state.a, state.b) == hall_levels(state.count) for state in states)
 
 
@@ -108,7 +155,7 @@ def test_however_the_shaft_moves_no_count_is_lost(
 def test_what_an_ecu_decodes_from_the_levels_is_the_count(start: float, ways: list[float]) -> None:
     """As long as no more than one edge comes a tick, an ECU that samples A and B counts the same."""
     positions = np.cumsum([start, *ways]).tolist()
-    states = walked(Sensors(), positions)
+    states = walked(encoder(), positions)
     ours = [state.count - states[0].count for state in states]
     assert counted([(state.a, state.b) for state in states]) == ours
 
@@ -116,28 +163,200 @@ def test_what_an_ecu_decodes_from_the_levels_is_the_count(start: float, ways: li
 def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
     rng = np.random.default_rng(4)
     positions = np.cumsum(rng.normal(0.3, 1.0, 200)).tolist()
-    states = walked(Sensors(), positions, period=7)
+    states = walked(encoder(), positions, period=7)
     for tick in range(7, 200):
         last = tick - tick % 7
         assert states[tick].speed == states[last].count - states[last - 7].count
 
 
 def test_a_state_that_was_set_elsewhere_is_counted_without_its_edges() -> None:
-    state = hall_after(Sensors(), initial_hall(Sensors(), 0.0), 1e6 + 0.25, True)
+    ring, wheel = edge_ring(16), encoder()
+    when = Tick(0.0, 1e-3, 0, True)
+    state = hall_after(
+        wheel, initial_hall(wheel, Shaft(0.0, 0.0)), Shaft(1e6 + 0.25, 0.0), when, 0, ring
+    )
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
+    assert ring.written[0] == state.capture.edges == 0
 
 
 LOST = """
 import math
 from liftgate_plant.compiler import compiled
-from liftgate_plant.sensors import Sensors, hall_after, initial_hall
-start = initial_hall(Sensors(), 0.0)
+from liftgate_plant.hall import Encoder, Shaft, Tick, edge_ring, hall_after, initial_hall
+wheel, ring = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, True), edge_ring(16)
+start = initial_hall(wheel, Shaft(0.0, 0.0))
 for position in (math.nan, math.inf, -math.inf, 1e30, -1e30, 1e300):
-    assert compiled(hall_after)(Sensors(), start, position, False) == start, position
+    for speed in (0.0, math.nan, math.inf):
+        shaft = Shaft(position, speed)
+        after = compiled(hall_after)(wheel, start, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
+        assert after == start, shaft
 """
 
 
 def test_a_plant_that_diverged_does_not_hold_up_the_tick() -> None:
     # In a process of its own: a loop that does not end could not be interrupted here.
     subprocess.run([sys.executable, "-c", LOST], check=True, timeout=PATIENCE)
+
+
+# The times of edges.
+
+
+def decoder_and_timer(edges: np.ndarray) -> tuple[int, list[tuple[float, float]]]:
+    """An ECU that has the edges alone: its count, and its speed [counts/s] after each full electrical turn, by the
+    period between two rising edges of A.
+    """
+    levels, count, rising, speeds = [0, 0], 0, [], []
+    for edge in edges:
+        before = 2 * levels[0] + levels[1]
+        levels[edge["channel"]] = int(edge["level"])
+        count += TABLE[before][2 * levels[0] + levels[1]]
+        if edge["channel"] == A and edge["level"] == 1:
+            rising.append(float(edge["time_s"]))
+            if len(rising) > 1:
+                speeds.append((rising[-1], 4.0 / (rising[-1] - rising[-2])))
+    return count, speeds
+
+
+@pytest.mark.parametrize("which", ["plain", "compiled"])
+@pytest.mark.parametrize("speed", [0.3, 7.77, 100.0, 142.857, 151.3, 987.6])
+@pytest.mark.parametrize("counts", [4.0, 12.0])
+def test_an_ecu_with_a_timer_has_count_and_speed_from_the_edges_alone(
+    which: str, speed: float, counts: float
+) -> None:
+    call = hall_after if which == "plain" else compiled(hall_after)
+    seconds = min(2.0, 200.0 / (speed * counts) + 0.1)
+    edges, state = edges_of(encoder(counts), Motion(0.0, speed), seconds, call=call)
+    count, speeds = decoder_and_timer(edges)
+    assert count == state.count == ideal_count(counts, speed * round(seconds * 1e3) / 1e3)
+    assert [found / counts for _, found in speeds] == pytest.approx([speed] * len(speeds), rel=1e-9)
+    if state.capture.edges > 4:
+        assert state.capture.period == pytest.approx(4.0 / (speed * counts), rel=1e-9)
+        shown = period_speed(encoder(counts), state.capture, state.capture.last)
+        assert shown == pytest.approx(speed, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Motion(0.1, 0.0, 300.0),
+        Motion(0.1, 150.0, -900.0),
+        Motion(0.3, 80.0, -800.0),  # turns back at 0.1 s
+        Motion(-2.0, -30.0, 555.0),
+    ],
+)
+@pytest.mark.parametrize("errors", [{}, {"pitch": 0.1, "phase": 0.1, "jitter": 0.05}])
+def test_edges_are_the_same_at_1_and_at_10_khz(motion: Motion, errors: dict[str, float]) -> None:
+    wheel = encoder(4.0, **errors)
+    coarse, _ = edges_of(wheel, motion, 0.2)
+    fine, _ = edges_of(wheel, motion, 0.2, rate=1e4)
+    assert len(coarse) == len(fine) > 10
+    for name in ("drive", "channel", "level"):
+        assert coarse[name].tolist() == fine[name].tolist()
+    assert np.abs(coarse["time_s"] - fine["time_s"]).max() < 1e-9
+
+
+def test_edges_are_where_the_shaft_passes_them() -> None:
+    motion = Motion(0.0, 120.0, -400.0)
+    edges, _ = edges_of(encoder(), motion, 0.25)
+    steps = np.array([4.0 * motion.shaft(time).position for time in edges["time_s"]])
+    assert steps == pytest.approx(np.arange(len(edges)) + 0.5, abs=1e-9)
+    assert np.all(np.diff(edges["time_s"]) > 0.0)
+
+
+def test_a_shaft_that_turns_back_within_a_tick_passes_its_edges_twice() -> None:
+    # Up by 0.2 rev and back within one tick of 5 ms.
+    motion = Motion(0.05, 160.0, -64_000.0)
+    edges, state = edges_of(encoder(), motion, 0.005, rate=200.0)
+    assert edges["channel"].tolist() == [A, A]
+    assert edges["level"].tolist() == [1, 0]
+    assert [motion.shaft(time).position for time in edges["time_s"]] == pytest.approx([0.125] * 2)
+    assert (state.count, state.capture.edges, state.capture.run) == (0, 2, -1)
+
+
+def test_a_period_takes_five_edges_in_one_direction() -> None:
+    def period_after(edges: int) -> float:
+        return edges_of(encoder(), Motion(0.0, 100.0), 2.5e-3 * edges)[1].capture.period
+
+    assert [period_after(edges) for edges in (3, 4)] == [0.0, 0.0]
+    assert period_after(5) == pytest.approx(0.01)
+
+
+def test_a_shaft_that_stops_shows_ever_less_speed() -> None:
+    capture = Capture(9, 9, 1.0, 0.9975, 0.995, 0.9925, 0.01)
+    speeds = [period_speed(encoder(), capture, now) for now in (1.0, 1.01, 1.02, 1.1, 2.0)]
+    assert speeds == pytest.approx([100.0, 100.0, 50.0, 10.0, 1.0])
+    assert period_speed(encoder(), capture._replace(run=-9), 1.0) == pytest.approx(-100.0)
+    assert period_speed(encoder(), Capture(3, 3, 1.0, 0.9, 0.8, 0.0, 0.0), 1.0) == 0.0
+
+
+# What real encoders do wrong.
+
+
+def times_of(edges: np.ndarray, channel: int, level: int) -> np.ndarray:
+    return edges["time_s"][(edges["channel"] == channel) & (edges["level"] == level)]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_duty_and_phase_are_what_the_encoder_says(way: float) -> None:
+    wheel = encoder(4.0, phase=0.2, high=0.3)
+    edges, _ = edges_of(wheel, Motion(0.0, way * 100.0), 0.2)  # a step is 2.5 ms
+    for channel in (A, B):
+        rises, falls = times_of(edges, channel, 1), times_of(edges, channel, 0)
+        highs = falls[falls > rises[0]][: len(rises) - 1] - rises[:-1]
+        assert highs == pytest.approx(2.5e-3 * 2.3)
+    # B lags A's middle by a step and its phase; the other way round it is ahead.
+    behind = times_of(edges, B, 1)[1:5] - times_of(edges, A, 1)[1:5]
+    lag = 2.5e-3 * 1.2 * way
+    assert (behind - lag + 5e-3) % 10e-3 - 5e-3 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_hysteresis_parts_the_edges_of_both_ways() -> None:
+    wheel = encoder(4.0, hysteresis=0.4)
+    motion = Motion(0.0, 100.0, -1000.0)
+    edges, state = edges_of(wheel, motion, 0.2)
+    places = [4.0 * motion.shaft(time).position for time in edges["time_s"]]
+    up = len(edges) // 2
+    assert places[:up] == pytest.approx([n + 0.7 for n in range(up)])
+    assert places[up:] == pytest.approx([n + 0.3 for n in range(up)][::-1])
+    assert state.count == 0
+
+
+def test_the_poles_of_a_wheel_lie_where_they_lie_turn_after_turn() -> None:
+    wheel = encoder(12.0, pitch=0.1)  # six poles
+    edges, _ = edges_of(wheel, Motion(0.0, 10.0), 3.0)
+    places = 12.0 * 10.0 * edges["time_s"] - np.arange(len(edges)) - 0.5
+    turns = places[: 12 * 29].reshape(29, 12)
+    assert turns == pytest.approx(np.tile(turns[0], (29, 1)), abs=1e-9)
+    assert turns[0, 0::2] == pytest.approx(turns[0, 1::2])  # A and B see the same pole
+    assert 0.02 < np.std(turns[0, 0::2]) < 0.3
+    other, _ = edges_of(wheel._replace(wheel=1), Motion(0.0, 10.0), 0.1)
+    assert other["time_s"][0] != pytest.approx(edges["time_s"][0], abs=1e-6)
+
+
+def test_jitter_is_drawn_anew_for_each_edge_and_from_the_seed() -> None:
+    wheel = encoder(4.0, jitter=0.05)
+    first, again, other = (
+        edges_of(wheel, Motion(0.0, 100.0), 5.0, seed=seed)[0]["time_s"] for seed in (3, 3, 4)
+    )
+    assert first.tolist() == again.tolist() != other.tolist()
+    places = 400.0 * first - np.arange(len(first)) - 0.5
+    assert np.std(places) == pytest.approx(0.05, rel=0.1)
+    assert abs(np.mean(places)) < 0.01
+
+
+@CALM
+@given(
+    st.lists(st.floats(-2.0, 2.0), min_size=1, max_size=60),
+    st.floats(0.0, 0.2),
+    st.floats(0.0, 0.4),
+    st.floats(0.0, 0.2),
+)
+def test_no_edge_is_lost_or_seen_twice_however_bad_the_encoder(
+    ways: list[float], pitch: float, hysteresis: float, jitter: float
+) -> None:
+    wheel = encoder(4.0, pitch=pitch, hysteresis=hysteresis, jitter=jitter, high=0.1, phase=-0.1)
+    positions = np.cumsum([0.0, *ways]).tolist()
+    for state, position in zip(walked(wheel, positions), positions, strict=True):
+        assert state.count == state.step
+        assert abs(state.count - 4.0 * position) < 1.0

@@ -14,9 +14,10 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
+from liftgate_plant.hall import Capture, HallState
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
-from liftgate_plant.sensors import HallState, Sensors, SensorState, initial_sensors, sense
+from liftgate_plant.sensors import Sensors, SensorState, initial_sensors, sense
 from liftgate_plant.signals import Sensed, Surroundings, Truth
 from liftgate_plant.vehicle import plant_of
 from tests.plant.distinct import distinct
@@ -84,11 +85,17 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
     shown, load = distinct(Outputs, numbers), inputs.load
     began = {"left": 3, "right": 6}  # steps behind: two phases that are told apart
     memory = initial_sensors(IDEAL, state)
+    captures = {
+        "left": Capture(7, 7, 0.001, 0.0, 0.0, 0.0, 0.016),
+        "right": Capture(9, -9, 0.003, 0.0, 0.0, 0.0, 0.002),
+    }
     halls = {}
     for side in ("left", "right"):
         hall: HallState = getattr(memory, f"{side}_hall")
         behind = hall.count - began[side]
-        halls[f"{side}_hall"] = hall._replace(count=hall.count + 1000, sampled=behind + 1000)
+        halls[f"{side}_hall"] = hall._replace(
+            count=hall.count + 1000, sampled=behind + 1000, capture=captures[side]
+        )
     memory = memory._replace(**halls)
     after, sensed = called(sense, which)(IDEAL, plant, state, inputs, shown, memory, 0, 5, 0.001)
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
@@ -110,6 +117,10 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
             f"{side}_hall_speed": began[side],
             f"{side}_hall_a": float(at % 4 in (1, 2)),
             f"{side}_hall_b": float(at % 4 in (2, 3)),
+            f"{side}_edge_count": captures[side].edges,
+            f"{side}_edge_age_s": 0.005 - captures[side].last,
+            f"{side}_period_s": captures[side].period,
+            f"{side}_period_speed_rps": {"left": 62.5, "right": -500.0}[side],
         }
     assert expected.keys() == {*Sensed._fields}
     assert sensed._asdict() == pytest.approx(expected, rel=1e-14)

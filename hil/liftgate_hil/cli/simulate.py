@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import itertools
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from liftgate_hil.loop.simulation import Block
     from liftgate_hil.recording.content import Content
+    from liftgate_hil.recording.edge_file import EdgeFile
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
@@ -70,6 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help=".csv, .parquet or .mf4; default: CSV to stdout",
     )
+    parser.add_argument(
+        "--edges",
+        metavar="FILE",
+        help="also a .csv of every edge of the Hall sensors: time_s, drive, channel, level",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -90,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
     output = _output_of(args.output)
+    edge_file = _edge_file_of(args.edges)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
     samples = constant_voltage(args.voltage or 0.0)
@@ -115,8 +123,12 @@ def run(args: argparse.Namespace) -> int:
     blocks = simulate(offline, state, samples, round(duration / args.step))
     whole = itertools.takewhile(lambda _: not stopped(), blocks)
     content = Content(columns_of(vehicle.drives, offline=True), title="liftgate-hil simulate")
-    with told_of_compiling(Teller(is_quiet=False), stopped), contextlib.suppress(GivenUpError):
-        _write(output, content, whole)
+    with (
+        told_of_compiling(Teller(is_quiet=False), stopped),
+        contextlib.suppress(GivenUpError),
+        contextlib.nullcontext() if edge_file is None else contextlib.closing(edge_file),
+    ):
+        _write(output, content, _rows_of(whole, edge_file))
     return stopped.exit_code if stopped() else 0
 
 
@@ -149,6 +161,22 @@ def _output_of(name: str) -> Path | None:
     if sys.stdout is None:
         raise ConfigError("`output` -: stdout is closed; allowed: a file")
     return None
+
+
+def _edge_file_of(name: str | None) -> EdgeFile | None:
+    """Where the edges go. Raises ConfigError."""
+    from liftgate_hil.recording.edge_file import EdgeFile
+    from liftgate_hil.recording.open import check_file
+
+    return None if name is None else EdgeFile("edges", check_file("edges", name, (".csv",)))
+
+
+def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[NDArray[np.float64]]:
+    """The blocks' rows; their edges are written. Raises RecordingError."""
+    for block in blocks:
+        if edge_file is not None:
+            edge_file.write(block.edges)
+        yield block.rows
 
 
 def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:

@@ -12,6 +12,7 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import request_table
 from liftgate_hil.errors import EcuError, PlantDivergedError
 from liftgate_hil.loop.episode import (
+    ANY,
     BAD_ECU,
     DIVERGED,
     DONE,
@@ -66,6 +67,7 @@ class Episode:
             ticks=0,
             is_last=0,
             is_recorded=int(is_recorded),
+            edges=ANY,
         )
         self._now = Stretch(loop=state, node=adapter.state, asked=-1, pending=0, outcome=0)
         self._run = compiled(run_stretch)

@@ -24,6 +24,8 @@ from liftgate_plant.compiler import compilable
 # How a stretch of an episode ended.
 DONE, DIVERGED, BAD_ECU = 0, 1, 2
 
+ANY = 2**62  # as many edges as come
+
 
 class Script(NamedTuple):
     """What acts on the closed loop."""
@@ -34,6 +36,7 @@ class Script(NamedTuple):
     ticks: int  # at which the stretch ends
     is_last: int  # 1: one more tick, with the motors off
     is_recorded: int  # 1: frames go into the ring
+    edges: int  # the stretch ends after so many Hall edges, which their ring is to have room for
 
 
 class Stretch(NamedTuple):
@@ -64,9 +67,10 @@ def run_stretch(
     control = shared.control[0]
     room = len(shared.frames) - 2 * most_frames(config) - control.frames
     rows = len(shared.rows) - control.rows
-    last = script.ticks + script.is_last
+    edges = loop.sensors.edges.written
+    last, most_edges = script.ticks + script.is_last, edges[0] + script.edges
     outcome = DONE
-    while outcome == DONE and loop.tick < last and rows > 0 and room > 0:
+    while outcome == DONE and loop.tick < last and rows > 0 and room > 0 and edges[0] <= most_edges:
         stopping = loop.tick >= script.ticks
         if control.stop != 0 and not stopping:
             break

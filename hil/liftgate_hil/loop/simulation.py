@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,23 @@ from liftgate_hil.stimuli.timeline import (
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
+from liftgate_plant.hall import edges_after
 from liftgate_plant.rows import inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import Sensors, SensorState
 
 Floats = NDArray[np.float64]
 
 _BLOCK = 2000  # steps, some milliseconds: nobody can stop it within
+
+
+_EDGES = 2**17  # room for twice the Hall edges that a tick may bring
+
+
+class Block(NamedTuple):
+    """What a piece of a simulation has brought."""
+
+    rows: Floats  # (n, ROW_WIDTH) of signals.COLUMNS
+    edges: Any  # (m,) hall.EDGE
 
 
 class Offline(NamedTuple):
@@ -71,12 +82,16 @@ def block(
     offline: Offline, start: OfflineState, rows: Floats, out: Floats
 ) -> tuple[OfflineState, int, bool]:
     """Step through input rows (n, inputs), writing states before their step to `out`: how many were written, and
-    whether all states were sound. It ends before one that is not.
+    whether all states were sound. It ends before one that is not, and where the ring of Hall edges is half full.
     """
     written = 0
     sound = True
     state, memory, arming, done = start.plant, start.sensors, start.arming, start.done
+    edges = memory.edges.written
+    most_edges = edges[0] + len(memory.edges.rows) // 2
     for k in range(rows.shape[0]):
+        if edges[0] > most_edges:
+            break
         time = done * offline.step
         arming, inputs = inputs_at(offline, rows[k], time, arming, state.gate_angle)
         begun = dynamics.at(inputs, 0.0)
@@ -97,32 +112,33 @@ def block(
     return OfflineState(plant=state, sensors=memory, arming=arming, done=done), written, sound
 
 
-def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Floats]:
-    """Rows (n, ROW_WIDTH) of signals.COLUMNS from the initial state to that after `steps` steps, in blocks, the
-    next one made while the caller has the last. A row holds a state and the inputs from then on.
+def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
+    """Rows and Hall edges from the initial state to that after `steps` steps, in blocks, the next one made while
+    the caller has the last. A row holds a state and the inputs from then on.
 
     Raises PlantDivergedError.
     """
     blocks = _blocks(offline, state, samples, steps)
     with ThreadPoolExecutor(1) as pool:  # machine code needs no interpreter lock
         ahead = pool.submit(next, blocks, None)
-        while (rows := ahead.result()) is not None:
+        while (made := ahead.result()) is not None:
             ahead = pool.submit(next, blocks, None)
-            yield rows
+            yield made
 
 
-def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Floats]:
+def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
     run = compiled(block)
-    now = OfflineState(state, sensors.initial_sensors(offline.sensors, state), NOT_ARMED, 0)
-    for first in range(0, steps + 1, _BLOCK):
+    memory = sensors.initial_sensors(offline.sensors, state, _EDGES)
+    now, sound = OfflineState(state, memory, NOT_ARMED, 0), True
+    while sound and now.done <= steps:
+        first, seen = now.done, int(memory.edges.written[0])
         count = min(_BLOCK, steps + 1 - first)
         # A sample holds from its time on: half a nanosecond of slack for times like 3 * 0.001.
         times = (first + np.arange(count, dtype=np.float64)) * np.float64(offline.step) + 0.5e-9
         out = np.empty((count // offline.every + 1, ROW_WIDTH))
         now, written, sound = run(offline, now, samples.rows_at(times), out)
-        yield out[:written]
-        if not sound:
-            raise PlantDivergedError(
-                f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, a "
-                "saner vehicle"
-            )
+        yield Block(out[:written], edges_after(now.sensors.edges, seen))
+    if not sound:
+        raise PlantDivergedError(
+            f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, a saner vehicle"
+        )

@@ -75,11 +75,11 @@ class LoopState(NamedTuple):
     timeouts: int  # times a command went stale
 
 
-def initial_loop(config: LoopConfig, plant_state: State) -> LoopState:
-    """Before the first tick."""
+def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> LoopState:
+    """Before the first tick, with a ring for the last so many Hall edges."""
     return LoopState(
         plant=plant_state,
-        sensors=sensors.initial_sensors(config.sensors, plant_state),
+        sensors=sensors.initial_sensors(config.sensors, plant_state, edges),
         arming=NOT_ARMED,
         reception=nothing_received(config.inputs, INPUT_COUNT),
         counts=NO_COUNTS,
