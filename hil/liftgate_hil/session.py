@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from liftgate_hil.codec.transmit import message_of
 from liftgate_hil.config.arguments import number_of, numbers_of, seed_of, time_of, whole_of
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.rig_fit import check_fit
@@ -22,6 +23,7 @@ from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
 from liftgate_hil.recording.rotation import Limit
+from liftgate_hil.signals import OUT
 from liftgate_plant.dynamics import initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
@@ -169,15 +171,17 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
     """The loop's constants, at a rate [Hz]. Raises ConfigError where the rig does not fit vehicle or rate."""
     check_fit(rig, vehicle, rate)
     mapped = {mapping.quantity for mapping in rig.inputs}
+    outputs = rig.output_config()
     return LoopConfig(
         plant=plant_of(vehicle),
         sensors=vehicle.sensors,
         load=load_of(vehicle),
         inputs=rig.input_config(),
-        outputs=rig.output_config(),
+        outputs=outputs,
         signed_left=int("left_direction" not in mapped),
         signed_right=int("right_direction" not in mapped),
         latch_mapped=int("latch_release" in mapped),
+        hold_message=message_of(outputs, OUT.pinch_force),
         obstacle_distance=vehicle.gate.length,
         step=1.0 / rate,
         step_ns=round(NS / rate),

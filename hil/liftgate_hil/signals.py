@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 from liftgate_plant.signals import (
     LATCH_RELEASED,
+    PINCH_FORCE,
     Drives,
     Sensed,
     Signal,
@@ -70,6 +71,9 @@ class Status(NamedTuple):
         float, Signal("", 0.0, 1e18, "frames of ours that were refused", is_whole=True)
     ]
     emulator_state: Annotated[float, Signal("", 0.0, 3.0, "of this program", EMULATOR_STATES)]
+    pinch_force: Annotated[
+        float, PINCH_FORCE._replace(meaning="the largest pinch force since a frame told it")
+    ]
 
 
 class Timing(NamedTuple):
@@ -99,11 +103,11 @@ BUS_INPUTS: dict[str, Signal] = {**signals_of(Command), **PANEL}
 _SENSED = signals_of(Sensed)
 _TRUTH = signals_of(Truth)
 
-_GIVEN = {bus_name(name, signal) for name, signal in _SENSED.items()}
+_GIVEN = {bus_name(name, signal) for name, signal in _SENSED.items()} | {*Status._fields}
 
 
 def _true_name(column: str, signal: Signal) -> str:
-    """What a rig calls a quantity of the truth: by its plain name what no sensor gives."""
+    """What a rig calls a quantity of the truth: by its plain name what neither a sensor nor the loop gives."""
     name = bus_name(column, signal)
     return f"true_{name}" if name in _GIVEN else name
 

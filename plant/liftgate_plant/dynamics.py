@@ -71,6 +71,7 @@ class Plant(NamedTuple):
     seal: Seal
     environment: Environment
     source_resistance: float  # Ω
+    pinch_limit: float  # N
 
 
 class DriveState(NamedTuple):

@@ -37,6 +37,9 @@ class Gate(NamedTuple):
     inertia: Annotated[
         float, Quantity("J_L", "kg m²", 0.0, 1e4, "about the hinge; 0: from mass and plate (3.18)")
     ] = 0.0
+    pinch_limit: Annotated[
+        float, Quantity("", "N", 0.0, 1e4, "whose excess is timed; UN R21 5.8, of windows")
+    ] = 100.0
 
 
 class Linkage(NamedTuple):

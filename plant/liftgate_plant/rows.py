@@ -14,6 +14,7 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.pinch import Pinch
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.signals import Drives, Surroundings, Truth
 
@@ -99,8 +100,9 @@ def truth_of(
     state: State,
     inputs: Inputs,
     shown: Outputs,
+    contact: Pinch,
 ) -> Truth:
-    """The row of a state, of the inputs that led to it and of what it shows under them."""
+    """The row of a state, of the inputs that led to it, of what it shows under them and of the last contact."""
     left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(
         time_s=time,
@@ -136,4 +138,9 @@ def truth_of(
         right_winding_temperature_degc=right.winding_temperature,
         left_housing_temperature_degc=left.housing_temperature,
         right_housing_temperature_degc=right.housing_temperature,
+        pinch_force_peak_n=contact.peak,
+        pinch_impulse_ns=contact.impulse,
+        pinch_over_limit_s=contact.over,
+        pinch_contact_s=contact.begin,
+        pinch_contact_deg=contact.angle * _DEGREES,
     )

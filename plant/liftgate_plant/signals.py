@@ -24,6 +24,7 @@ SUFFIXES: Mapping[str, str] = {
     "rev": "_rev",
     "N": "_n",
     "N m": "_nm",
+    "N s": "_ns",
     "deg": "_deg",
     "deg/s": "_degps",
     "°C": "_degc",
@@ -79,6 +80,20 @@ GATE_ANGLE = Signal("deg", -360.0, 360.0, "of the gate, 0 is closed")
 GATE_RATE = Signal("deg/s", -1e6, 1e6, "of the gate")
 GATE_ACCELERATION = Signal("m/s²", -1e6, 1e6, "accelerometer on the gate, with its weight")
 PINCH_FORCE = Signal("N", 0.0, 1e7, "on the obstacle")
+PINCH_PEAK = Signal("N", 0.0, 1e7, "the last contact's largest pinch force so far")
+PINCH_IMPULSE = Signal("N s", 0.0, 1e9, "the last contact's impulse so far")
+PINCH_OVER_LIMIT = Signal("s", 0.0, 1e9, "of the last contact over gate.pinch_limit")
+PINCH_CONTACT = Signal(
+    "s",
+    0.0,
+    1e9,
+    "model time at which the last contact began; 0: none yet",
+    (),
+    "pinch_contact_time",
+)
+PINCH_CONTACT_ANGLE = Signal(
+    "deg", -360.0, 360.0, "where the gate touched then", (), "pinch_contact_angle"
+)
 TERMINAL_VOLTAGE = Signal("V", -1e3, 1e3, "at the bridges")
 LATCHED = Signal("", 0.0, 1.0, "latch", LATCH_STATES, "latch_state", is_whole=True)
 LATCH_RELEASED = Signal("", 0.0, 1.0, "latch driven open", is_whole=True)
@@ -156,6 +171,11 @@ class Truth(NamedTuple):
     right_winding_temperature_degc: Annotated[float, WINDING_TEMPERATURE]
     left_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
     right_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
+    pinch_force_peak_n: Annotated[float, PINCH_PEAK]
+    pinch_impulse_ns: Annotated[float, PINCH_IMPULSE]
+    pinch_over_limit_s: Annotated[float, PINCH_OVER_LIMIT]
+    pinch_contact_s: Annotated[float, PINCH_CONTACT]
+    pinch_contact_deg: Annotated[float, PINCH_CONTACT_ANGLE]
 
 
 class Sensed(NamedTuple):

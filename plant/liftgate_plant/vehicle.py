@@ -84,6 +84,7 @@ def plant_of(vehicle: Vehicle) -> Plant:
         seal=vehicle.seal,
         environment=vehicle.environment,
         source_resistance=vehicle.supply.internal_resistance,
+        pinch_limit=vehicle.gate.pinch_limit,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from pathlib import Path
 from typing import Any
@@ -186,6 +187,34 @@ def test_what_cannot_be_meant_is_told_and_changes_nothing(call: Any, message: st
 def test_a_gate_that_cannot_be_is_told(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         lh.Gate(**arguments)
+
+
+def test_a_peak_between_two_frames_of_bench_status_is_told() -> None:
+    with lh.Gate(initial=40.0) as gate:
+        gate.command(left_duty=100, right_duty=100, direction="close")
+        gate.step(0.5)
+        gate.obstacle(angle_deg=gate.truth["gate_angle_deg"] - 1.0)
+        status = shipped_rig().messages["BenchStatus"]
+        told, forces, highest = [], [], []
+        for tick in range(1200):
+            if gate.truth["pinch_force_n"] > 30.0:
+                gate.command(left_duty=100, right_duty=100, direction="open")
+            frames = gate.step(0.001)
+            forces.append(gate.truth["pinch_force_n"])
+            highest.append(gate.truth["pinch_force_peak_n"])
+            for frame in frames:
+                if frame.arbitration_id == status.frame_id:
+                    told.append((tick, float(status.decode(frame.data)["PinchForce"])))
+    ends = [0, *(tick for tick, _ in told)]
+    assert len(told) == 12
+    for (begin, end), (_, force) in zip(itertools.pairwise(ends), told, strict=True):
+        assert force == pytest.approx(max(forces[begin : end + 1]), abs=0.051)
+    assert max(force for _, force in told) == pytest.approx(max(forces), abs=0.051)
+    assert max(forces) > 40.0
+    assert highest[-1] == max(forces)
+    # Contact, place and impulse stay told after the gate has gone.
+    assert forces[-1] == 0.0
+    assert gate.truth["pinch_impulse_ns"] == pytest.approx(sum(forces) * 1e-3, rel=2e-3)
 
 
 def test_the_edges_of_the_last_step_are_told() -> None:

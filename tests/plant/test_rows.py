@@ -16,6 +16,7 @@ from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import Capture, HallState
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.pinch import Pinch
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import Sensors, SensorState, initial_sensors, sense
 from liftgate_plant.signals import Sensed, Surroundings, Truth
@@ -36,7 +37,8 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
     numbers = count(1.5)
     state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
     shown, load = distinct(Outputs, numbers), inputs.load
-    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown)
+    contact = distinct(Pinch, numbers)
+    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown, contact)
     expected = {
         "time_s": 0.25,
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -55,6 +57,11 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
         "snow_mass_kg": load.snow_mass,
         "hand_force_n": load.hand_force,
         "external_torque_nm": load.external_torque,
+        "pinch_force_peak_n": contact.peak,
+        "pinch_impulse_ns": contact.impulse,
+        "pinch_over_limit_s": contact.over,
+        "pinch_contact_s": contact.begin,
+        "pinch_contact_deg": contact.angle * DEGREES,
     }
     for side in ("left", "right"):
         drive, given = getattr(state, side), getattr(inputs, side)

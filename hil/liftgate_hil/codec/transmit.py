@@ -103,6 +103,12 @@ def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything:
 
 
 @compilable
+def sent_of(transmission: Transmission, message: int) -> int:
+    """How many frames of a message were sent; of none (−1) none."""
+    return int(transmission.sent[message]) if message >= 0 else 0
+
+
+@compilable
 def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
     """The messages that are due by `now_ns` (or all), each once; good until the next call.
 
@@ -124,3 +130,12 @@ def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything
             count += 1
     transmission.next_ns[0] = next_ns
     return Frames(count, frames.identifiers, frames.lengths, frames.data)
+
+
+def message_of(bus: BusConfig, quantity: int) -> int:
+    """The first message that carries a quantity; −1: none does."""
+    for number, message in enumerate(bus.messages):
+        rows = bus.signals[message.first : message.first + message.count]
+        if quantity in rows.quantity:
+            return number
+    return -1

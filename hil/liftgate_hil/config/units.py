@@ -89,6 +89,9 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
         Unit(1, 100): ("Ncm",),
         Unit(1000): ("kNm",),
     },
+    "impulse": {
+        Unit(1): ("Ns", "newtonsecond"),
+    },
     "spring rate": {
         Unit(1): ("N/m",),
         Unit(1000): ("N/mm", "kN/m"),

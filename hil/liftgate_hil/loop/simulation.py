@@ -24,6 +24,7 @@ from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.hall import edges_after
+from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import Sensors, SensorState
 
@@ -60,6 +61,7 @@ class OfflineState(NamedTuple):
     plant: State
     sensors: SensorState
     arming: ObstacleArming
+    pinch: Pinch
     done: int  # steps
 
 
@@ -86,7 +88,8 @@ def block(
     """
     written = 0
     sound = True
-    state, memory, arming, done = start.plant, start.sensors, start.arming, start.done
+    state, memory, arming = start.plant, start.sensors, start.arming
+    contact, done = start.pinch, start.done
     edges = memory.edges.written
     most_edges = edges[0] + len(memory.edges.rows) // 2
     for k in range(rows.shape[0]):
@@ -100,7 +103,11 @@ def block(
             offline.sensors, offline.plant, state, begun, shown, memory,
             offline.seed, done, offline.step,
         )  # fmt: skip
-        truth = truth_of(offline.sensors, time, state, begun, shown)
+        contact = pinched(
+            contact, begun.load.obstacle, state, shown.pinch_force, offline.plant.pinch_limit,
+            time, offline.step,
+        )  # fmt: skip
+        truth = truth_of(offline.sensors, time, state, begun, shown, contact)
         sound = is_sound(truth)
         if not sound:
             break
@@ -109,7 +116,8 @@ def block(
             written += 1
         state = integrate.step(offline.plant, state, inputs, offline.step)
         done += 1
-    return OfflineState(plant=state, sensors=memory, arming=arming, done=done), written, sound
+    after = OfflineState(plant=state, sensors=memory, arming=arming, pinch=contact, done=done)
+    return after, written, sound
 
 
 def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
@@ -129,7 +137,7 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
     run = compiled(block)
     memory = sensors.initial_sensors(offline.sensors, state, _EDGES)
-    now, sound = OfflineState(state, memory, NOT_ARMED, 0), True
+    now, sound = OfflineState(state, memory, NOT_ARMED, NOT_PINCHED, 0), True
     while sound and now.done <= steps:
         first, seen = now.done, int(memory.edges.written[0])
         count = min(_BLOCK, steps + 1 - first)

@@ -28,8 +28,21 @@ from liftgate_hil.codec.receive import (
     rejected,
 )
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
-from liftgate_hil.signals import IN, IN_SURROUNDINGS, INPUT_COUNT, OUT_ROWS, OUTPUT_COUNT, Status
+from liftgate_hil.codec.transmit import (
+    Transmission,
+    first_transmission,
+    is_due,
+    sent_of,
+    transmit,
+)
+from liftgate_hil.signals import (
+    IN,
+    IN_SURROUNDINGS,
+    INPUT_COUNT,
+    OUT_ROWS,
+    OUTPUT_COUNT,
+    Status,
+)
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
@@ -37,6 +50,7 @@ from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_i
 from liftgate_plant.compiler import compilable, fill, overlay, picked
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.signals import Sensed, Truth
@@ -55,6 +69,9 @@ class LoopConfig(NamedTuple):
     signed_left: int  # 1: the duty's sign is the direction
     signed_right: int
     latch_mapped: int  # 0: nobody releases the latch, so opening drives do
+    hold_message: (
+        int  # which of `outputs` tells the largest pinch force since its last frame; −1: none
+    )
     obstacle_distance: float  # m, of the panel's obstacle from the hinge
     step: float  # s
     step_ns: int
@@ -68,6 +85,8 @@ class LoopState(NamedTuple):
     plant: State
     sensors: SensorState
     arming: ObstacleArming
+    pinch: Pinch
+    pinch_hold: float  # N, the largest pinch force since a frame told it
     reception: Reception
     counts: Counts
     transmission: Transmission
@@ -81,6 +100,8 @@ def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> Loo
         plant=plant_state,
         sensors=sensors.initial_sensors(config.sensors, plant_state, edges),
         arming=NOT_ARMED,
+        pinch=NOT_PINCHED,
+        pinch_hold=0.0,
         reception=nothing_received(config.inputs, INPUT_COUNT),
         counts=NO_COUNTS,
         transmission=first_transmission(config.outputs, OUTPUT_COUNT),
@@ -218,7 +239,12 @@ def tick(
         config.sensors, config.plant, plant_state, inputs, shown, state.sensors,
         config.seed, done, config.step,
     )  # fmt: skip
-    truth = truth_of(config.sensors, done * config.step, plant_state, inputs, shown)
+    contact = pinched(
+        state.pinch, load.obstacle, plant_state, shown.pinch_force, config.plant.pinch_limit,
+        done * config.step, config.step,
+    )  # fmt: skip
+    hold = max(state.pinch_hold, shown.pinch_force)
+    truth = truth_of(config.sensors, done * config.step, plant_state, inputs, shown, contact)
     replies = config.nothing
     end_ns = done * config.step_ns
     if is_due(transmission, end_ns, outside.is_silent, outside.is_stop):
@@ -227,13 +253,19 @@ def tick(
             command_timeouts=float(timeouts),
             rejected_frames=float(rejected(counts)),
             emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
+            pinch_force=hold,
         )
         line_up(transmission.values, sensed, truth, status, outside)
+        told = sent_of(transmission, config.hold_message)
         replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)
+        if sent_of(transmission, config.hold_message) > told:
+            hold = shown.pinch_force
     after = LoopState(
         plant=plant_state,
         sensors=memory,
         arming=arming,
+        pinch=contact,
+        pinch_hold=hold,
         reception=reception,
         counts=counts,
         transmission=transmission,

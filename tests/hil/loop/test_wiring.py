@@ -61,10 +61,11 @@ class Rows(NamedTuple):
             bus_name(name, signal): getattr(self.sensed, name)
             for name, signal in signals_of(Sensed).items()
         }
+        values |= self.status._asdict() | self.timing._asdict()
         for name, signal in signals_of(Truth).items():
             ours = bus_name(name, signal)
             values[f"true_{ours}" if ours in values else ours] = getattr(self.truth, name)
-        return {**values, **self.status._asdict(), **self.timing._asdict()}
+        return values
 
 
 @pytest.fixture(scope="module")
@@ -101,11 +102,14 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
         command_timeouts=111.0,
         rejected_frames=113.0,
         emulator_state=float(STOPPED),
+        pinch_force=113.5,
     )
     monkeypatch.setattr(sensors, "sense", lambda *given: (given[5], rows.sensed))
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
     config = loop_config(rig=whole)
-    state = start_of(config)._replace(timeouts=111, counts=NO_COUNTS._replace(wrong_length=113))
+    state = start_of(config)._replace(
+        timeouts=111, counts=NO_COUNTS._replace(wrong_length=113), pinch_hold=113.5
+    )
     around = outside(missed=107, stop=True)._replace(timing=rows.timing)
     _, replies, truth, sensed = tick(config, state, empty_frames(0), around)
     assert (truth, sensed) == (rows.truth, rows.sensed)
@@ -119,7 +123,7 @@ def test_timing_that_is_not_known_is_not_sent(whole: Rig, fast_tick: Tick) -> No
     )
     found = outputs_in(whole, replies)
     assert found.keys() == BUS_OUTPUTS.keys() - {*Timing._fields}
-    status = Status(0.0, 0.0, 0.0, float(STOPPED))
+    status = Status(0.0, 0.0, 0.0, float(STOPPED), 0.0)
     told = Rows(sensed, truth, status, Timing(*(0.0 for _ in Timing._fields))).by_name()
     assert found == {name: told[name] for name in found}
 

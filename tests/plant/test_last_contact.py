@@ -1,0 +1,114 @@
+"""The last contact with an obstacle: its peak, impulse, time over a limit, begin and place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from liftgate_plant.dynamics import DriveState, State
+from liftgate_plant.obstacle import Obstacle, pinch_force
+from liftgate_plant.pinch import APART, NOT_PINCHED, Pinch, pinched, time_over
+
+ROD = Obstacle(
+    angle=math.radians(30.0), distance=0.9, stiffness=10e3, damping=0.0, gap=0.0, direction=1.0
+)
+DRIVE = DriveState(0.0, 0.0, 0.0, 20.0, 20.0)
+LIMIT = 100.0
+
+
+def state_at(angle: float, rate: float) -> State:
+    return State(DRIVE, DRIVE, angle, rate, 0.0)
+
+
+def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch]:
+    """What is told of a motion, given as functions of time, at these times."""
+    step = times[1] - times[0]
+    found = [NOT_PINCHED]
+    for time in times:
+        state = state_at(angle(time), rate(time))
+        force = pinch_force(body, state.gate_angle, state.gate_rate)
+        found.append(pinched(found[-1], body, state, force, LIMIT, time, step))
+    return found[1:]
+
+
+def swing(lowest_deg: float, start: float, period: float = 0.6):
+    """The gate comes down from 32 degrees, turns at `lowest_deg` and goes back up within a period."""
+    depth = math.radians(32.0 - lowest_deg)
+
+    def angle(time: float) -> float:
+        phase = min(max((time - start) / period, 0.0), 1.0)
+        return math.radians(32.0) - depth * math.sin(math.pi * phase) ** 2
+
+    def rate(time: float) -> float:
+        phase = (time - start) / period
+        if not 0.0 < phase < 1.0:
+            return 0.0
+        return -depth * math.pi / period * math.sin(2.0 * math.pi * phase)
+
+    return angle, rate
+
+
+def exactly(angle, rate, times: np.ndarray) -> tuple[float, float, float, float]:
+    """Peak, impulse, time over the limit and begin, by brute force."""
+    fine = np.linspace(times[0], times[-1], 400_001)
+    force = np.array([pinch_force(ROD, angle(t), rate(t)) for t in fine])
+    step = fine[1] - fine[0]
+    begin = fine[np.argmax(force > 0.0)]
+    return force.max(), np.trapezoid(force, fine), step * np.sum(force > LIMIT), begin
+
+
+def test_what_is_told_is_what_the_force_did() -> None:
+    motion = swing(29.0, 0.1003)
+    times = np.arange(0.0, 0.9, 1e-3)
+    last = followed(*motion, times)[-1]
+    peak, impulse, over, begin = exactly(*motion, times)
+    assert peak > LIMIT
+    assert last.peak == pytest.approx(peak, rel=1e-4)
+    assert last.impulse == pytest.approx(impulse, rel=1e-3)
+    assert last.over == pytest.approx(over, abs=5e-5)
+    assert last.begin == pytest.approx(begin, abs=5e-6)
+    assert math.degrees(last.angle) == pytest.approx(30.0, abs=1e-3)
+
+
+def test_another_contact_begins_anew_and_a_bounce_does_not() -> None:
+    times = np.arange(0.0, 3.0, 1e-3)
+    (first, first_rate), (second, second_rate) = swing(29.0, 0.1), swing(29.5, 1.5)
+    found = followed(
+        lambda time: first(time) if time < 1.0 else second(time),
+        lambda time: first_rate(time) if time < 1.0 else second_rate(time),
+        times,
+    )
+    assert found[900].peak > found[-1].peak > 0.0
+    assert found[-1].begin > 1.5 > found[900].begin
+    assert found[-1].impulse < found[900].impulse
+
+    force = [0.0, 50.0, 80.0, 0.0, *[0.0] * 20, 30.0, 0.0]
+    found = [NOT_PINCHED]
+    for k, value in enumerate(force):
+        state = state_at(math.radians(29.9), -0.1)
+        found.append(pinched(found[-1], ROD, state, value, LIMIT, k * 1e-3, 1e-3))
+    assert found[-1].peak == 80.0
+    assert found[-1].begin == found[3].begin
+    assert found[-1].impulse > found[5].impulse
+
+
+def test_a_contact_ends_only_after_a_while() -> None:
+    last = Pinch(10.0, 50.0, 1.0, 0.0, 2.0, 0.5, 0.0)
+    state = state_at(1.0, 0.1)
+    for tick in range(round(APART / 1e-3) + 2):
+        last = pinched(last, ROD, state, 0.0, LIMIT, 3.0 + 1e-3 * tick, 1e-3)
+    down = state_at(math.radians(29.99), -0.2)
+    assert pinched(last, ROD, down, 5.0, LIMIT, 4.0, 1e-3).begin > 3.9
+    assert last.peak == 50.0  # told until the next one begins
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [(0, 50, 0.0), (150, 120, 1.0), (50, 150, 0.5), (150, 50, 0.5), (90, 130, 0.75), (100, 100, 0.0)],
+)  # fmt: skip
+def test_the_time_over_a_limit_counts_parts_of_a_step(
+    before: float, after: float, expected: float
+) -> None:
+    assert time_over(before, after, LIMIT, 1.0) == pytest.approx(expected)
