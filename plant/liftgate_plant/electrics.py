@@ -14,10 +14,12 @@ from liftgate_plant.motor import (
     Transient,
     Winding,
     end_current,
+    mean_current,
     restarted,
     solve_windings,
     transient_of,
 )
+from liftgate_plant.shunt import CurrentPath
 
 
 class Electric(NamedTuple):
@@ -139,6 +141,20 @@ def electrics_of(
         electric_of(plant.left, state.left, state.right, winding_l, coast_l, response_l, step),
         electric_of(plant.right, state.right, state.left, winding_r, coast_r, response_r, step),
     )
+
+
+@compilable
+def path_of(
+    electric: Electric, begin: float, end: float, own: float, other: float, step: float
+) -> CurrentPath:
+    """What a current that goes from one value [A] to another does meanwhile, for the final speeds [rev/s]."""
+    mean = mean_current(electric.response, own, other)
+    amplitude, decay = electric.transient.amplitude, electric.transient.decay
+    if amplitude == 0.0 and (begin - end) * (mean - end) > 0.0:
+        # It ended inside the step: shown as one that dies away, with the same start and the same charge.
+        amplitude = begin - end
+        decay = amplitude / ((mean - end) * step)
+    return CurrentPath(begin, end, mean, amplitude, decay)
 
 
 @compilable

@@ -35,6 +35,7 @@ from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.motor import mean_current
+from liftgate_plant.shunt import CurrentPath, held
 
 PASSES = 2
 
@@ -55,6 +56,13 @@ class Speeds(NamedTuple):
     left: float
     right: float
     rate: float
+
+
+class Flow(NamedTuple):
+    """What both currents did during a step."""
+
+    left: CurrentPath
+    right: CurrentPath
 
 
 class Midpoint(NamedTuple):
@@ -360,8 +368,23 @@ def next_drive(
 
 
 @compilable
-def step(plant: Plant, state: State, inputs: Inputs, step: float) -> State:
-    """The state `step` seconds later; the inputs hold during the step."""
+def path_in(
+    drive: Drive,
+    electric: Electric,
+    before: DriveState,
+    after: DriveState,
+    other: float,
+    step: float,
+) -> CurrentPath:
+    """What one drive's current did during the step, for the other's final speed [rev/s]."""
+    if drive.active == 0.0:
+        return held(0.0)
+    return electrics.path_of(electric, before.current, after.current, after.speed, other, step)
+
+
+@compilable
+def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[State, Flow]:
+    """The state `step` seconds later, and what the currents did meanwhile; the inputs hold during the step."""
     load = inputs.load
     electric_l, electric_r = electrics.electrics_of(plant, state, inputs, step)
     held = state.latched > 0.0 and load.latch_released == 0.0
@@ -376,16 +399,27 @@ def step(plant: Plant, state: State, inputs: Inputs, step: float) -> State:
     if not held and latch.takes_up(angle, load.latch_released):
         angle, rate, latched = 0.0, 0.0, 1.0
     ambient = load.ambient_temperature
-    return State(
-        next_drive(
-            plant.left, state.left, electric_l, inputs.left.coast,
-            new.left, new.right, ambient, step,
-        ),
-        next_drive(
-            plant.right, state.right, electric_r, inputs.right.coast,
-            new.right, new.left, ambient, step,
-        ),
-        angle,
-        rate,
-        latched,
-    )  # fmt: skip
+    left = next_drive(
+        plant.left, state.left, electric_l, inputs.left.coast, new.left, new.right, ambient, step
+    )
+    right = next_drive(
+        plant.right, state.right, electric_r, inputs.right.coast, new.right, new.left, ambient, step
+    )
+    flow = Flow(
+        path_in(plant.left, electric_l, state.left, left, new.right, step),
+        path_in(plant.right, electric_r, state.right, right, new.left, step),
+    )
+    return State(left, right, angle, rate, latched), flow
+
+
+@compilable
+def step(plant: Plant, state: State, inputs: Inputs, step: float) -> State:
+    """The state `step` seconds later; the inputs hold during the step."""
+    after, _ = advance(plant, state, inputs, step)
+    return after
+
+
+@compilable
+def resting(state: State) -> Flow:
+    """Before the first step."""
+    return Flow(held(state.left.current), held(state.right.current))

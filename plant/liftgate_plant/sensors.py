@@ -1,7 +1,7 @@
 """What the ECU's sensors make of the state (§4.1–4.2), in the order of the real chain.
 
     shaft → edges of Hall A and B → quadrature decoder → count → speed       hall
-    current → low-pass of its amplifier → gain, offset, noise → converter
+    current → commutation ripple → low-pass of its amplifier → gain, offset, noise → converter      shunt
 
 The decoder gives `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
 period (§4.6.1), period speed what the time of the last electrical turn says.
@@ -13,7 +13,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from liftgate_plant.compiler import compilable
-from liftgate_plant.dynamics import DriveState, Inputs, Outputs, Plant, State
+from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import (
     LEFT,
@@ -29,8 +29,10 @@ from liftgate_plant.hall import (
     initial_hall,
     period_speed,
 )
+from liftgate_plant.integrate import Flow
 from liftgate_plant.noise import disturbance
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.shunt import CurrentPath, Turning, commutated, low_passed
 from liftgate_plant.signals import Sensed
 
 
@@ -122,15 +124,26 @@ def encoder_of(sensors: Sensors) -> Encoder:
 
 @compilable
 def sensed_current(
-    sensors: Sensors, drive: DriveState, filtered: float, noise: float, step: float
+    sensors: Sensors,
+    path: CurrentPath,
+    before: Shaft,
+    now: Shaft,
+    filtered: float,
+    noise: float,
+    step: float,
 ) -> tuple[float, float]:
-    """The filtered current [A] and what the converter makes of it."""
-    current = drive.current
+    """The filtered current [A] and what the converter makes of it, after a step in which the shaft turned from
+    `before` to `now`.
+    """
+    current, constant = path.end, sensors.current_filter
+    if constant > 0.0:
+        current = low_passed(filtered, path, constant, step)
     if sensors.ripple > 0.0:
-        turn = 2.0 * math.pi * sensors.ripple_order * drive.position
-        current *= 1.0 + sensors.ripple * math.cos(turn)
-    if sensors.current_filter > 0.0:
-        current = filtered + (current - filtered) * (1.0 - math.exp(-step / sensors.current_filter))
+        turn = 2.0 * math.pi * sensors.ripple_order
+        turning = Turning(
+            turn * before.position, turn * now.position, turn * before.speed, turn * now.speed
+        )
+        current += commutated(sensors.ripple, path, turning, constant, step)
     reading = sensors.current_gain * current + sensors.current_offset
     reading += noise
     reading = quantised(reading, sensors.current_resolution)
@@ -156,6 +169,7 @@ def sense(
     state: State,
     inputs: Inputs,
     outputs: Outputs,
+    flow: Flow,
     memory: SensorState,
     seed: int,
     tick: int,
@@ -164,16 +178,22 @@ def sense(
     """One reading of all sensors at the end of tick number `tick`."""
     load = inputs.load
     degrees = 180.0 / math.pi
+    left, right = state.left, state.right
+    shaft_l, shaft_r = Shaft(left.position, left.speed), Shaft(right.position, right.speed)
     filtered_l, current_l = sensed_current(
         sensors,
-        state.left,
+        flow.left,
+        memory.left_hall.shaft,
+        shaft_l,
         memory.left_current,
         disturbance(sensors.current_noise, seed, tick, 0),
         step,
     )
     filtered_r, current_r = sensed_current(
         sensors,
-        state.right,
+        flow.right,
+        memory.right_hall.shaft,
+        shaft_r,
         memory.right_current,
         disturbance(sensors.current_noise, seed, tick, 1),
         step,
@@ -182,8 +202,6 @@ def sense(
     encoder = encoder_of(sensors)
     period = max(1, round(sensors.hall_sample_period / step))
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
-    left, right = state.left, state.right
-    shaft_l, shaft_r = Shaft(left.position, left.speed), Shaft(right.position, right.speed)
     hall_l = hall_after(encoder, memory.left_hall, shaft_l, when, LEFT, memory.edges)
     hall_r = hall_after(encoder, memory.right_hall, shaft_r, when, RIGHT, memory.edges)
     angle = (state.gate_angle + sensors.angle_offset) * degrees

@@ -17,12 +17,14 @@ from liftgate_plant import (
     environment,
     friction,
     gate,
+    hall,
     latch,
     motor,
     noise,
     obstacle,
     seal,
     sensors,
+    shunt,
     spring,
     supply,
     thermal,
@@ -387,32 +389,25 @@ def test_a_count_is_the_nearest_quarter_turn() -> None:
     ]  # fmt: skip
 
 
+STILL = hall.Shaft(0.0, 0.0)
+
+
+def sensed_current(table: sensors.Sensors, current: float, filtered: float = 0.0):
+    """The reading of a current that does not change in a motor that stands at 0 rev."""
+    return sensors.sensed_current(table, shunt.held(current), STILL, STILL, filtered, 0.0, 1e-3)
+
+
 def test_the_current_sensor_scales_rounds_filters_and_saturates() -> None:
     table = sensors.Sensors()._replace(
         current_gain=2.0, current_offset=0.3, current_resolution=0.25, current_limit=20.0
     )
-    drive = suv_drive(3.0)
-    assert sensors.sensed_current(table, drive, 0.0, 0.0, 1e-3) == (3.0, 6.25)
-    assert sensors.sensed_current(table, suv_drive(50.0), 0.0, 0.0, 1e-3)[1] == 20.0
+    assert sensed_current(table, 3.0) == (3.0, 6.25)
+    assert sensed_current(table, 50.0)[1] == 20.0
     slow = sensors.Sensors()._replace(current_filter=0.01)
     filtered = 0.0
     for _ in range(10):
-        filtered, _ = sensors.sensed_current(slow, drive, filtered, 0.0, 1e-3)
+        filtered, _ = sensed_current(slow, 3.0, filtered)
     assert filtered == pytest.approx(3.0 * (1.0 - math.exp(-1.0)))
-
-
-def suv_drive(current: float):
-    from liftgate_plant.dynamics import DriveState
-
-    return DriveState(current, 0.0, 0.0, 20.0, 20.0)
-
-
-def test_commutation_ripple_follows_the_position() -> None:
-    table = sensors.Sensors()._replace(ripple=0.1, ripple_order=14.0)
-    still = suv_drive(2.0)
-    top = sensors.sensed_current(table, still, 0.0, 0.0, 1e-3)[1]
-    bottom = sensors.sensed_current(table, still._replace(position=0.5 / 14.0), 0.0, 0.0, 1e-3)[1]
-    assert (top, bottom) == (pytest.approx(2.2), pytest.approx(1.8))
 
 
 def test_noise_is_repeatable_normal_and_independent_between_channels() -> None:

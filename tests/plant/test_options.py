@@ -291,9 +291,9 @@ def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[Sensed]:
     readings = []
     for tick, row in enumerate(rows[1:], start=1):
         state = state_of(row)
-        outputs = dynamics.outputs(plant, state, given_inputs)
+        outputs, flow = dynamics.outputs(plant, state, given_inputs), integrate.resting(state)
         memory, reading = sensors.sense(
-            vehicle.sensors, plant, state, given_inputs, outputs, memory, 1, tick, step
+            vehicle.sensors, plant, state, given_inputs, outputs, flow, memory, 1, tick, step
         )
         readings.append(reading)
     return readings

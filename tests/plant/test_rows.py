@@ -15,6 +15,7 @@ from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import Capture, HallState
+from liftgate_plant.integrate import resting
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
@@ -104,7 +105,9 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
             count=hall.count + 1000, sampled=behind + 1000, capture=captures[side]
         )
     memory = memory._replace(**halls)
-    after, sensed = called(sense, which)(IDEAL, plant, state, inputs, shown, memory, 0, 5, 0.001)
+    after, sensed = called(sense, which)(
+        IDEAL, plant, state, inputs, shown, resting(state), memory, 0, 5, 0.001
+    )
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
     expected = {
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -145,7 +148,9 @@ def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> No
         left=state.left._replace(position=left), right=state.right._replace(position=right)
     )
     memory: SensorState = initial_sensors(IDEAL, state)
-    _, sensed = sense(IDEAL, plant_of(suv()), state, inputs, shown, memory, 0, 1, 0.001)
+    _, sensed = sense(
+        IDEAL, plant_of(suv()), state, inputs, shown, resting(state), memory, 0, 1, 0.001
+    )
     levels = {0: (0.0, 0.0), 1: (1.0, 0.0), 2: (1.0, 1.0), 3: (0.0, 1.0)}
     assert (sensed.left_hall_a, sensed.left_hall_b) == levels[steps[0]]
     assert (sensed.right_hall_a, sensed.right_hall_b) == levels[steps[1]]
@@ -159,7 +164,7 @@ def noisy(name: str) -> set[str]:
 
     def read(sensors: Sensors) -> Sensed:
         memory = initial_sensors(sensors, state)
-        return sense(sensors, plant, state, inputs, shown, memory, 3, 5, 0.001)[1]
+        return sense(sensors, plant, state, inputs, shown, resting(state), memory, 3, 5, 0.001)[1]
 
     before, after = read(Sensors()), read(Sensors()._replace(**{name: 0.01}))
     return {

@@ -58,7 +58,8 @@ HERE = (
     "liftgate-hil simulate --vehicle suv",
     "liftgate-hil simulate --input",
     "liftgate-hil simulate --voltage -12",
-    "liftgate-hil simulate --voltage 12",
+    "liftgate-hil simulate --voltage 12 --duration 6 --set",
+    "liftgate-hil simulate --voltage 12 --duration 6 --edges",
     "liftgate-hil identify opening.csv",
     "liftgate-hil identify out/demo.log",
     "liftgate-hil validate",
@@ -294,7 +295,9 @@ def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
 
 def test_the_plant_alone(folder: Path) -> None:
     run(command("liftgate-hil simulate --vehicle suv"), folder)
-    run(command("liftgate-hil simulate --voltage 12"), folder)
+    run(command("liftgate-hil simulate --voltage 12 --duration 6 --set"), folder)
+    run(command("liftgate-hil simulate --voltage 12 --duration 6 --edges"), folder)
+    assert (folder / "edges.csv").stat().st_size > 10_000
     assert len((folder / "out.csv").read_text().splitlines()) == 6002
     out = run(command("liftgate-hil simulate --voltage -12"), folder)
     assert len(out.splitlines()) == 1602

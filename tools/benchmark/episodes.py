@@ -111,10 +111,10 @@ def plant_steps(
         inputs = Inputs(
             DriveInput(rows[k, 0], 0.0, rows[k, 2]), DriveInput(rows[k, 1], 0.0, rows[k, 3]), load
         )
-        plant = integrate.step(config.plant, plant, inputs, config.step)
+        plant, flow = integrate.advance(config.plant, plant, inputs, config.step)
         shown = dynamics.outputs(config.plant, plant, inputs)
         memory, sensed = sensors.sense(
-            config.sensors, config.plant, plant, inputs, shown, memory, config.seed, k + 1, config.step
+            config.sensors, config.plant, plant, inputs, shown, flow, memory, config.seed, k + 1, config.step
         )  # fmt: skip
         fill(seen[k % 2], 0, sensed)
     return plant

@@ -24,7 +24,9 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import NO_TRANSIENT, Electric
 from liftgate_plant.gate import Linkage
+from liftgate_plant.integrate import Flow, path_in
 from liftgate_plant.motor import Response, mean_current
+from liftgate_plant.shunt import CurrentPath
 
 PASSES = 2  # fixed-point turns of the step's middle
 
@@ -111,8 +113,12 @@ def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: flo
 
 
 @compilable
-def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: int) -> State:
-    """The state `step` seconds later by the model of that order, 3 or 2; the inputs hold during the step."""
+def step_rigid(
+    plant: Plant, state: State, inputs: Inputs, step: float, order: int
+) -> tuple[State, Flow]:
+    """The state `step` seconds later by the model of that order, 3 or 2, and what the currents did meanwhile; the
+    inputs hold during the step.
+    """
     load, link = inputs.load, plant.link
     if order == 2:
         electric_l, electric_r = static_electrics(plant, state, inputs)
@@ -159,13 +165,26 @@ def step_rigid(plant: Plant, state: State, inputs: Inputs, step: float, order: i
     if way != 0.0:
         way += step * electric_l.transient.drift
     position = state.left.position + way
-    return State(
-        next_motor(left, state.left, electric_l, inputs.left.coast, new, position, load, step),
-        next_motor(right, state.right, electric_r, inputs.right.coast, new, position, load, step),
-        state.gate_angle,  # follows from the position: `follow`
-        state.gate_rate,
-        0.0,
+    after_l = next_motor(left, state.left, electric_l, inputs.left.coast, new, position, load, step)
+    after_r = next_motor(
+        right, state.right, electric_r, inputs.right.coast, new, position, load, step
     )
+    if order == 2:
+        flow = Flow(static_path(electric_l, after_l), static_path(electric_r, after_r))
+    else:
+        flow = Flow(
+            path_in(left, electric_l, state.left, after_l, new, step),
+            path_in(right, electric_r, state.right, after_r, new, step),
+        )
+    # The angle follows from the position: `follow`.
+    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0), flow
+
+
+@compilable
+def static_path(electric: Electric, after: DriveState) -> CurrentPath:
+    """A current that follows its voltage at once and then goes on a straight line."""
+    mean = mean_current(electric.response, after.speed, after.speed)
+    return CurrentPath(2.0 * mean - after.current, after.current, mean, 0.0, 1.0)
 
 
 @compilable

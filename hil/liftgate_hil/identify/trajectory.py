@@ -18,6 +18,7 @@ from liftgate_plant.compiler import compilable, compiled, fill, picked
 from liftgate_plant.dynamics import DriveState, Load, Plant, State
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
+from liftgate_plant.shunt import low_passed
 
 Floats = NDArray[np.float64]
 
@@ -180,18 +181,19 @@ def run(
         interval = times[k + 1] - times[k]
         count = max(1, math.ceil(interval / longest - 1e-6))
         step = interval / count
-        follow = 1.0
-        if sensors.current_filter > 0.0:
-            follow = 1.0 - math.exp(-step / sensors.current_filter)
+        constant = sensors.current_filter
         inputs = inputs_of(rows[k], base)
         more = min(count - done, room)
         for _ in range(more):
             if model == 0:
-                state = integrate.step(plant, state, inputs, step)
+                state, flow = integrate.advance(plant, state, inputs, step)
             else:
-                state = rigid.step_rigid(plant, state, inputs, step, model)
-            left += (state.left.current - left) * follow
-            right += (state.right.current - right) * follow
+                state, flow = rigid.step_rigid(plant, state, inputs, step, model)
+            if constant > 0.0:
+                left = low_passed(left, flow.left, constant, step)
+                right = low_passed(right, flow.right, constant, step)
+            else:
+                left, right = state.left.current, state.right.current
         done += more
         room -= more
         if done == count:

@@ -24,6 +24,7 @@ from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
 from liftgate_plant.hall import edges_after
+from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import inputs_of, overlaid, truth_of
 from liftgate_plant.sensors import Sensors, SensorState
@@ -59,6 +60,7 @@ class OfflineState(NamedTuple):
     """All that does."""
 
     plant: State
+    flow: Flow  # that led there
     sensors: SensorState
     arming: ObstacleArming
     pinch: Pinch
@@ -88,8 +90,8 @@ def block(
     """
     written = 0
     sound = True
-    state, memory, arming = start.plant, start.sensors, start.arming
-    contact, done = start.pinch, start.done
+    state, flow, memory = start.plant, start.flow, start.sensors
+    arming, contact, done = start.arming, start.pinch, start.done
     edges = memory.edges.written
     most_edges = edges[0] + len(memory.edges.rows) // 2
     for k in range(rows.shape[0]):
@@ -100,7 +102,7 @@ def block(
         begun = dynamics.at(inputs, 0.0)
         shown = dynamics.outputs(offline.plant, state, begun)
         memory, sensed = sensors.sense(
-            offline.sensors, offline.plant, state, begun, shown, memory,
+            offline.sensors, offline.plant, state, begun, shown, flow, memory,
             offline.seed, done, offline.step,
         )  # fmt: skip
         contact = pinched(
@@ -114,9 +116,9 @@ def block(
         if done % offline.every == 0:
             write_row(out[written], truth, sensed)
             written += 1
-        state = integrate.step(offline.plant, state, inputs, offline.step)
+        state, flow = integrate.advance(offline.plant, state, inputs, offline.step)
         done += 1
-    after = OfflineState(plant=state, sensors=memory, arming=arming, pinch=contact, done=done)
+    after = OfflineState(state, flow, memory, arming, contact, done)
     return after, written, sound
 
 
@@ -137,7 +139,8 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
     run = compiled(block)
     memory = sensors.initial_sensors(offline.sensors, state, _EDGES)
-    now, sound = OfflineState(state, memory, NOT_ARMED, NOT_PINCHED, 0), True
+    flow, sound = integrate.resting(state), True
+    now = OfflineState(state, flow, memory, NOT_ARMED, NOT_PINCHED, 0)
     while sound and now.done <= steps:
         first, seen = now.done, int(memory.edges.written[0])
         count = min(_BLOCK, steps + 1 - first)

@@ -231,12 +231,12 @@ def tick(
         config, reception.values, outside, opening, state.arming, state.plant.gate_angle
     )
     inputs = Inputs(left, right, load)
-    plant_state = integrate.step(config.plant, state.plant, inputs, config.step)
+    plant_state, flow = integrate.advance(config.plant, state.plant, inputs, config.step)
     done = state.tick + 1
     inputs = dynamics.at(inputs, 1.0)
     shown = dynamics.outputs(config.plant, plant_state, inputs)
     memory, sensed = sensors.sense(
-        config.sensors, config.plant, plant_state, inputs, shown, state.sensors,
+        config.sensors, config.plant, plant_state, inputs, shown, flow, state.sensors,
         config.seed, done, config.step,
     )  # fmt: skip
     contact = pinched(

@@ -343,7 +343,7 @@ def test_a_coasting_motor_has_no_current_and_runs_out(order: int) -> None:
     state = rigid.rigid_start(state)
     speeds = []
     for _ in range(1000):
-        state = rigid.step_rigid(plant, state, Inputs(coast, coast, base), 1e-3, order)
+        state, _ = rigid.step_rigid(plant, state, Inputs(coast, coast, base), 1e-3, order)
         speeds.append(state.left.speed)
         assert state.left.current == 0.0
     assert np.all(np.diff(speeds) <= 0.0)

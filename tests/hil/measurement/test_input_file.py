@@ -100,8 +100,9 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         said = without({**mild, **changes}, "voltage_v" if "left_duty" in changes else "duty")
         given = {name: [value] * len(TIMES) for name, value in said.items()}
         samples, _ = read_samples(written(tmp_path, given), {})
-        (rows,) = simulate(offline, initial_state(plant, 0.5), samples, 3)
-        return {name: rows[-1, COLUMN_PLACE[name]] for name in mild if name != "latch_released"}
+        (block,) = simulate(offline, initial_state(plant, 0.5), samples, 3)
+        last = block.rows[-1]
+        return {name: last[COLUMN_PLACE[name]] for name in mild if name != "latch_released"}
 
     seen = dict(mild)
     del seen["latch_released"]

@@ -1,0 +1,130 @@
+"""The current on its way to the converter: what it did during a step, the commutation ripple on it, a low-pass.
+
+The winding's current is over a step a straight line and a transient D e^(−a t), as the solver has it. The ripple
+is a share of the mean current, with the commutations' angle on a straight line too. A first-order low-pass
+T y' = x − y passes all of them in closed form, so that the reading does not depend on the tick.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.motor import phi_functions
+
+
+class CurrentPath(NamedTuple):
+    """A motor's current over a step."""
+
+    start: float  # A
+    end: float  # A
+    mean: float  # A
+    amplitude: float  # D, A
+    decay: float  # a, 1/s
+
+
+class Ripple(NamedTuple):
+    """A commutation ripple over a step: `amplitude` [A] times the cosine of an angle, `start` to `end` [rad]."""
+
+    amplitude: float
+    start: float
+    end: float
+
+
+@compilable
+def held(current: float) -> CurrentPath:
+    """A current that does not change."""
+    return CurrentPath(current, current, current, 0.0, 1.0)
+
+
+@compilable
+def low_passed(filtered: float, path: CurrentPath, constant: float, step: float) -> float:
+    """The current behind a low-pass of the time constant T [s] at the end of the step; `filtered` at its start."""
+    share, fall = step / constant, path.decay * step
+    e, phi1, phi2, _ = phi_functions(-share)
+    remains, fallen, _, _ = phi_functions(-fall)
+    first, last = path.start - path.amplitude, path.end - path.amplitude * remains
+    # What neither line nor transient explains, such as a current that ends inside the step, is spread over it.
+    rest = path.mean - 0.5 * (first + last) - path.amplitude * fallen
+    if fall > share:
+        _, apart, _, _ = phi_functions(share - fall)
+        passed = e * apart
+    else:
+        _, apart, _, _ = phi_functions(fall - share)
+        passed = remains * apart
+    line = (first + rest) * phi1 + (last - first) * phi2
+    return filtered * e + share * (line + path.amplitude * passed)
+
+
+@compilable
+def rippled(ripple: Ripple, constant: float, step: float) -> float:
+    """What a ripple adds at the end of the step behind a low-pass of the time constant T [s]; without one (T = 0)
+    its mean over the step.
+    """
+    way = ripple.end - ripple.start
+    if constant > 0.0:
+        e, turn = math.exp(-step / constant), way * constant / step
+        real = math.cos(ripple.end) - e * math.cos(ripple.start)
+        imaginary = math.sin(ripple.end) - e * math.sin(ripple.start)
+        return ripple.amplitude * (real + turn * imaginary) / (1.0 + turn * turn)
+    if abs(way) < 1e-6:
+        return ripple.amplitude * math.cos(ripple.start + 0.5 * way)
+    return ripple.amplitude * (math.sin(ripple.end) - math.sin(ripple.start)) / way
+
+
+class Turning(NamedTuple):
+    """The commutations' angle [rad] and its rate [rad/s] at both ends of a step."""
+
+    start: float
+    end: float
+    start_rate: float
+    end_rate: float
+
+
+_BEND = 2e-3  # rad; by so much a piece's angle may leave its straight line
+_CHANGE = 0.1  # of a ripple's amplitude within a piece
+_PIECES = 8  # at most
+
+
+@compilable
+def charge_at(path: CurrentPath, time: float, step: float) -> float:
+    """What has flowed [A s] a time [s] into the step."""
+    first = path.start - path.amplitude
+    last = path.end - path.amplitude * math.exp(-path.decay * step)
+    line = time * (first + 0.5 * (last - first) * time / step)
+    return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
+
+
+@compilable
+def commutated(
+    share: float, path: CurrentPath, turning: Turning, constant: float, step: float
+) -> float:
+    """What a commutation ripple of a share of the current adds to the reading at the end of the step.
+
+    Where current or speed change much within the step it is taken in pieces.
+    """
+    gain = turning.end_rate - turning.start_rate
+    bend = abs(gain) * step / 8.0
+    change = abs(path.end - path.start) / (abs(path.mean) + 1e-9)
+    pieces = 1
+    if bend > _BEND or change > _CHANGE:
+        wanted = max(math.sqrt(bend / _BEND), math.sqrt(change / _CHANGE))
+        pieces = math.ceil(min(wanted, float(_PIECES)))
+    part = step / pieces
+    e = math.exp(-part / constant) if constant > 0.0 else 0.0
+    total, angle, charge = 0.0, turning.start, 0.0
+    for k in range(1, pieces + 1):
+        time = part * k
+        until, now = turning.end, path.mean * step
+        if k < pieces:
+            way = turning.start_rate + 0.5 * gain * time / step
+            drift = turning.end - turning.start
+            drift -= 0.5 * (turning.start_rate + turning.end_rate) * step
+            until = turning.start + (way + drift / step) * time
+            now = charge_at(path, time, step)
+        mean = (now - charge) / part
+        piece = rippled(Ripple(share * mean, angle, until), constant, part)
+        total = total * e + piece if constant > 0.0 else total + piece / pieces
+        angle, charge = until, now
+    return total
