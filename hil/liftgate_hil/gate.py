@@ -226,9 +226,12 @@ class Gate:
         damping: float = 0.0,
         gap: float = 0.0,
         meets: str = "closing",
+        lateral: float = 0.0,
     ) -> None:
-        """Put a compliant body (N/m, N s/m) in the gate's way at an angle and a distance [m] from the hinge
-        (default: the gate's edge), met while closing or opening. Raises ConfigError.
+        """Put a compliant body (N/m, N s/m) in the gate's way at an angle, a distance [m] from the hinge (default:
+        the gate's edge) and a lateral position [m] (positive to the left), met while closing or opening.
+
+        Raises ConfigError.
         """
         self._check_open()
         given = {
@@ -237,6 +240,7 @@ class Gate:
             "distance": self._distance if distance is None else distance,
             "damping": damping,
             "gap": gap,
+            "lateral": lateral,
         }
         known = {
             name: number_of(name, given[name], signal.low, signal.high, signal.unit)
@@ -252,6 +256,7 @@ class Gate:
                 damping=known["damping"],
                 gap=known["gap"],
                 direction=1.0 if meets == "closing" else -1.0,
+                lateral=known["lateral"],
             )
         )
 

@@ -56,6 +56,7 @@ OBSTACLE: dict[str, Signal] = {
     "distance": Signal("m", 0.01, 10.0, "from the hinge"),
     "stiffness": Signal("N/m", 1.0, 1e7, "of its spring"),
     "damping": Signal("N s/m", 0.0, 1e6, "beside the spring"),
+    "lateral": Signal("m", -5.0, 5.0, "from the gate's middle, positive to the left"),
     "gap": Signal("m", -1.0, 1.0, "before the gate touches it at that angle"),
 }
 

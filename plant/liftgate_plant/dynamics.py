@@ -38,6 +38,7 @@ from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.seal import Seal
 from liftgate_plant.spring import Spring
 from liftgate_plant.thermal import Thermal, flux_factor
+from liftgate_plant.torsion import Torsion, is_rigid, share_at
 from liftgate_plant.transmission import Mechanism
 
 
@@ -66,6 +67,7 @@ class Plant(NamedTuple):
     right: Drive
     link: Linkage
     gate_inertia: float  # J_L, kg m²
+    torsion: Torsion
     weight_moment: float  # m g r_GP0, N m
     hinge: DryFriction
     seal: Seal
@@ -85,13 +87,15 @@ class DriveState(NamedTuple):
 
 
 class State(NamedTuple):
-    """The plant's state; gate angle [rad] and rate [rad/s], latched 1.0 or 0.0."""
+    """The plant's state; gate angle [rad] and rate [rad/s], latched 1.0 or 0.0, twist ψ [rad] and its rate."""
 
     left: DriveState
     right: DriveState
     gate_angle: float
     gate_rate: float
     latched: float
+    twist: float = 0.0
+    twist_rate: float = 0.0
 
 
 class Load(NamedTuple):
@@ -115,6 +119,22 @@ class Inputs(NamedTuple):
     left: DriveInput
     right: DriveInput
     load: Load
+
+
+class Place(NamedTuple):
+    """The linkage at one of the gate's sides or in its middle: rate ω [rad/s], l_S [m] and r_AP [m] there."""
+
+    rate: float
+    extension: float
+    lever: float
+
+
+class Places(NamedTuple):
+    """All three; of a rigid gate they are one."""
+
+    middle: Place
+    left: Place
+    right: Place
 
 
 class Outputs(NamedTuple):
@@ -159,13 +179,27 @@ def at(inputs: Inputs, share: float) -> Inputs:
 
 
 @compilable
-def extension(drive: Drive, link: Linkage, position: float, angle: float) -> float:
-    """x_d [m]: by how much the spindle is longer than the gate has room for."""
-    return position * drive.travel - gate.extension(link, angle)
+def place_at(link: Linkage, angle: float, rate: float) -> Place:
+    """The linkage at an angle [rad] that changes at that rate."""
+    return Place(rate, gate.extension(link, angle), gate.lever(link, angle))
 
 
 @compilable
-def drive_force(drive: Drive, link: Linkage, state: DriveState, angle: float, rate: float) -> float:
+def places_of(plant: Plant, state: State) -> Places:
+    """The linkage on both sides and in the middle."""
+    link, angle, rate = plant.link, state.gate_angle, state.gate_rate
+    middle = place_at(link, angle, rate)
+    if is_rigid(plant.torsion):
+        return Places(middle, middle, middle)
+    return Places(
+        middle,
+        place_at(link, angle + state.twist, rate + state.twist_rate),
+        place_at(link, angle - state.twist, rate - state.twist_rate),
+    )
+
+
+@compilable
+def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
     """F_d [N], the drive's force on the gate."""
     if drive.active == 0.0:
         return 0.0
@@ -173,8 +207,8 @@ def drive_force(drive: Drive, link: Linkage, state: DriveState, angle: float, ra
         drive.mechanism.stiffness,
         drive.mechanism.damping,
         drive.half_play,
-        extension(drive, link, state.position, angle),
-        state.speed * drive.travel - gate.lever(link, angle) * rate,
+        state.position * drive.travel - place.extension,
+        state.speed * drive.travel - place.lever * place.rate,
     )
 
 
@@ -185,56 +219,106 @@ def total_inertia(plant: Plant, load: Load) -> float:
 
 
 @compilable
-def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
-    """Torque [N m] on the gate from springs, weight, snow, wind, hand: all that has no kink in φ."""
-    link = plant.link
-    extended = gate.extension(link, angle)
-    springs = 0.0
-    if plant.left.active > 0.0:
-        springs += spring.force(plant.left.spring, extended, link.stroke, load.ambient_temperature)
-    if plant.right.active > 0.0:
-        springs += spring.force(plant.right.spring, extended, link.stroke, load.ambient_temperature)
-    return (
-        springs * gate.lever(link, angle)
-        - gate.weight_torque(plant.weight_moment, link, angle, load.road_slope)
-        - environment.snow_torque(plant.environment, load.snow_mass, link, angle, load.road_slope)
-        + environment.steady_torque(
-            plant.environment, load.wind_pressure, load.hand_force, load.external_torque
-        )
-    )
+def spring_force(drive: Drive, link: Linkage, extended: float, ambient: float) -> float:
+    """F_F [N] of one drive at l_S = `extended`, without stops."""
+    if drive.active == 0.0:
+        return 0.0
+    return spring.force(drive.spring, extended, link.stroke, ambient)
 
 
 @compilable
-def stop_torque(drive: Drive, link: Linkage, angle: float, rate: float) -> float:
+def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
+    """Torque [N m] on the gate from weight, snow, wind, hand."""
+    link, around = plant.link, plant.environment
+    torque = environment.steady_torque(
+        around, load.wind_pressure, load.hand_force, load.external_torque
+    ) - gate.weight_torque(plant.weight_moment, link, angle, load.road_slope)
+    if load.snow_mass > 0.0:
+        there = angle + twist * share_at(plant.torsion, around.snow_lateral)
+        torque -= environment.snow_torque(around, load.snow_mass, link, there, load.road_slope)
+    return torque
+
+
+@compilable
+def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
+    """Torque [N m] on the twist from snow and hand."""
+    around = plant.environment
+    snow = share_at(plant.torsion, around.snow_lateral)
+    hand = share_at(plant.torsion, around.hand_lateral)
+    weight = environment.snow_torque(
+        around, load.snow_mass, plant.link, angle + twist * snow, load.road_slope
+    )
+    return hand * load.hand_force * around.hand_distance - snow * weight
+
+
+@compilable
+def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
+    """Torque [N m] on a gate without twist from springs, weight, snow, wind, hand: all that has no kink in φ."""
+    link, ambient = plant.link, load.ambient_temperature
+    extended = gate.extension(link, angle)
+    springs = spring_force(plant.left, link, extended, ambient)
+    springs += spring_force(plant.right, link, extended, ambient)
+    return springs * gate.lever(link, angle) + body_torque(plant, load, angle, 0.0)
+
+
+@compilable
+def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
     """Torque [N m] of one drive's end stops on the gate."""
     if drive.active == 0.0:
         return 0.0
-    extended = gate.extension(link, angle)
-    arm = gate.lever(link, angle)
     k, c = drive.spring.stop_stiffness, drive.spring.stop_damping
-    opened = contact.force(k, c, extended - link.stroke, arm * rate)
-    closed = contact.force(k, c, -extended, -arm * rate)
-    return (closed - opened) * arm
+    rate = place.lever * place.rate
+    opened = contact.force(k, c, place.extension - link.stroke, rate)
+    closed = contact.force(k, c, -place.extension, -rate)
+    return (closed - opened) * place.lever
+
+
+@compilable
+def side_torque(
+    drive: Drive, link: Linkage, state: DriveState, place: Place, ambient: float
+) -> float:
+    """Torque [N m] of one drive, its spring and its stops on its side of the gate."""
+    force = drive_force(drive, state, place)
+    force += spring_force(drive, link, place.extension, ambient)
+    return force * place.lever + stop_torque(drive, link, place)
+
+
+@compilable
+def angle_at(plant: Plant, state: State, lateral: float) -> float:
+    """The gate's angle [rad] at a lateral position [m]."""
+    return state.gate_angle + share_at(plant.torsion, lateral) * state.twist
+
+
+@compilable
+def rate_at(plant: Plant, state: State, lateral: float) -> float:
+    """The gate's rate [rad/s] at a lateral position [m]."""
+    return state.gate_rate + share_at(plant.torsion, lateral) * state.twist_rate
+
+
+@compilable
+def pinch_of(plant: Plant, state: State, load: Load) -> float:
+    """F_o [N], where the obstacle is."""
+    y = load.obstacle.lateral
+    return obstacle.pinch_force(load.obstacle, angle_at(plant, state, y), rate_at(plant, state, y))
 
 
 @compilable
 def gate_torque(plant: Plant, state: State, load: Load) -> float:
     """All torque [N m] on the gate but the hinge's friction: the right side of (3.15)."""
-    link = plant.link
-    angle, rate = state.gate_angle, state.gate_rate
-    drives = drive_force(plant.left, link, state.left, angle, rate) + drive_force(
-        plant.right, link, state.right, angle, rate
-    )
-    rubber = seal.depth(plant.seal, gate.extension(link, angle))
+    return torque_at(plant, state, load, places_of(plant, state))
+
+
+@compilable
+def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
+    """The same, with the linkage at hand."""
+    ambient = load.ambient_temperature
+    rubber = seal.depth(plant.seal, places.middle.extension)
     return (
-        drives * gate.lever(link, angle)
-        + smooth_torque(plant, load, angle)
-        + stop_torque(plant.left, link, angle, rate)
-        + stop_torque(plant.right, link, angle, rate)
+        side_torque(plant.left, plant.link, state.left, places.left, ambient)
+        + side_torque(plant.right, plant.link, state.right, places.right, ambient)
+        + body_torque(plant, load, state.gate_angle, state.twist)
         + plant.seal.arm * contact.force(plant.seal.stiffness, 0.0, rubber, 0.0)
-        + load.obstacle.direction
-        * load.obstacle.distance
-        * obstacle.pinch_force(load.obstacle, angle, rate)
+        + load.obstacle.direction * load.obstacle.distance * pinch_of(plant, state, load)
     )
 
 
@@ -259,8 +343,7 @@ def motor_voltage(
 @compilable
 def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     """What the state shows under these inputs."""
-    link = plant.link
-    angle, rate = state.gate_angle, state.gate_rate
+    places, rate = places_of(plant, state), state.gate_rate
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,
         plant.source_resistance,
@@ -271,7 +354,7 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     )
     acceleration = 0.0
     if state.latched == 0.0:
-        torque = gate_torque(plant, state, inputs.load)
+        torque = torque_at(plant, state, inputs.load, places)
         limit = plant.hinge.coulomb
         if rate > 0.0:
             torque -= limit
@@ -281,11 +364,11 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
             torque = max(0.0, torque - limit) + min(0.0, torque + limit)
         acceleration = torque / total_inertia(plant, inputs.load)
     return Outputs(
-        drive_force(plant.left, link, state.left, angle, rate),
-        drive_force(plant.right, link, state.right, angle, rate),
+        drive_force(plant.left, state.left, places.left),
+        drive_force(plant.right, state.right, places.right),
         motor_voltage(plant.left, state.left, inputs.left, terminal),
         motor_voltage(plant.right, state.right, inputs.right, terminal),
-        obstacle.pinch_force(inputs.load.obstacle, angle, rate),
+        pinch_of(plant, state, inputs.load),
         terminal,
         acceleration,
     )
@@ -307,4 +390,6 @@ def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> Sta
         angle,
         0.0,
         float(latched),
+        0.0,
+        0.0,
     )

@@ -10,11 +10,13 @@ from liftgate_plant.bridge import Coasting, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Plant, State
 from liftgate_plant.motor import (
+    Phi,
     Response,
     Transient,
     Winding,
     end_current,
     mean_current,
+    phi_functions,
     restarted,
     solve_windings,
     transient_of,
@@ -80,6 +82,7 @@ def electric_of(
     winding: Winding,
     coast: Coasting,
     response: Response,
+    phi: Phi,
     step: float,
 ) -> Electric:
     """One drive's side of the solved windings; a coasting motor whose current ends is switched off until its
@@ -97,7 +100,7 @@ def electric_of(
     fall = state.current - end_current(response, state.speed, other.speed)
     fall += winding.rise / winding.resistance  # which does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
-    transient = transient_of(per_inertia, winding, fall, step)
+    transient = transient_of(per_inertia, winding, phi, fall, step)
     lagging = Response(
         response.mean + transient.lag,
         response.mean_own,
@@ -126,7 +129,7 @@ def electrics_of(
     )
     winding_l, coast_l = winding_of(plant.left, state.left, inputs.left, terminal, rise, step)
     winding_r, coast_r = winding_of(plant.right, state.right, inputs.right, terminal, rise, step)
-    response_l, response_r = solve_windings(
+    response_l, response_r, phi_l, phi_r = solve_windings(
         winding_l,
         winding_r,
         state.left.current,
@@ -137,9 +140,16 @@ def electrics_of(
         plant.source_resistance,
         step,
     )
+    if plant.source_resistance > 0.0:  # else the modes are the windings
+        phi_l = phi_functions(-winding_l.resistance / winding_l.inductance * step)
+        phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
     return (
-        electric_of(plant.left, state.left, state.right, winding_l, coast_l, response_l, step),
-        electric_of(plant.right, state.right, state.left, winding_r, coast_r, response_r, step),
+        electric_of(
+            plant.left, state.left, state.right, winding_l, coast_l, response_l, phi_l, step
+        ),
+        electric_of(
+            plant.right, state.right, state.left, winding_r, coast_r, response_r, phi_r, step
+        ),
     )
 
 

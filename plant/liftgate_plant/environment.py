@@ -22,6 +22,8 @@ class Environment(NamedTuple):
     snow_distance: Annotated[float, Quantity("r_s", "m", 0.0, 10.0, "from the hinge")] = 0.5
     hand_force: Annotated[float, signals.HAND_FORCE.parameter("F_h")] = 0.0
     hand_distance: Annotated[float, Quantity("r_h", "m", 0.0, 10.0, "from the hinge")] = 0.9
+    hand_lateral: Annotated[float, Quantity("y_h", "m", -5.0, 5.0, "positive to the left")] = 0.0
+    snow_lateral: Annotated[float, Quantity("y_s", "m", -5.0, 5.0, "positive to the left")] = 0.0
 
 
 @compilable

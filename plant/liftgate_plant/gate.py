@@ -37,6 +37,19 @@ class Gate(NamedTuple):
     inertia: Annotated[
         float, Quantity("J_L", "kg m²", 0.0, 1e4, "about the hinge; 0: from mass and plate (3.18)")
     ] = 0.0
+    torsional_stiffness: Annotated[
+        float, Quantity("k_t", "N m/rad", 0.0, 1e9, "of the twist between the drives; 0: rigid")
+    ] = 0.0
+    torsional_damping: Annotated[float, Quantity("d_t", "N m s/rad", 0.0, 1e6, "of the twist")] = (
+        0.0
+    )
+    torsional_inertia: Annotated[
+        float,
+        Quantity("J_t", "kg m²", 0.0, 1e4, "of the twist; 0: J_L/3, mass spread over the width"),
+    ] = 0.0
+    half_width: Annotated[
+        float, Quantity("w", "m", 0.05, 5.0, "from the gate's middle to its drives")
+    ] = 0.5
     pinch_limit: Annotated[
         float, Quantity("", "N", 0.0, 1e4, "whose excess is timed; UN R21 5.8, of windows")
     ] = 100.0

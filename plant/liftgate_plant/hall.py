@@ -75,29 +75,28 @@ class EdgeRing(NamedTuple):
     written: NDArray[np.int64]  # (1,) edges so far
 
 
-class Capture(NamedTuple):
-    """What an ECU's timer has captured of one drive's edges; times in s of the model."""
-
-    edges: int  # so far
-    run: int  # in a row in one direction, the way's sign
-    last: float  # times of the last four, the newest first
-    second: float
-    third: float
-    fourth: float
-    period: float  # of the last full electrical turn, s; 0: none yet
-
-
-class HallState(NamedTuple):
-    """The Hall sensors of one drive."""
-
-    step: int  # where the magnet wheel is, in steps of the square waves
-    a: int  # the levels that the decoder saw last
-    b: int
-    count: int  # type: ignore[assignment]  # shadows tuple.count; what the decoder has counted
-    sampled: int  # the count at the start of the present sample period
-    speed: int
-    shaft: Shaft  # at the last reading
-    capture: Capture
+# The Hall sensors of one drive: the decoder's side, and what an ECU's timer has captured. Written in place, so
+# that a tick without an edge touches next to nothing.
+HALL = np.dtype(
+    [
+        ("position", "f8"),  # of the shaft at the last reading, rev
+        ("motor_speed", "f8"),  # then, rev/s
+        ("step", "i8"),  # where the magnet wheel is, in steps of the square waves
+        ("a", "i8"),  # the levels that the decoder saw last
+        ("b", "i8"),
+        ("count", "i8"),  # what it has counted
+        ("sampled", "i8"),  # the count at the start of the present sample period
+        ("speed", "i8"),  # counts in the last sample period
+        ("edges", "i8"),  # so far
+        ("run", "i8"),  # edges in a row in one direction, with the direction's sign
+        ("last", "f8"),  # times of the last four edges, the newest first, s of the model
+        ("second", "f8"),
+        ("third", "f8"),
+        ("fourth", "f8"),
+        ("period", "f8"),  # of the last full electrical turn, s; 0: none yet
+        ("period_speed", "f8"),  # by it, rev/s
+    ]
+)
 
 
 class Leg(NamedTuple):
@@ -163,29 +162,28 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
 
 
 @compilable
-def captured(capture: Capture, way: int, time: float) -> Capture:
-    """What the timer has after an edge at a time [s]. A period is told once five edges came in one direction."""
-    run = capture.run + way if capture.run * way > 0 else way
-    return Capture(
-        edges=capture.edges + 1,
-        run=run,
-        last=time,
-        second=capture.last,
-        third=capture.second,
-        fourth=capture.third,
-        period=time - capture.fourth if abs(run) > _EDGES_OF_A_TURN else capture.period,
-    )
+def capture(hall: Any, counts: float, way: int, time: float) -> None:
+    """Take an edge at a time [s], of so many a revolution, into the timer of a HALL row. A period is told once
+    five edges came in one direction.
+    """
+    hall.edges += 1
+    hall.run = hall.run + way if hall.run * way > 0 else way
+    if abs(hall.run) > _EDGES_OF_A_TURN:
+        hall.period = time - hall.fourth
+        hall.period_speed = _EDGES_OF_A_TURN / (counts * hall.period)
+    hall.period_speed = math.copysign(hall.period_speed, float(way))
+    hall.fourth, hall.third, hall.second, hall.last = hall.third, hall.second, hall.last, time
 
 
 @compilable
-def period_speed(encoder: Encoder, capture: Capture, now: float) -> float:
+def period_speed(hall: Any, now: float) -> float:
     """The shaft's speed [rev/s] by the last full electrical turn; at a time [s] that is farther from the last edge
     than that turn took, by the time since then.
     """
-    if capture.period == 0.0:
-        return 0.0
-    turn = _EDGES_OF_A_TURN / (encoder.counts * max(capture.period, now - capture.last))
-    return math.copysign(turn, float(capture.run))
+    age = now - hall.last
+    if age <= hall.period or hall.period == 0.0:
+        return float(hall.period_speed)
+    return float(hall.period_speed * hall.period / age)
 
 
 @compilable
@@ -204,8 +202,9 @@ def note_edge(ring: EdgeRing, time: float, drive: int, edge: int, way: int) -> N
 def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
     """The way from one reading to the next, with the positions of both and the change of speed between them."""
     start, end = before.position * encoder.counts + 0.5, now.position * encoder.counts + 0.5
-    acceleration = (now.speed - before.speed) * encoder.counts / length
-    speed = (end - start) / length - 0.5 * acceleration * length
+    per_length = 1.0 / length
+    acceleration = (now.speed - before.speed) * encoder.counts * per_length
+    speed = (end - start) * per_length - 0.5 * acceleration * length
     return Path(start, speed, acceleration)
 
 
@@ -226,51 +225,42 @@ def crossing(path: Path, leg: Leg, place: float) -> float:
 
 @compilable
 def along(
-    encoder: Encoder,
-    hall: HallState,
-    path: Path,
-    leg: Leg,
-    tick: Tick,
-    drive: int,
-    ring: EdgeRing,
-) -> HallState:
-    """The Hall sensors at the end of a leg: decoder and timer see every edge, one after the other."""
-    step, a, b, count, capture = hall.step, hall.a, hall.b, hall.count, hall.capture
+    encoder: Encoder, hall: Any, path: Path, leg: Leg, tick: Tick, drive: int, ring: EdgeRing
+) -> None:
+    """Take the Hall sensors to the end of a leg: decoder and timer see every edge, one after the other."""
     way = 1 if leg.end > leg.start else -1
     while True:
-        edge = step if way > 0 else step - 1
+        edge = int(hall.step) if way > 0 else int(hall.step) - 1
         place = edge + 1.0
-        place += displacement(encoder, edge, way, drive, tick.seed, capture.edges)
+        place += displacement(encoder, edge, way, drive, tick.seed, int(hall.edges))
         if (leg.end < place) if way > 0 else (leg.end >= place):
             break
-        step += way
-        next_a, next_b = hall_levels(step)
-        count += decoded(a, b, next_a, next_b)
-        a, b = next_a, next_b
+        hall.step += way
+        a, b = hall_levels(hall.step)
+        hall.count += decoded(hall.a, hall.b, a, b)
+        hall.a, hall.b = a, b
         time = tick.begin + crossing(path, leg, place)
-        capture = captured(capture, way, time)
+        capture(hall, encoder.counts, way, time)
         note_edge(ring, time, drive, edge, way)
-    return HallState(step, a, b, count, hall.sampled, hall.speed, hall.shaft, capture)
 
 
 @compilable
-def moved(
-    encoder: Encoder, hall: HallState, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
-) -> HallState:
-    """The Hall sensors after the shaft's way over a tick, which may turn round once."""
+def move(encoder: Encoder, hall: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing) -> None:
+    """Take the Hall sensors along the shaft's way over a tick, which may turn round once."""
     end = now.position * encoder.counts + 0.5
     if (
         encoder.is_ideal
         and hall.step <= end < hall.step + 1.0
-        and hall.shaft.speed * now.speed >= 0.0
+        and hall.motor_speed * now.speed >= 0.0
     ):
-        return hall
-    path = path_of(encoder, hall.shaft, now, tick.length)
+        return
+    path = path_of(encoder, Shaft(hall.position, hall.motor_speed), now, tick.length)
     if abs(end - path.start) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
         step = math.floor(end)
-        a, b = hall_levels(step)
-        count = hall.count + step - hall.step
-        return HallState(step, a, b, count, hall.sampled, hall.speed, hall.shaft, hall.capture)
+        hall.count += step - hall.step
+        hall.step = step
+        hall.a, hall.b = hall_levels(step)
+        return
     turn = tick.length
     if path.speed * (path.speed + path.acceleration * tick.length) < 0.0:
         turn = min(-path.speed / path.acceleration, tick.length)
@@ -280,40 +270,35 @@ def moved(
         until = tick.length if is_last else turn
         leg = Leg(at, end if is_last else at + 0.5 * path.speed * turn, time, until)
         if leg.end != leg.start:
-            hall = along(encoder, hall, path, leg, tick, drive, ring)
+            along(encoder, hall, path, leg, tick, drive, ring)
         at, time = leg.end, until
-    return hall
 
 
 @compilable
-def hall_after(
-    encoder: Encoder, hall: HallState, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
-) -> HallState:
-    """The Hall sensors at the end of a tick; at the end of a sample period the speed is the counts during it."""
-    if not abs(now.position * encoder.counts) < _FARTHEST:
-        return hall
-    after = moved(encoder, hall, now, tick, drive, ring)
-    sampled, speed = after.sampled, after.speed
+def read_hall(
+    encoder: Encoder, halls: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
+) -> None:
+    """Take a drive's Hall sensors, of (2,) HALL, to the end of a tick; at the end of a sample period the speed is
+    the counts during it.
+    """
+    hall = halls[drive]
+    if abs(now.position * encoder.counts) < _FARTHEST:
+        move(encoder, hall, now, tick, drive, ring)
+        hall.position, hall.motor_speed = now.position, now.speed
     if tick.is_sample:
-        sampled, speed = after.count, after.count - after.sampled
-    return HallState(after.step, after.a, after.b, after.count, sampled, speed, now, after.capture)
+        hall.speed = hall.count - hall.sampled
+        hall.sampled = hall.count
 
 
-@compilable
-def initial_hall(encoder: Encoder, shaft: Shaft) -> HallState:
-    """Hall sensors before the first tick; the decoder has counted from position 0."""
-    count = ideal_count(encoder.counts, shaft.position)
-    a, b = hall_levels(count)
-    return HallState(
-        step=count,
-        a=a,
-        b=b,
-        count=count,
-        sampled=count,
-        speed=0,
-        shaft=shaft,
-        capture=Capture(edges=0, run=0, last=0.0, second=0.0, third=0.0, fourth=0.0, period=0.0),
-    )
+def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
+    """Hall sensors (2,) HALL before the first tick; the decoders have counted from position 0."""
+    halls = np.zeros(2, dtype=HALL).view(np.recarray)
+    for hall, shaft in zip(halls, (left, right), strict=True):
+        count = ideal_count(encoder.counts, shaft.position)
+        hall.step = hall.count = hall.sampled = count
+        hall.a, hall.b = hall_levels(count)
+        hall.position, hall.motor_speed = shaft.position, shaft.speed
+    return halls
 
 
 def edge_ring(size: int) -> EdgeRing:

@@ -63,8 +63,17 @@ def end_current(response: Response, own: float, other: float) -> float:
     return response.end + response.end_own * own + response.end_other * other
 
 
+class Phi(NamedTuple):
+    """exp(z) and φ_k(z) for k = 1, 2, 3."""
+
+    exp: float
+    phi1: float
+    phi2: float
+    phi3: float
+
+
 @compilable
-def phi_functions(z: float) -> tuple[float, float, float, float]:
+def phi_functions(z: float) -> Phi:
     """exp(z) and φ_k(z) = Σ_j z^j / (j + k)! for k = 1, 2, 3: the integrals of an exponential.
 
     Below |z| = 0.5 the closed forms cancel, so their series is summed there (error under 1e-16).
@@ -76,11 +85,11 @@ def phi_functions(z: float) -> tuple[float, float, float, float]:
         phi3 *= 0.5
         phi2 = 0.5 + z * phi3
         phi1 = 1.0 + z * phi2
-        return 1.0 + z * phi1, phi1, phi2, phi3
+        return Phi(1.0 + z * phi1, phi1, phi2, phi3)
     e = math.exp(z)
     phi1 = (e - 1.0) / z
     phi2 = (phi1 - 1.0) / z
-    return e, phi1, phi2, (phi2 - 0.5) / z
+    return Phi(e, phi1, phi2, (phi2 - 0.5) / z)
 
 
 @compilable
@@ -112,16 +121,17 @@ def solve_windings(
     supply_voltage: float,
     source_resistance: float,
     step: float,
-) -> tuple[Response, Response]:
-    """Both currents over a step, exact for speeds and voltages that change linearly in time; `supply_voltage` is
-    the source's mean.
+) -> tuple[Response, Response, Phi, Phi]:
+    """Both currents over a step, exact for speeds and voltages that change linearly in time, and the φ functions
+    of both modes; `supply_voltage` is the source's mean.
 
     With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h:
     y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean of y is φ1 y0 + h φ2 g0 + h φ3 g1.
     """
     rate_1, rate_2, c, s = modes(left, right, source_resistance)
-    e1, p1, q1, r1 = phi_functions(-rate_1 * step)
-    e2, p2, q2, r2 = phi_functions(-rate_2 * step)
+    first, second = phi_functions(-rate_1 * step), phi_functions(-rate_2 * step)
+    e1, p1, q1, r1 = first
+    e2, p2, q2, r2 = second
     root_l = math.sqrt(left.inductance)
     root_r = math.sqrt(right.inductance)
 
@@ -164,6 +174,8 @@ def solve_windings(
     return (
         Response(mean_l, mean_ll, mean_lr, end_l, end_ll, end_lr),
         Response(mean_r, mean_rr, mean_rl, end_r, end_rr, end_rl),
+        first,
+        second,
     )
 
 
@@ -201,17 +213,17 @@ class Transient(NamedTuple):
 
 @compilable
 def transient_of(
-    torque_per_inertia: float, winding: Winding, fall: float, step: float
+    torque_per_inertia: float, winding: Winding, phi: Phi, fall: float, step: float
 ) -> Transient:
     """The transient in a step, whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
 
     While it dies away (a = R/L) the speed leaves its straight line by
     δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a h)) t/h). Its mean is the drift, what its EMF does the lag.
-    `torque_per_inertia` is c1Φ/2πJ.
+    `torque_per_inertia` is c1Φ/2πJ, `phi` the φ functions of −a h.
     """
     decay = winding.resistance / winding.inductance
     z = -decay * step
-    _, phi1, phi2, phi3 = phi_functions(z)
+    _, phi1, phi2, phi3 = phi
     # The mean of δn over the step, with 1/a = −h/z and 1 − e^z = −z φ1.
     deviation = torque_per_inertia * fall * step * (0.5 * phi2 - phi3) / phi1
     return Transient(

@@ -21,6 +21,7 @@ class Obstacle(NamedTuple):
     damping: float
     gap: float
     direction: float
+    lateral: float = 0.0  # from the gate's middle, positive to the left
 
 
 @compilable

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from liftgate_plant import obstacle
 from liftgate_plant.compiler import compilable
-from liftgate_plant.dynamics import State
+from liftgate_plant.dynamics import Plant, State, angle_at, rate_at
 from liftgate_plant.obstacle import Obstacle
 
 APART = 0.1  # s; a gate that bounces off the obstacle for less has not let go of it
@@ -44,16 +44,17 @@ def time_over(before: float, after: float, limit: float, step: float) -> float:
 
 @compilable
 def pinched(
-    last: Pinch, body: Obstacle, state: State, force: float, limit: float, now: float, step: float
+    last: Pinch, plant: Plant, body: Obstacle, state: State, force: float, now: float, step: float
 ) -> Pinch:
     """The contact after a step that ended `now` [s] with that force [N]."""
+    limit = plant.pinch_limit
     if force <= 0.0 and last.force <= 0.0:
         return Pinch(
             0.0, last.peak, last.impulse, last.over, last.begin, last.angle, last.free + step
         )
     if last.force <= 0.0:
-        speed = obstacle.rate(body, state.gate_rate)
-        way = obstacle.depth(body, state.gate_angle)
+        angle, turn = angle_at(plant, state, body.lateral), rate_at(plant, state, body.lateral)
+        speed, way = obstacle.rate(body, turn), obstacle.depth(body, angle)
         since = min(way / speed, step) if speed * step > way else step
         impulse, over = 0.5 * force * since, time_over(0.0, force, limit, since)
         if last.free < APART:
@@ -61,8 +62,7 @@ def pinched(
                 force, max(last.peak, force), last.impulse + impulse, last.over + over,
                 last.begin, last.angle, 0.0,
             )  # fmt: skip
-        angle = state.gate_angle - state.gate_rate * since
-        return Pinch(force, force, impulse, over, now - since, angle, 0.0)
+        return Pinch(force, force, impulse, over, now - since, angle - turn * since, 0.0)
     return Pinch(
         force=force,
         peak=max(last.peak, force),

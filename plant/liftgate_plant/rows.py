@@ -143,4 +143,5 @@ def truth_of(
         pinch_over_limit_s=contact.over,
         pinch_contact_s=contact.begin,
         pinch_contact_deg=contact.angle * _DEGREES,
+        gate_twist_deg=state.twist * _DEGREES,
     )

@@ -10,7 +10,7 @@ period (§4.6.1), period speed what the time of the last electrical turn says.
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
@@ -20,14 +20,13 @@ from liftgate_plant.hall import (
     RIGHT,
     EdgeRing,
     Encoder,
-    HallState,
     Shaft,
     Tick,
     edge_ring,
-    hall_after,
     ideal_count,
-    initial_hall,
+    initial_halls,
     period_speed,
+    read_hall,
 )
 from liftgate_plant.integrate import Flow
 from liftgate_plant.noise import disturbance
@@ -83,8 +82,7 @@ class SensorState(NamedTuple):
 
     left_current: float
     right_current: float
-    left_hall: HallState
-    right_hall: HallState
+    halls: Any  # (2,) hall.HALL, by drive; written in place
     edges: EdgeRing
 
 
@@ -156,8 +154,9 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
     return SensorState(
         left_current=left.current,
         right_current=right.current,
-        left_hall=initial_hall(encoder, Shaft(left.position, left.speed)),
-        right_hall=initial_hall(encoder, Shaft(right.position, right.speed)),
+        halls=initial_halls(
+            encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)
+        ),
         edges=edge_ring(edges),
     )
 
@@ -180,10 +179,11 @@ def sense(
     degrees = 180.0 / math.pi
     left, right = state.left, state.right
     shaft_l, shaft_r = Shaft(left.position, left.speed), Shaft(right.position, right.speed)
+    hall_l, hall_r = memory.halls[LEFT], memory.halls[RIGHT]
     filtered_l, current_l = sensed_current(
         sensors,
         flow.left,
-        memory.left_hall.shaft,
+        Shaft(hall_l.position, hall_l.motor_speed),
         shaft_l,
         memory.left_current,
         disturbance(sensors.current_noise, seed, tick, 0),
@@ -192,7 +192,7 @@ def sense(
     filtered_r, current_r = sensed_current(
         sensors,
         flow.right,
-        memory.right_hall.shaft,
+        Shaft(hall_r.position, hall_r.motor_speed),
         shaft_r,
         memory.right_current,
         disturbance(sensors.current_noise, seed, tick, 1),
@@ -202,8 +202,8 @@ def sense(
     encoder = encoder_of(sensors)
     period = max(1, round(sensors.hall_sample_period / step))
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
-    hall_l = hall_after(encoder, memory.left_hall, shaft_l, when, LEFT, memory.edges)
-    hall_r = hall_after(encoder, memory.right_hall, shaft_r, when, RIGHT, memory.edges)
+    read_hall(encoder, memory.halls, shaft_l, when, LEFT, memory.edges)
+    read_hall(encoder, memory.halls, shaft_r, when, RIGHT, memory.edges)
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
@@ -217,8 +217,7 @@ def sense(
         SensorState(
             left_current=filtered_l,
             right_current=filtered_r,
-            left_hall=hall_l,
-            right_hall=hall_r,
+            halls=memory.halls,
             edges=memory.edges,
         ),
         Sensed(
@@ -232,14 +231,14 @@ def sense(
             right_hall_count=float(hall_r.count),
             left_hall_speed=float(hall_l.speed),
             right_hall_speed=float(hall_r.speed),
-            left_edge_count=float(hall_l.capture.edges),
-            right_edge_count=float(hall_r.capture.edges),
-            left_edge_age_s=now - hall_l.capture.last,
-            right_edge_age_s=now - hall_r.capture.last,
-            left_period_s=hall_l.capture.period,
-            right_period_s=hall_r.capture.period,
-            left_period_speed_rps=period_speed(encoder, hall_l.capture, now),
-            right_period_speed_rps=period_speed(encoder, hall_r.capture, now),
+            left_edge_count=float(hall_l.edges),
+            right_edge_count=float(hall_r.edges),
+            left_edge_age_s=now - hall_l.last,
+            right_edge_age_s=now - hall_r.last,
+            left_period_s=float(hall_l.period),
+            right_period_s=float(hall_r.period),
+            left_period_speed_rps=period_speed(hall_l, now),
+            right_period_speed_rps=period_speed(hall_r, now),
             gate_angle_deg=quantised(angle, sensors.angle_resolution * degrees),
             latched=state.latched,
             terminal_voltage_v=outputs.terminal_voltage

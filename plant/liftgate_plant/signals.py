@@ -78,6 +78,7 @@ DUTY = Signal("", -1.0, 1.0, "signed share of the terminal voltage")
 COAST = Signal("", 0.0, 1.0, "all switches of the bridge off", is_whole=True)
 GATE_ANGLE = Signal("deg", -360.0, 360.0, "of the gate, 0 is closed")
 GATE_RATE = Signal("deg/s", -1e6, 1e6, "of the gate")
+GATE_TWIST = Signal("deg", -90.0, 90.0, "of the gate's left side against its middle, opening")
 GATE_ACCELERATION = Signal("m/s²", -1e6, 1e6, "accelerometer on the gate, with its weight")
 PINCH_FORCE = Signal("N", 0.0, 1e7, "on the obstacle")
 PINCH_PEAK = Signal("N", 0.0, 1e7, "the last contact's largest pinch force so far")
@@ -176,6 +177,7 @@ class Truth(NamedTuple):
     pinch_over_limit_s: Annotated[float, PINCH_OVER_LIMIT]
     pinch_contact_s: Annotated[float, PINCH_CONTACT]
     pinch_contact_deg: Annotated[float, PINCH_CONTACT_ANGLE]
+    gate_twist_deg: Annotated[float, GATE_TWIST]
 
 
 class Sensed(NamedTuple):

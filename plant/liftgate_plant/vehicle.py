@@ -17,6 +17,7 @@ from liftgate_plant.sensors import Sensors
 from liftgate_plant.spring import Spring
 from liftgate_plant.supply import Supply
 from liftgate_plant.thermal import Thermal
+from liftgate_plant.torsion import Torsion
 from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
 
 
@@ -74,11 +75,18 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
 def plant_of(vehicle: Vehicle) -> Plant:
     """The plant's constants. Pure: the same vehicle gives the same plant."""
     link = gate.linkage(vehicle.gate)
+    inertia = gate.inertia(vehicle.gate, link)
     return Plant(
         left=drive_of(vehicle.left, True),
         right=drive_of(vehicle.right, vehicle.drives == 2),
         link=link,
-        gate_inertia=gate.inertia(vehicle.gate, link),
+        gate_inertia=inertia,
+        torsion=Torsion(
+            vehicle.gate.torsional_stiffness,
+            vehicle.gate.torsional_damping,
+            vehicle.gate.torsional_inertia or inertia / 3.0,
+            vehicle.gate.half_width,
+        ),
         weight_moment=vehicle.gate.mass * GRAVITY * link.gravity_radius,
         hinge=DryFriction(vehicle.gate.hinge_friction, 1.0, 0.0, 0.0),
         seal=vehicle.seal,

@@ -26,6 +26,8 @@ COLUMNS = (
     "angle",
     "rate",
     "latched",
+    "twist",
+    "twist_rate",
 )
 
 OPEN, CLOSE = DriveInput(1.0, 0.0, 0.0), DriveInput(-1.0, 0.0, 0.0)
@@ -61,18 +63,20 @@ def fill(plant: Plant, state: State, inputs: Inputs, h: float, rows: np.ndarray)
         rows[k, 10] = state.gate_angle
         rows[k, 11] = state.gate_rate
         rows[k, 12] = state.latched
+        rows[k, 13] = state.twist
+        rows[k, 14] = state.twist_rate
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
     """The states before and after each of n steps of h seconds."""
-    rows = np.empty((n + 1, 13))
+    rows = np.empty((n + 1, len(COLUMNS)))
     fill(plant, state, inputs, h, rows)
     return rows
 
 
 def fast_run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
     """`run` in machine code, compiled at the first call."""
-    rows = np.empty((n + 1, 13))
+    rows = np.empty((n + 1, len(COLUMNS)))
     compiled(fill)(plant, state, inputs, h, rows)
     return rows
 
@@ -134,6 +138,7 @@ def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> 
             rod.damping,
             rod.gap,
             1.0 if rod.closing else -1.0,
+            rod.lateral,
         )
     return inputs(vehicle, _drive_input(phase.left), _drive_input(phase.right), **changes)
 

@@ -87,7 +87,9 @@ def test_coupled_windings_are_solved_as_the_matrix_exponential_does(
         for r, inductance, duty, rise in zip(resistances, inductances, duties, rises, strict=True)
     ]
     ends = np.array(speeds) + np.array(changes)
-    left, right = motor.solve_windings(*windings, *currents, *speeds, 12.0, source_resistance, step)
+    left, right, _, _ = motor.solve_windings(
+        *windings, *currents, *speeds, 12.0, source_resistance, step
+    )
     end, mean = coupled_windings(
         windings, source_resistance, 12.0, currents, np.array(speeds), ends, step
     )

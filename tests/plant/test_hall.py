@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,21 +14,20 @@ from hypothesis import strategies as st
 
 from liftgate_plant.compiler import compiled
 from liftgate_plant.hall import (
+    HALL,
     A,
     B,
-    Capture,
     EdgeRing,
     Encoder,
-    HallState,
     Shaft,
     Tick,
     decoded,
     edge_ring,
-    hall_after,
     hall_levels,
     ideal_count,
-    initial_hall,
+    initial_halls,
     period_speed,
+    read_hall,
 )
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
@@ -57,14 +57,15 @@ def encoder(counts: float = 4.0, **errors: float) -> Encoder:
     return ideal._replace(**errors)
 
 
-def walked(
-    wheel: Encoder, positions: list[float], period: int = 5, call=hall_after
-) -> list[HallState]:
-    """The Hall sensors at each of the positions, a tick of a millisecond each."""
-    states, ring = [initial_hall(wheel, Shaft(positions[0], 0.0))], edge_ring(16)
+def walked(wheel: Encoder, positions: list[float], period: int = 5, call=read_hall) -> list[Any]:
+    """The left Hall sensors at each of the positions, a tick of a millisecond each."""
+    still = Shaft(positions[0], 0.0)
+    halls, ring = initial_halls(wheel, still, still), edge_ring(16)
+    states = [halls[0].copy()]
     for tick, position in enumerate(positions[1:], start=1):
         when = Tick((tick - 1) * 1e-3, 1e-3, 0, tick % period == 0)
-        states.append(call(wheel, states[-1], Shaft(position, 0.0), when, 0, ring))
+        call(wheel, halls, Shaft(position, 0.0), when, 0, ring)
+        states.append(halls[0].copy())
     return states
 
 
@@ -82,21 +83,24 @@ class Motion:
 
 
 def edges_of(
-    wheel: Encoder,
-    motion: Motion,
-    seconds: float,
-    rate: float = 1e3,
-    seed: int = 0,
-    call=hall_after,
-) -> tuple[np.ndarray, HallState]:
+    wheel: Encoder, motion: Motion, seconds: float, rate: float = 1e3, seed: int = 0, call=read_hall
+) -> tuple[np.ndarray, Any]:
     """All edges of a run at so many ticks a second, and the sensors at its end."""
     ring: EdgeRing = edge_ring(100_000)
-    state = initial_hall(wheel, motion.shaft(0.0))
+    halls = initial_halls(wheel, motion.shaft(0.0), motion.shaft(0.0))
     for tick in range(1, round(seconds * rate) + 1):
         when = Tick((tick - 1) / rate, 1.0 / rate, seed, False)
-        state = call(wheel, state, motion.shaft(tick / rate), when, 0, ring)
-    assert ring.written[0] == state.capture.edges
-    return ring.rows[: ring.written[0]].copy(), state
+        call(wheel, halls, motion.shaft(tick / rate), when, 0, ring)
+    assert ring.written[0] == halls[0].edges
+    return ring.rows[: ring.written[0]].copy(), halls[0]
+
+
+def captured(**fields: float) -> Any:
+    """What a timer holds."""
+    hall = np.zeros(1, dtype=HALL).view(np.recarray)[0]
+    for name, value in fields.items():
+        setattr(hall, name, value)
+    return hall
 
 
 def test_the_levels_are_a_gray_code_in_which_a_leads_b_while_it_counts_up() -> None:
@@ -124,7 +128,7 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
     ticks = 200 if speed * counts < 1e5 else 10
     times = np.concatenate([np.arange(ticks), np.arange(ticks, -ticks, -1)]) * 1e-3
     positions = [float(direction * speed * time) for time in times]
-    call = hall_after if which == "plain" else compiled(hall_after)
+    call = read_hall if which == "plain" else compiled(read_hall)
     for state, position in zip(walked(wheel, positions, call=call), positions, strict=True):
         exact = ideal_count(counts, position)
         assert state.count == exact == np.floor(position * counts + 0.5)
@@ -172,25 +176,28 @@ def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
 def test_a_state_that_was_set_elsewhere_is_counted_without_its_edges() -> None:
     ring, wheel = edge_ring(16), encoder()
     when = Tick(0.0, 1e-3, 0, True)
-    state = hall_after(
-        wheel, initial_hall(wheel, Shaft(0.0, 0.0)), Shaft(1e6 + 0.25, 0.0), when, 0, ring
-    )
+    halls = initial_halls(wheel, Shaft(0.0, 0.0), Shaft(0.0, 0.0))
+    read_hall(wheel, halls, Shaft(1e6 + 0.25, 0.0), when, 0, ring)
+    state = halls[0]
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
-    assert ring.written[0] == state.capture.edges == 0
+    assert ring.written[0] == state.edges == 0
+    assert halls[1].count == 0
 
 
 LOST = """
 import math
 from liftgate_plant.compiler import compiled
-from liftgate_plant.hall import Encoder, Shaft, Tick, edge_ring, hall_after, initial_hall
+from liftgate_plant.hall import Encoder, Shaft, Tick, edge_ring, initial_halls, read_hall
 wheel, ring = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, True), edge_ring(16)
-start = initial_hall(wheel, Shaft(0.0, 0.0))
+still = Shaft(0.0, 0.0)
+halls = initial_halls(wheel, still, still)
+before = halls.copy()
 for position in (math.nan, math.inf, -math.inf, 1e30, -1e30, 1e300):
     for speed in (0.0, math.nan, math.inf):
         shaft = Shaft(position, speed)
-        after = compiled(hall_after)(wheel, start, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
-        assert after == start, shaft
+        compiled(read_hall)(wheel, halls, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
+        assert (halls == before).all(), shaft
 """
 
 
@@ -224,15 +231,15 @@ def decoder_and_timer(edges: np.ndarray) -> tuple[int, list[tuple[float, float]]
 def test_an_ecu_with_a_timer_has_count_and_speed_from_the_edges_alone(
     which: str, speed: float, counts: float
 ) -> None:
-    call = hall_after if which == "plain" else compiled(hall_after)
+    call = read_hall if which == "plain" else compiled(read_hall)
     seconds = min(2.0, 200.0 / (speed * counts) + 0.1)
     edges, state = edges_of(encoder(counts), Motion(0.0, speed), seconds, call=call)
     count, speeds = decoder_and_timer(edges)
     assert count == state.count == ideal_count(counts, speed * round(seconds * 1e3) / 1e3)
     assert [found / counts for _, found in speeds] == pytest.approx([speed] * len(speeds), rel=1e-9)
-    if state.capture.edges > 4:
-        assert state.capture.period == pytest.approx(4.0 / (speed * counts), rel=1e-9)
-        shown = period_speed(encoder(counts), state.capture, state.capture.last)
+    if state.edges > 4:
+        assert state.period == pytest.approx(4.0 / (speed * counts), rel=1e-9)
+        shown = period_speed(state, state.last)
         assert shown == pytest.approx(speed, rel=1e-9)
 
 
@@ -271,23 +278,29 @@ def test_a_shaft_that_turns_back_within_a_tick_passes_its_edges_twice() -> None:
     assert edges["channel"].tolist() == [A, A]
     assert edges["level"].tolist() == [1, 0]
     assert [motion.shaft(time).position for time in edges["time_s"]] == pytest.approx([0.125] * 2)
-    assert (state.count, state.capture.edges, state.capture.run) == (0, 2, -1)
+    assert (state.count, state.edges, state.run) == (0, 2, -1)
 
 
 def test_a_period_takes_five_edges_in_one_direction() -> None:
     def period_after(edges: int) -> float:
-        return edges_of(encoder(), Motion(0.0, 100.0), 2.5e-3 * edges)[1].capture.period
+        return edges_of(encoder(), Motion(0.0, 100.0), 2.5e-3 * edges)[1].period
 
     assert [period_after(edges) for edges in (3, 4)] == [0.0, 0.0]
     assert period_after(5) == pytest.approx(0.01)
 
 
 def test_a_shaft_that_stops_shows_ever_less_speed() -> None:
-    capture = Capture(9, 9, 1.0, 0.9975, 0.995, 0.9925, 0.01)
-    speeds = [period_speed(encoder(), capture, now) for now in (1.0, 1.01, 1.02, 1.1, 2.0)]
+    timer = captured(edges=9, run=9, last=1.0, period=0.01, period_speed=100.0)
+    speeds = [period_speed(timer, now) for now in (1.0, 1.01, 1.02, 1.1, 2.0)]
     assert speeds == pytest.approx([100.0, 100.0, 50.0, 10.0, 1.0])
-    assert period_speed(encoder(), capture._replace(run=-9), 1.0) == pytest.approx(-100.0)
-    assert period_speed(encoder(), Capture(3, 3, 1.0, 0.9, 0.8, 0.0, 0.0), 1.0) == 0.0
+    assert period_speed(captured(edges=3, run=3, last=1.0), 1.0) == 0.0
+
+
+def test_the_speed_has_the_direction_of_the_last_edge() -> None:
+    _, state = edges_of(encoder(), Motion(0.0, -100.0), 0.1)
+    assert period_speed(state, state.last) == pytest.approx(-100.0)
+    _, state = edges_of(encoder(), Motion(0.0, 100.0, -1000.0), 0.15)  # turns back at 0.1 s
+    assert period_speed(state, state.last) < 0.0
 
 
 # What real encoders do wrong.

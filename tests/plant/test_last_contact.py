@@ -10,12 +10,15 @@ import pytest
 from liftgate_plant.dynamics import DriveState, State
 from liftgate_plant.obstacle import Obstacle, pinch_force
 from liftgate_plant.pinch import APART, NOT_PINCHED, Pinch, pinched, time_over
+from liftgate_plant.vehicle import plant_of
+from tests.plant.runs import suv
 
 ROD = Obstacle(
     angle=math.radians(30.0), distance=0.9, stiffness=10e3, damping=0.0, gap=0.0, direction=1.0
 )
 DRIVE = DriveState(0.0, 0.0, 0.0, 20.0, 20.0)
 LIMIT = 100.0
+PLANT = plant_of(suv())._replace(pinch_limit=LIMIT)
 
 
 def state_at(angle: float, rate: float) -> State:
@@ -29,7 +32,7 @@ def followed(angle, rate, times: np.ndarray, body: Obstacle = ROD) -> list[Pinch
     for time in times:
         state = state_at(angle(time), rate(time))
         force = pinch_force(body, state.gate_angle, state.gate_rate)
-        found.append(pinched(found[-1], body, state, force, LIMIT, time, step))
+        found.append(pinched(found[-1], PLANT, body, state, force, time, step))
     return found[1:]
 
 
@@ -88,7 +91,7 @@ def test_another_contact_begins_anew_and_a_bounce_does_not() -> None:
     found = [NOT_PINCHED]
     for k, value in enumerate(force):
         state = state_at(math.radians(29.9), -0.1)
-        found.append(pinched(found[-1], ROD, state, value, LIMIT, k * 1e-3, 1e-3))
+        found.append(pinched(found[-1], PLANT, ROD, state, value, k * 1e-3, 1e-3))
     assert found[-1].peak == 80.0
     assert found[-1].begin == found[3].begin
     assert found[-1].impulse > found[5].impulse
@@ -98,9 +101,9 @@ def test_a_contact_ends_only_after_a_while() -> None:
     last = Pinch(10.0, 50.0, 1.0, 0.0, 2.0, 0.5, 0.0)
     state = state_at(1.0, 0.1)
     for tick in range(round(APART / 1e-3) + 2):
-        last = pinched(last, ROD, state, 0.0, LIMIT, 3.0 + 1e-3 * tick, 1e-3)
+        last = pinched(last, PLANT, ROD, state, 0.0, 3.0 + 1e-3 * tick, 1e-3)
     down = state_at(math.radians(29.99), -0.2)
-    assert pinched(last, ROD, down, 5.0, LIMIT, 4.0, 1e-3).begin > 3.9
+    assert pinched(last, PLANT, ROD, down, 5.0, 4.0, 1e-3).begin > 3.9
     assert last.peak == 50.0  # told until the next one begins
 
 

@@ -14,7 +14,6 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
-from liftgate_plant.hall import Capture, HallState
 from liftgate_plant.integrate import resting
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
@@ -63,6 +62,7 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
         "pinch_over_limit_s": contact.over,
         "pinch_contact_s": contact.begin,
         "pinch_contact_deg": contact.angle * DEGREES,
+        "gate_twist_deg": state.twist * DEGREES,
     }
     for side in ("left", "right"):
         drive, given = getattr(state, side), getattr(inputs, side)
@@ -93,18 +93,15 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
     shown, load = distinct(Outputs, numbers), inputs.load
     began = {"left": 3, "right": 6}  # steps behind: two phases that are told apart
     memory = initial_sensors(IDEAL, state)
-    captures = {
-        "left": Capture(7, 7, 0.001, 0.0, 0.0, 0.0, 0.016),
-        "right": Capture(9, -9, 0.003, 0.0, 0.0, 0.0, 0.002),
+    timers = {
+        "left": {"edges": 7, "run": 7, "last": 0.001, "period": 0.016, "period_speed": 62.5},
+        "right": {"edges": 9, "run": -9, "last": 0.003, "period": 0.002, "period_speed": -500.0},
     }
-    halls = {}
-    for side in ("left", "right"):
-        hall: HallState = getattr(memory, f"{side}_hall")
-        behind = hall.count - began[side]
-        halls[f"{side}_hall"] = hall._replace(
-            count=hall.count + 1000, sampled=behind + 1000, capture=captures[side]
-        )
-    memory = memory._replace(**halls)
+    for hall, side in zip(memory.halls, ("left", "right"), strict=True):
+        hall.sampled = hall.count - began[side] + 1000
+        hall.count += 1000
+        for name, value in timers[side].items():
+            setattr(hall, name, value)
     after, sensed = called(sense, which)(
         IDEAL, plant, state, inputs, shown, resting(state), memory, 0, 5, 0.001
     )
@@ -127,15 +124,16 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
             f"{side}_hall_speed": began[side],
             f"{side}_hall_a": float(at % 4 in (1, 2)),
             f"{side}_hall_b": float(at % 4 in (2, 3)),
-            f"{side}_edge_count": captures[side].edges,
-            f"{side}_edge_age_s": 0.005 - captures[side].last,
-            f"{side}_period_s": captures[side].period,
-            f"{side}_period_speed_rps": {"left": 62.5, "right": -500.0}[side],
+            f"{side}_edge_count": timers[side]["edges"],
+            f"{side}_edge_age_s": 0.005 - timers[side]["last"],
+            f"{side}_period_s": timers[side]["period"],
+            f"{side}_period_speed_rps": timers[side]["period_speed"],
         }
     assert expected.keys() == {*Sensed._fields}
     assert sensed._asdict() == pytest.approx(expected, rel=1e-14)
     for side in ("left", "right"):
-        assert getattr(after, f"{side}_hall").count == expected[f"{side}_hall_count"]
+        hall = after.halls[("left", "right").index(side)]
+        assert hall.count == expected[f"{side}_hall_count"]
         assert getattr(after, f"{side}_current") == expected[f"{side}_current_a"]
 
 

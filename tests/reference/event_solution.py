@@ -47,6 +47,7 @@ class Obstacle:
     damping: float = 0.0
     gap: float = 0.0
     closing: bool = True
+    lateral: float = 0.0  # m, positive to the left
 
 
 @dataclass(frozen=True)
@@ -80,19 +81,28 @@ class Solution:
     right_force: np.ndarray
     angle: np.ndarray
     rate: np.ndarray
+    twist: np.ndarray
+    twist_rate: np.ndarray
     pinch_force: np.ndarray
     terminal_voltage: np.ndarray
     events: int
 
 
-class View(NamedTuple):
-    """A time and the state then, with its kinematics: travel l_S, its rate and the lever arm r_AP."""
+class Link(NamedTuple):
+    """The linkage in one place: travel l_S, its rate and the lever arm r_AP."""
 
-    time: float
-    state: Sequence[float]
     travel: float
     travel_rate: float
     arm: float
+
+
+class View(NamedTuple):
+    """A time and the state then, with its kinematics: in the gate's middle, on its left and on its right."""
+
+    time: float
+    state: Sequence[float]
+    middle: Link
+    sides: tuple[Link, Link]
 
 
 Law = Callable[[View], float]
@@ -160,6 +170,16 @@ class MomentumEquation:
 Element = Contact | MomentumEquation
 
 
+class Twist:
+    """The mode of torsion: its two states are the last ones."""
+
+    def __init__(self, gate: Mapping[str, Any], inertia: float) -> None:
+        self.stiffness: float = gate["torsional_stiffness"]
+        self.damping: float = gate.get("torsional_damping", 0.0)
+        self.inertia: float = gate.get("torsional_inertia") or inertia / 3.0
+        self.half_width: float = gate.get("half_width", 0.5)
+
+
 class Geometry:
     """Kinematics (3.19–3.20, 3.35–3.40), inertia (3.18) and weight (3.26) of the gate."""
 
@@ -177,14 +197,29 @@ class Geometry:
         self.weight_angle = math.atan2(gravity.imag, gravity.real)  # β − α_0
         plate = gate["mass"] * (gate["length"] ** 2 + gate["thickness"] ** 2) / 12
         self.inertia: float = gate.get("inertia", plate + gate["mass"] * abs(gravity) ** 2)
+        self.twist = Twist(gate, self.inertia) if gate.get("torsional_stiffness") else None
 
     def length(self, angle: float) -> float:
         return math.sqrt(self.square_sum - 2 * self.product * math.cos(angle + self.theta))
 
     def view(self, time: float, state: Sequence[float]) -> View:
-        length = self.length(state[0])
-        arm = self.product * math.sin(state[0] + self.theta) / length
-        return View(time, state, length - self.closed_length, arm * state[1], arm)
+        middle = self.link(state[0], state[1])
+        if self.twist is None:
+            return View(time, state, middle, (middle, middle))
+        psi, rate = state[-2:]
+        left, right = (
+            self.link(state[0] + side * psi, state[1] + side * rate) for side in (1.0, -1.0)
+        )
+        return View(time, state, middle, (left, right))
+
+    def link(self, angle: float, rate: float) -> Link:
+        length = self.length(angle)
+        arm = self.product * math.sin(angle + self.theta) / length
+        return Link(length - self.closed_length, arm * rate, arm)
+
+    def share(self, lateral: float) -> float:
+        """y/w of a lateral position."""
+        return 0.0 if self.twist is None else lateral / self.twist.half_width
 
 
 class Drive:
@@ -200,10 +235,11 @@ class Drive:
         open_travel: float,
         command: DriveInput,
         terminal: Law,
+        side: int,
     ) -> None:
         motor, gear, spindle = vehicle["motor"], vehicle["gear"], vehicle["spindle"]
         spring, mechanism = vehicle["spring"], vehicle["mechanism"]
-        self.first = first
+        self.first, self.side = first, side
         self.advance = advance(vehicle)
         self.lever = self.advance / (2 * math.pi)
         self.half_play: float = gear["backlash"] * spindle["lead"] / 2
@@ -219,8 +255,8 @@ class Drive:
         stop = spring["stop_stiffness"], spring["stop_damping"]
         self.upper = Contact(*flank, depth=lambda v: self._flank_depth(v, 1))
         self.lower = Contact(*flank, depth=lambda v: self._flank_depth(v, -1))
-        self.open_stop = Contact(*stop, depth=lambda v: (v.travel - open_travel, v.travel_rate))
-        self.closed_stop = Contact(*stop, depth=lambda v: (-v.travel, -v.travel_rate))
+        self.open_stop = Contact(*stop, depth=lambda v: self._beyond(v, 1, open_travel))
+        self.closed_stop = Contact(*stop, depth=lambda v: self._beyond(v, -1, 0.0))
         diodes = 2 * vehicle.get("bridge", {}).get("diode_drop", 0.7)
         decay = (lambda v: terminal(v) + diodes) if command.mode == "coast" else None
         self.coil = MomentumEquation(first, motor["inductance"], self._coil_load, decay)
@@ -234,9 +270,14 @@ class Drive:
 
     def _flank_depth(self, v: View, side: int) -> tuple[float, float]:
         """How far x_d (3.5) is beyond the upper (1) or lower (−1) end of the play; its rate."""
-        n, p = v.state[self.first + 1], v.state[self.first + 2]
-        x, rate = p * self.advance - v.travel, n * self.advance - v.travel_rate
+        n, p, link = v.state[self.first + 1], v.state[self.first + 2], v.sides[self.side]
+        x, rate = p * self.advance - link.travel, n * self.advance - link.travel_rate
         return side * x - self.half_play, side * rate
+
+    def _beyond(self, v: View, way: int, end: float) -> tuple[float, float]:
+        """How far the spindle is beyond one end of its stroke, and its rate."""
+        link = v.sides[self.side]
+        return way * (link.travel - end), way * link.travel_rate
 
     def force(self, v: View) -> float:
         """F_d, the force of the drive on the gate (3.5)."""
@@ -244,8 +285,12 @@ class Drive:
 
     def spring_force(self, v: View) -> float:
         """F_F with the stops (3.12–3.14)."""
-        spring = self.closed_preload - self.stiffness * v.travel
+        spring = self.closed_preload - self.stiffness * v.sides[self.side].travel
         return spring - self.open_stop.force(v) + self.closed_stop.force(v)
+
+    def moment(self, v: View) -> float:
+        """Of drive, spring and stops about the hinge."""
+        return v.sides[self.side].arm * (self.force(v) + self.spring_force(v))
 
     def _coil_load(self, v: View) -> float:
         """u − R i − c2Φ n (3.1)."""
@@ -302,12 +347,12 @@ class Scene:
             for first, _, command in drives
         ]
         self.drives = [
-            Drive(vehicle, first, geometry.open_travel, command, self.terminal)
-            for first, vehicle, command in drives
+            Drive(vehicle, first, geometry.open_travel, command, self.terminal, side)
+            for side, (first, vehicle, command) in enumerate(drives)
         ]
         self.seal_arm: float = seal["arm"]
         thickness = seal["force"] / seal["stiffness"]
-        self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.travel, 0.0))
+        self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.middle.travel, 0.0))
         friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
         self.hinge = MomentumEquation(1, geometry.inertia, self._gate_moment, friction)
         rod = phase.obstacle
@@ -329,9 +374,12 @@ class Scene:
     def _intrusion(self, v: View) -> tuple[float, float]:
         o = self.phase.obstacle
         assert o is not None
-        sign = -1.0 if o.closing else 1.0
-        depth = sign * (v.state[0] - o.angle) * o.distance - o.gap
-        return depth, sign * v.state[1] * o.distance
+        sign, share = -1.0 if o.closing else 1.0, self.geometry.share(o.lateral)
+        angle, rate = v.state[0], v.state[1]
+        if share:
+            angle, rate = angle + share * v.state[-2], rate + share * v.state[-1]
+        depth = sign * (angle - o.angle) * o.distance - o.gap
+        return depth, sign * rate * o.distance
 
     def pinch(self, v: View) -> float:
         return self.obstacle.force(v) if self.obstacle else 0.0
@@ -340,19 +388,34 @@ class Scene:
         """All moments on the gate but the hinge friction (3.15–3.17)."""
         moment = self.phase.external_torque + self.seal_arm * self.seal.force(v)
         moment -= self.geometry.weight_moment * math.cos(v.state[0] + self.weight_angle)
+        return moment + sum(drive.moment(v) for drive in self.drives) + self._pinch_moment(v)
+
+    def _pinch_moment(self, v: View) -> float:
+        if not self.phase.obstacle:
+            return 0.0
+        lever = self.phase.obstacle.distance
+        return self.pinch(v) * (lever if self.phase.obstacle.closing else -lever)
+
+    def _twist_rates(self, v: View) -> list[float]:
+        """Of the twist and of its rate."""
+        twist = self.geometry.twist
+        if twist is None:
+            return []
+        psi, rate = v.state[-2:]
+        moment = -twist.stiffness * psi - twist.damping * rate
         for drive in self.drives:
-            moment += v.arm * (drive.force(v) + drive.spring_force(v))
+            moment += drive.moment(v) if drive.side == 0 else -drive.moment(v)
         if self.phase.obstacle:
-            lever = self.phase.obstacle.distance
-            moment += self.pinch(v) * (lever if self.phase.obstacle.closing else -lever)
-        return moment
+            share = self.geometry.share(self.phase.obstacle.lateral)
+            moment += share * self._pinch_moment(v)
+        return [rate, moment / twist.inertia]
 
     def derivative(self, time: float, state: Sequence[float]) -> list[float]:
         v = self.geometry.view(time, state)
         rates = [state[1], self.hinge.derivative(v)]
         for drive in self.drives:
             rates += [drive.coil.derivative(v), drive.shaft.derivative(v), state[drive.first + 1]]
-        return rates
+        return rates + self._twist_rates(v)
 
     def slope(self, time: float, y: np.ndarray) -> list[float]:
         """The right-hand side in the form that solve_ivp wants."""
@@ -460,8 +523,10 @@ def solve(
     state = [initial_angle, 0.0]
     for side in sides:
         state += [0.0, 0.0, travel / advance(side)]
+    drives_end = len(state)
+    state += [0.0, 0.0] if geometry.twist else []
 
-    states = np.zeros((times.size, 8))
+    states = np.zeros((times.size, 10))
     outputs = np.zeros((times.size, 4))
     now, events = 0.0, 0
     for phase in phases:
@@ -487,7 +552,9 @@ def solve(
             chosen = (times >= now) & ((times <= reached) if last else (times < reached))
             if chosen.any():
                 rows = piece.sol(times[chosen]).T
-                states[chosen, : len(state)] = rows
+                states[chosen, :drives_end] = rows[:, :drives_end]
+                if geometry.twist:
+                    states[chosen, 8:] = rows[:, drives_end:]
                 outputs[chosen] = [
                     scene.outputs(time, row)
                     for time, row in zip(times[chosen].tolist(), rows.tolist(), strict=True)
@@ -514,6 +581,8 @@ def solve(
         right_force=right_force,
         angle=angle,
         rate=rate,
+        twist=drives[6],
+        twist_rate=drives[7],
         pinch_force=pinch_force,
         terminal_voltage=terminal_voltage,
         events=events,

@@ -218,8 +218,8 @@ def test_forces_follow_their_laws_at_every_sample(suv: dict[str, Any]) -> None:
     s = solve(suv, phases, times, initial_angle=math.radians(35))
     geometry, advance = Geometry(suv["gate"]), 0.010 / 29
     views = [geometry.view(0.0, pair) for pair in zip(s.angle, s.rate, strict=True)]
-    travel = np.array([v.travel for v in views])
-    travel_rate = np.array([v.travel_rate for v in views])
+    travel = np.array([v.middle.travel for v in views])
+    travel_rate = np.array([v.middle.travel_rate for v in views])
     for side, half in (("left", 0.5e-4), ("right", 1.5e-4)):
         x = getattr(s, f"{side}_position") * advance - travel
         rate = getattr(s, f"{side}_speed") * advance - travel_rate

@@ -43,6 +43,7 @@ OBSTACLE = {
     "stiffness": ("10000", "", ""),
     "damping": ("0", "", ""),
     "gap": ("0", "", ""),
+    "lateral": ("0", "", ""),
     "meets": ("closing", "", "the way in which the gate meets it"),
 }  # fmt: skip
 REQUEST = {

@@ -191,7 +191,7 @@ def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile
 
 
 def _obstacle(issues: ConfigIssues, key: str, given: Table) -> TimedObstacle:
-    defaults = {"distance": 1.0, "stiffness": 10_000.0, "damping": 0.0, "gap": 0.0}
+    defaults = {"distance": 1.0, "stiffness": 10_000.0, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
     ranges = {
         "start": (0.0, 0.0, 1e6, "s"),
         "end": (math.inf, 0.0, 1e6, "s"),
@@ -220,6 +220,7 @@ def _obstacle(issues: ConfigIssues, key: str, given: Table) -> TimedObstacle:
         damping=values["damping"],
         gap=values["gap"],
         direction=1.0 if meets == "closing" else -1.0,
+        lateral=values["lateral"],
     )
     return TimedObstacle(obstacle, values["start"], values["end"])
 

@@ -177,7 +177,7 @@ def step_rigid(
             path_in(right, electric_r, state.right, after_r, new, step),
         )
     # The angle follows from the position: `follow`.
-    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0), flow
+    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0), flow
 
 
 @compilable
@@ -237,4 +237,6 @@ def rigid_start(state: State) -> State:
         state.gate_angle,
         state.gate_rate,
         state.latched,
+        0.0,
+        0.0,
     )

@@ -40,7 +40,7 @@ OUTPUTS = (
 # done after it, the currents shown, the state.
 _STRETCH = 100_000
 _ROW, _STEPS, _SHOWN = 0, 1, 2
-_AT_LEFT, _AT_RIGHT, _ANGLE, _RATE, _LATCHED, _KEPT = 4, 9, 14, 15, 16, 17
+_AT_LEFT, _AT_RIGHT, _ANGLE, _RATE, _LATCHED, _TWIST, _KEPT = 4, 9, 14, 15, 16, 17, 19
 _LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
 _RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
@@ -77,6 +77,8 @@ def moving_state(start: Start, angle: float, rate: float, ambient: float) -> Sta
         angle,
         rate,
         start.latched,
+        0.0,
+        0.0,
     )
 
 
@@ -125,6 +127,7 @@ def keep(kept: Floats, state: State, left: float, right: float) -> None:
     fill(kept, _AT_LEFT, state.left)
     fill(kept, _AT_RIGHT, state.right)
     kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
+    kept[_TWIST], kept[_TWIST + 1] = state.twist, state.twist_rate
     kept[_SHOWN], kept[_SHOWN + 1] = left, right
 
 
@@ -132,7 +135,13 @@ def keep(kept: Floats, state: State, left: float, right: float) -> None:
 def state_in(kept: Floats) -> State:
     """The state that was kept."""
     return State(
-        picked(kept, _LEFT), picked(kept, _RIGHT), kept[_ANGLE], kept[_RATE], kept[_LATCHED]
+        picked(kept, _LEFT),
+        picked(kept, _RIGHT),
+        kept[_ANGLE],
+        kept[_RATE],
+        kept[_LATCHED],
+        kept[_TWIST],
+        kept[_TWIST + 1],
     )
 
 

@@ -22,7 +22,7 @@ from liftgate_hil.stimuli.timeline import (
 )
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
-from liftgate_plant.dynamics import Inputs, Load, Plant, State
+from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
 from liftgate_plant.hall import edges_after
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
@@ -69,13 +69,14 @@ class OfflineState(NamedTuple):
 
 @compilable
 def inputs_at(
-    offline: Offline, row: Floats, time: float, arming: ObstacleArming, angle: float
+    offline: Offline, row: Floats, time: float, arming: ObstacleArming, state: State
 ) -> tuple[ObstacleArming, Inputs]:
     """The inputs of the step from a time [s] on: the file's, and what it leaves out (NaN) from scenario and
     vehicle.
     """
     timeline, step = offline.timeline, offline.step
-    arming, obstacle = armed(arming, obstacle_at(timeline, time), angle)
+    obstacle = obstacle_at(timeline, time)
+    arming, obstacle = armed(arming, obstacle, angle_at(offline.plant, state, obstacle.lateral))
     said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
     base = overlaid(offline.base, said, rise, offline.base.latch_released, obstacle)
     return arming, inputs_of(row, base)
@@ -98,7 +99,7 @@ def block(
         if edges[0] > most_edges:
             break
         time = done * offline.step
-        arming, inputs = inputs_at(offline, rows[k], time, arming, state.gate_angle)
+        arming, inputs = inputs_at(offline, rows[k], time, arming, state)
         begun = dynamics.at(inputs, 0.0)
         shown = dynamics.outputs(offline.plant, state, begun)
         memory, sensed = sensors.sense(
@@ -106,7 +107,7 @@ def block(
             offline.seed, done, offline.step,
         )  # fmt: skip
         contact = pinched(
-            contact, begun.load.obstacle, state, shown.pinch_force, offline.plant.pinch_limit,
+            contact, offline.plant, begun.load.obstacle, state, shown.pinch_force,
             time, offline.step,
         )  # fmt: skip
         truth = truth_of(offline.sensors, time, state, begun, shown, contact)

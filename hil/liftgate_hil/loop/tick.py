@@ -48,7 +48,7 @@ from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from liftgate_plant.compiler import compilable, fill, overlay, picked
-from liftgate_plant.dynamics import Inputs, Load, Plant, State
+from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
@@ -154,6 +154,7 @@ def panel_obstacle(config: LoopConfig, values: NDArray[np.float64], below: Obsta
         damping=0.0,
         gap=0.0,
         direction=1.0,
+        lateral=0.0,
     )
 
 
@@ -164,7 +165,7 @@ def surroundings(
     outside: Outside,
     opening: bool,
     arming: ObstacleArming,
-    angle: float,
+    state: State,
 ) -> tuple[ObstacleArming, Load]:
     """The vehicle's surroundings, and over them the scenario's, the panel's, and what was posted."""
     above = overlay(outside.posted, picked(values, IN_SURROUNDINGS))
@@ -175,7 +176,7 @@ def surroundings(
     released = value_or(values[IN.latch_release], 0.0)
     if config.latch_mapped == 0:
         released = 1.0 if opening else 0.0
-    arming, obstacle = armed(arming, obstacle, angle)
+    arming, obstacle = armed(arming, obstacle, angle_at(config.plant, state, obstacle.lateral))
     return arming, overlaid(config.load, said, rise, released, obstacle)
 
 
@@ -228,7 +229,7 @@ def tick(
     left, right = command(config, reception.values, outside.is_stop)
     opening = left.duty > 0.0 or right.duty > 0.0
     arming, load = surroundings(
-        config, reception.values, outside, opening, state.arming, state.plant.gate_angle
+        config, reception.values, outside, opening, state.arming, state.plant
     )
     inputs = Inputs(left, right, load)
     plant_state, flow = integrate.advance(config.plant, state.plant, inputs, config.step)
@@ -240,7 +241,7 @@ def tick(
         config.seed, done, config.step,
     )  # fmt: skip
     contact = pinched(
-        state.pinch, load.obstacle, plant_state, shown.pinch_force, config.plant.pinch_limit,
+        state.pinch, config.plant, load.obstacle, plant_state, shown.pinch_force,
         done * config.step, config.step,
     )  # fmt: skip
     hold = max(state.pinch_hold, shown.pinch_force)

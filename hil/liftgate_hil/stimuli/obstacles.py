@@ -28,6 +28,7 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
         and a.distance == b.distance
         and a.gap == b.gap
         and a.direction == b.direction
+        and a.lateral == b.lateral
     )
 
 

@@ -145,5 +145,6 @@ def obstacle_at(timeline: Timeline, time: float) -> Obstacle:
                 damping=row.damping,
                 gap=row.gap,
                 direction=row.direction,
+                lateral=row.lateral,
             )
     return NO_OBSTACLE

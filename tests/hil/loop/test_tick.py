@@ -729,12 +729,13 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
     path = tmp_path / "scenario.toml"
     path.write_text(
         "[[obstacle]]\nstart = 1.0\nend = 2.0\nangle_deg = 10\nmeets = 'opening'\ngap = 0.1\n"
+        "lateral = 0.3\n"
         "[[obstacle]]\nangle_deg = 20\nstiffness = 5\ndamping = 6\ndistance = 0.5\n"
     )
     timeline = load_scenario(path).timeline
     before, during, after = (obstacle_at(timeline, time) for time in (0.9, 1.0, 2.0))
-    assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0)
-    assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0)
+    assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0, 0.0)
+    assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0, 0.3)
 
 
 def test_an_initial_state_is_at_rest_and_stays_there_without_a_command(rig: Rig, fast_tick: Tick):

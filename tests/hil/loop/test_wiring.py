@@ -153,11 +153,11 @@ def test_every_input_reaches_what_its_name_says(
     assert SAID.keys() == BUS_INPUTS.keys()
     given: list[Inputs] = []
 
-    def step(plant: Any, state: Any, inputs: Inputs, seconds: float) -> Any:
+    def advance(plant: Any, state: Any, inputs: Inputs, seconds: float) -> Any:
         given.append(inputs)
-        return state
+        return state, integrate.resting(state)
 
-    monkeypatch.setattr(integrate, "step", step)
+    monkeypatch.setattr(integrate, "advance", advance)
     config = loop_config(rig=whole)
     start = start_of(config, math.radians(60.0), latched=False)
     state, _, _, _ = tick(config, start, frames_of(input_frames(SAID)), outside())
@@ -182,6 +182,7 @@ def test_every_input_reaches_what_its_name_says(
             damping=0.0,
             gap=0.0,
             direction=1.0,
+            lateral=0.0,
         ),
     }
 
