@@ -12,6 +12,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
 from liftgate_plant.gate import GRAVITY
@@ -78,11 +81,12 @@ class Sensors(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """What the sensors remember: filtered currents [A], Hall decoders and sample periods."""
+    """What the sensors remember, by drive; written in place."""
 
-    left_current: float
-    right_current: float
-    halls: Any  # (2,) hall.HALL, by drive; written in place
+    currents: NDArray[
+        np.float64
+    ]  # (2, 2): behind the low-pass, and as the converter gave it last, A
+    halls: Any  # (2,) hall.HALL
     edges: EdgeRing
 
 
@@ -152,8 +156,7 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
     """Sensors before the first tick, and a ring for the last so many Hall edges."""
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
-        left_current=left.current,
-        right_current=right.current,
+        currents=np.array([[left.current] * 2, [right.current] * 2]),
         halls=initial_halls(
             encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)
         ),
@@ -177,33 +180,23 @@ def sense(
     """One reading of all sensors at the end of tick number `tick`."""
     load = inputs.load
     degrees = 180.0 / math.pi
-    left, right = state.left, state.right
-    shaft_l, shaft_r = Shaft(left.position, left.speed), Shaft(right.position, right.speed)
-    hall_l, hall_r = memory.halls[LEFT], memory.halls[RIGHT]
-    filtered_l, current_l = sensed_current(
-        sensors,
-        flow.left,
-        Shaft(hall_l.position, hall_l.motor_speed),
-        shaft_l,
-        memory.left_current,
-        disturbance(sensors.current_noise, seed, tick, 0),
-        step,
-    )
-    filtered_r, current_r = sensed_current(
-        sensors,
-        flow.right,
-        Shaft(hall_r.position, hall_r.motor_speed),
-        shaft_r,
-        memory.right_current,
-        disturbance(sensors.current_noise, seed, tick, 1),
-        step,
-    )
     now = tick * step
     encoder = encoder_of(sensors)
     period = max(1, round(sensors.hall_sample_period / step))
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
-    read_hall(encoder, memory.halls, shaft_l, when, LEFT, memory.edges)
-    read_hall(encoder, memory.halls, shaft_r, when, RIGHT, memory.edges)
+    currents, halls = memory.currents, memory.halls
+    for drive in range(2):  # one in the source, as each is compiled anew
+        motor, path = state.left, flow.left
+        if drive == RIGHT:
+            motor, path = state.right, flow.right
+        before = Shaft(halls[drive].position, halls[drive].motor_speed)
+        after = Shaft(motor.position, motor.speed)
+        noise = disturbance(sensors.current_noise, seed, tick, drive)
+        currents[drive, 0], currents[drive, 1] = sensed_current(
+            sensors, path, before, after, currents[drive, 0], noise, step
+        )
+        read_hall(encoder, halls, after, when, drive, memory.edges)
+    hall_l, hall_r = halls[LEFT], halls[RIGHT]
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
@@ -214,15 +207,10 @@ def sense(
         + disturbance(sensors.acceleration_noise, seed, tick, 4)
     )
     return (
-        SensorState(
-            left_current=filtered_l,
-            right_current=filtered_r,
-            halls=memory.halls,
-            edges=memory.edges,
-        ),
+        memory,
         Sensed(
-            left_current_a=current_l,
-            right_current_a=current_r,
+            left_current_a=currents[LEFT, 1],
+            right_current_a=currents[RIGHT, 1],
             left_hall_a=float(hall_l.a),
             left_hall_b=float(hall_l.b),
             right_hall_a=float(hall_r.a),
