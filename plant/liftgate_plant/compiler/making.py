@@ -134,16 +134,58 @@ def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
     return Stored(code, result)
 
 
+def _field(builder: Any, object_: Any, offset: int, kind: Any = _WORD) -> Any:
+    address = builder.add(object_, _WORD(offset))
+    return builder.load(builder.inttoptr(address, kind.as_pointer()))
+
+
+def _array_check(module: Any, memory: Any) -> Any:
+    """A function: whether an object is an array of a type, dimensions, flags, and data of a type and size. Called,
+    not inlined: an entry point has fifty arrays, and looks at them once.
+    """
+    arguments = [memory, _WORD, _INT, _INT, _INT, _WORD]
+    function = ir.Function(module, ir.FunctionType(ir.IntType(1), arguments), f"{SYMBOL}_array")
+    function.linkage = "internal"
+    function.attributes.add("noinline")
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    accepted, object_, ndim, wanted, number, size = function.args
+
+    def require(condition: Any) -> None:
+        with builder.if_then(builder.not_(condition), likely=False):
+            builder.ret(ir.Constant(ir.IntType(1), 0))
+
+    kind = _field(builder, object_, packing.TYPE)
+    is_accepted = ir.Constant(ir.IntType(1), 0)
+    for place in range(packing.HEAD):
+        type_ = builder.load(builder.gep(accepted, [_INT(place)]))
+        is_accepted = builder.or_(is_accepted, builder.icmp_unsigned("==", kind, type_))
+    require(is_accepted)
+    flags = _field(builder, object_, packing.FLAGS, _INT)
+    dtype = _field(builder, object_, packing.DTYPE)
+    for found, expected in (
+        (_field(builder, object_, packing.NDIM, _INT), ndim),
+        (builder.and_(flags, wanted), wanted),
+        (_field(builder, dtype, packing.TYPE_NUMBER, _INT), number),
+        (_field(builder, dtype, packing.ITEM_SIZE), size),
+    ):
+        require(builder.icmp_unsigned("==", found, expected))
+    order = _field(builder, dtype, packing.BYTE_ORDER, ir.IntType(8))
+    builder.ret(builder.icmp_unsigned("!=", order, order.type(ord(packing.SWAPPED))))
+    return function
+
+
 class _Reader:
     """Reads arguments; returns UNFIT where an array is not as it was when this was compiled."""
 
     def __init__(self, context: Any, builder: Any, memory: Any) -> None:
         self._context = context
         self._builder = builder
+        self._memory = memory
         self._slots: Iterator[Any] = (
-            builder.load(builder.gep(memory, [_INT(place)])) for place in range(1 << 30)
+            builder.load(builder.gep(memory, [_INT(place)]))
+            for place in range(packing.HEAD, 1 << 30)
         )
-        self._accepted = [next(self._slots) for _ in packing.ACCEPTED]
+        self._fits = _array_check(builder.module, memory.type)
 
     def read(self, kind: Kind, numba_type: Any) -> Any:
         """A value of that type."""
@@ -162,33 +204,31 @@ class _Reader:
             return builder.trunc(slot, ir.IntType(1))
         return slot
 
-    def _field(self, object_: Any, offset: int, kind: Any = _WORD) -> Any:
-        address = self._builder.add(object_, _WORD(offset))
-        return self._builder.load(self._builder.inttoptr(address, kind.as_pointer()))
-
     def _array(self, kind: Array, numba_type: Any, object_: Any) -> Any:
         builder = self._builder
-        is_accepted = ir.Constant(ir.IntType(1), 0)
-        for type_ in self._accepted:
-            same = builder.icmp_unsigned("==", self._field(object_, packing.TYPE), type_)
-            is_accepted = builder.or_(is_accepted, same)
-        self._unless(is_accepted)
-        self._check(self._field(object_, packing.NDIM, _INT), kind.ndim)
         wanted = packing.ALIGNED
         wanted |= packing.WRITABLE if kind.is_writable else 0
         wanted |= {"C": packing.C_CONTIGUOUS, "F": packing.F_CONTIGUOUS, "A": 0}[kind.layout]
-        flags = self._field(object_, packing.FLAGS, _INT)
-        self._check(builder.and_(flags, _INT(wanted)), wanted)
-        dtype = self._field(object_, packing.DTYPE)
-        self._check(self._field(dtype, packing.TYPE_NUMBER, _INT), kind.dtype.num)
-        self._check(self._field(dtype, packing.ITEM_SIZE), kind.dtype.itemsize)
-        order = self._field(dtype, packing.BYTE_ORDER, ir.IntType(8))
-        self._unless(builder.icmp_unsigned("!=", order, order.type(ord(packing.SWAPPED))))
-
+        self._unless(
+            builder.call(
+                self._fits,
+                [
+                    self._memory,
+                    object_,
+                    _INT(kind.ndim),
+                    _INT(wanted),
+                    _INT(kind.dtype.num),
+                    _WORD(kind.dtype.itemsize),
+                ],
+            )
+        )
         array = self._context.make_array(numba_type)(self._context, builder)
-        data = self._field(object_, packing.DATA)
+        data = _field(builder, object_, packing.DATA)
         shape, strides = (
-            [self._field(self._field(object_, where), 8 * axis) for axis in range(kind.ndim)]
+            [
+                _field(builder, _field(builder, object_, where), 8 * axis)
+                for axis in range(kind.ndim)
+            ]
             for where in (packing.SHAPE, packing.STRIDES)
         )
         populate_array(
@@ -201,9 +241,6 @@ class _Reader:
             parent=builder.inttoptr(object_, array.parent.type),
         )
         return array._getvalue()
-
-    def _check(self, value: Any, wanted: int) -> None:
-        self._unless(self._builder.icmp_unsigned("==", value, value.type(wanted)))
 
     def _unless(self, condition: Any) -> None:
         with self._builder.if_then(self._builder.not_(condition), likely=False):
