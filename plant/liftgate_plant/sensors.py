@@ -185,7 +185,7 @@ def sense(
     period = max(1, round(sensors.hall_sample_period / step))
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
     currents, halls = memory.currents, memory.halls
-    for drive in range(2):  # one in the source, as each is compiled anew
+    for drive in range(len(halls)):  # not unrolled, as each would be compiled anew
         motor, path = state.left, flow.left
         if drive == RIGHT:
             motor, path = state.right, flow.right

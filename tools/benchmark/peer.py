@@ -36,7 +36,7 @@ def main() -> None:
              "LatchRelease": 1, "AliveCounter": counter % 16, "Checksum": 0}
         )  # fmt: skip
         frames.data[0, :8] = list(payload)
-        put_checksum(table, counter % 16, frames.data, 0)
+        put_checksum(table, None, counter % 16, frames.data, 0)
         try:
             wire.send(struct.pack("<IB3x8s", 0x120, 8, frames.data[0, :8].tobytes()))
             counter += 1

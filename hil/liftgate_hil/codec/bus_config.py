@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
-from liftgate_hil.codec.tables import MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, BusConfig
+from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, BusConfig
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import PANEL
 from liftgate_plant import signals
@@ -125,6 +125,8 @@ def build_bus_config(
         for place, value in chosen:
             write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
+        tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
+        tables.has_profiles |= options_of.e2e is not None
         tables.start.append(start)
     return tables.bus()
 
@@ -142,6 +144,8 @@ class _Tables:
     selectors: list[tuple[float, ...]] = field(default_factory=list)
     names: list[tuple[float, float]] = field(default_factory=list)
     start: list[NDArray[np.uint8]] = field(default_factory=list)
+    end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
+    has_profiles: bool = False
 
     def add_place(self, place: Place) -> int:
         """The place's row."""
@@ -161,6 +165,7 @@ class _Tables:
             table(self.selectors, SELECTOR),
             table(self.names, NAME),
             np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
+            table(self.end_to_end, END_TO_END) if self.has_profiles else None,
         )
 
 

@@ -23,14 +23,17 @@ PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
 
 
 @compilable
-def checksum(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum that a frame (row of `data`) must have; `table` is its record of tables.MESSAGE."""
-    if table.kind == E2E_P01:
-        return profile_1.crc(table, counter, data, row)
-    if table.kind == E2E_P02:
-        return profile_2.crc(table, counter, data, row)
-    if table.kind == E2E_P05:
-        return profile_5.crc(table, data, row)
+def checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+    """The checksum that a frame (row of `data`) must have; `table` is its record of tables.MESSAGE, `profile` that
+    of tables.END_TO_END or None.
+    """
+    if profile is not None:
+        if table.kind == E2E_P01:
+            return profile_1.crc(table, profile, counter, data, row)
+        if table.kind == E2E_P02:
+            return profile_2.crc(table, profile, counter, data, row)
+        if table.kind == E2E_P05:
+            return profile_5.crc(table, profile, data, row)
     low, high = table.identifier & 0xFF, (table.identifier >> 8) & 0xFF
     skip = table.checksum_byte
     if table.kind == CRC8_SAE_J1850:  # initial value and final XOR 0xFF, check value 0x4B
@@ -59,9 +62,9 @@ def checksum_in(table: Any, data: NDArray[np.uint8], row: int) -> int:
 
 
 @compilable
-def put_checksum(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> None:
+def put_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> None:
     """Complete a frame with its checksum."""
-    value = checksum(table, counter, data, row)
+    value = checksum(table, profile, counter, data, row)
     data[row, table.checksum_byte] = value & 0xFF
     if table.kind == E2E_P05:
         data[row, table.checksum_byte + 1] = value >> 8

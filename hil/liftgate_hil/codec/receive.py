@@ -29,7 +29,7 @@ from liftgate_hil.codec.refusals import (
     note_evidence,
     note_outcome,
 )
-from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.tables import BusConfig, profile_of
 from liftgate_plant.compiler import compilable
 
 
@@ -141,13 +141,14 @@ def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int
 
 
 @compilable
-def nibble_fits(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> bool:
+def nibble_fits(bus: BusConfig, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
-    table = bus.messages[message]
-    if table.nibble < 0:
+    if profile is None:
         return True
-    sent = read_number(data, frame, place_at(bus.places, table.nibble))
-    return bool(sent == (table.data_ids[0] >> 8) & 15)
+    if profile.nibble < 0:
+        return True
+    sent = read_number(data, frame, place_at(bus.places, profile.nibble))
+    return bool(sent == (profile.data_ids[0] >> 8) & 15)
 
 
 @compilable
@@ -155,7 +156,7 @@ def check(
     bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
     """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
-    table = bus.messages[message]
+    table, profile = bus.messages[message], profile_of(bus.end_to_end, message)
     memory = current.memory[message]
     counter = 0
     if table.counter >= 0:
@@ -163,11 +164,10 @@ def check(
     found = expected = 0
     if table.kind:
         found = checksum_in(table, frames.data, frame)
-        expected = checksum(table, counter, frames.data, frame)
-    if found != expected or (table.kind and not nibble_fits(bus, message, frames.data, frame)):
+        expected = checksum(table, profile, counter, frames.data, frame)
+    if found != expected or not nibble_fits(bus, profile, frames.data, frame):
         note_evidence(current.refusals, BAD_CHECKSUM, -1, float(found), float(expected))
-        if table.window > 0:
-            check_state.next_state(table, memory, check_state.BAD_SUM)
+        check_state.next_state(profile, memory, check_state.BAD_SUM)
         return BAD_CHECKSUM, 0
     if table.counter < 0:
         return ACCEPTED, 0
@@ -175,13 +175,11 @@ def check(
     late = 0
     if table.cycle_ns > 0 and current.seen_ns[message] >= 0:
         late = max((now_ns - current.seen_ns[message]) // table.cycle_ns - 1, 0)
-    status = check_state.place_in_sequence(table, memory, last, counter, late)
+    status = check_state.place_in_sequence(table.modulus, profile, memory, last, counter, late)
     if status == check_state.BAD_SUM:
         return BAD_CHECKSUM, 0
     current.counter[message] = counter
-    state = check_state.VALID
-    if table.window > 0:
-        state = check_state.next_state(table, memory, status)
+    state = check_state.next_state(profile, memory, status)
     if status in (check_state.REPEATED, check_state.WRONG):
         wanted = (last + 1) % table.modulus
         note_evidence(current.refusals, BAD_COUNTER, -1, float(counter), float(wanted))

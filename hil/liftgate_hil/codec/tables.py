@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_plant.compiler import compilable
+
 # Where a signal's bits lie; the fields of `Place`.
 PLACE = np.dtype(
     [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
@@ -56,10 +58,16 @@ MESSAGE = np.dtype(
         ("modulus", "i8"),  # values that it takes
         ("kind", "i8"),  # of protection, see checksum.KINDS
         ("checksum_byte", "i8"),  # its first; -1: none
-        ("data_ids", "i8", (16,)),  # of the E2E profiles: the data ID, in profile 2 the list
+    ]
+)
+
+# What a message of an AUTOSAR E2E profile has besides.
+END_TO_END = np.dtype(
+    [
+        ("data_ids", "i8", (16,)),  # the data ID, in profile 2 the list
         ("data_id_mode", "i8"),  # of profile 1, see e2e.profile_1.DATA_ID_MODES
         ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
-        # Of the E2E state machine, see e2e/check_state.py.
+        # Of the state machine, see e2e/check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
         ("window", "i8"),  # 0: no state machine
@@ -67,6 +75,14 @@ MESSAGE = np.dtype(
         ("max_error", "i8", (3,)),
     ]
 )
+
+
+@compilable
+def profile_of(end_to_end: Any, message: int) -> Any:
+    """A message's row of END_TO_END, or None."""
+    if end_to_end is None:
+        return None
+    return end_to_end[message]
 
 
 class BusConfig(NamedTuple):
@@ -78,3 +94,4 @@ class BusConfig(NamedTuple):
     selectors: Any  # SELECTOR
     names: Any  # NAME
     start: NDArray[np.uint8]  # (m, 64) payloads with start values
+    end_to_end: Any  # (m,) END_TO_END; None: no message has a profile, and none is compiled

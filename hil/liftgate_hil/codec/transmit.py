@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.bits import FLOAT32, insert, place_at, write_number
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import Frames, empty_frames
-from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.tables import BusConfig, profile_of
 from liftgate_plant.compiler import compilable
 
 
@@ -54,11 +54,20 @@ def encode(
     if table.counter >= 0:
         place = place_at(bus.places, table.counter)
         insert(frames.data, row, place.byte, place.shift, place.length, place.stride, turn)
-    if table.nibble >= 0:
-        place = place_at(bus.places, table.nibble)
-        write_number(frames.data, row, place, float((table.data_ids[0] >> 8) & 15))
+    profile = profile_of(bus.end_to_end, message)
+    put_nibble(bus, profile, frames.data, row)
     if table.kind:
-        put_checksum(table, turn, frames.data, row)
+        put_checksum(table, profile, turn, frames.data, row)
+
+
+@compilable
+def put_nibble(bus: BusConfig, profile: Any, data: NDArray[np.uint8], row: int) -> None:
+    """The part of the data ID that is sent openly (profile 1)."""
+    if profile is None:
+        return
+    if profile.nibble >= 0:
+        place = place_at(bus.places, profile.nibble)
+        write_number(data, row, place, float((profile.data_ids[0] >> 8) & 15))
 
 
 @compilable

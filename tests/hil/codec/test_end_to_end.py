@@ -173,7 +173,7 @@ def test_every_flipped_bit_is_seen(profile: str, mode: str, bit: int, counter: i
 
 def test_another_data_id_is_seen():
     bus = bus_config_of("e2e-p05")
-    bus.messages.data_ids[0][:] = 0x1A2C
+    bus.end_to_end.data_ids[0][:] = 0x1A2C
     frame = frames_of([(0x123, theirs("e2e-p05")(0, 1))])
     _, counts = taken(bus, nothing_received(bus, 1), NO_COUNTS, frame, 0)
     assert counts.checksum == 1

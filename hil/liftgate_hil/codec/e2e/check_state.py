@@ -40,23 +40,26 @@ def missing(last: int, counter: int, modulus: int) -> int:
 
 @compilable
 def place_in_sequence(
-    table: Any, memory: NDArray[np.int64], last: int, counter: int, late: int
+    modulus: int, profile: Any, memory: NDArray[np.int64], last: int, counter: int, late: int
 ) -> int:
-    """What a frame with a sound checksum is; `last` is the counter before (-1: none), `late` the cycles in
-    which no frame came. `table` is a record of tables.MESSAGE, `memory` the message's row.
+    """What a frame with a sound checksum is, of a counter with so many values; `last` is the counter before (-1:
+    none), `late` the cycles in which no frame came. `profile` is the message's record of tables.END_TO_END, or
+    None; `memory` the message's row.
     """
-    if counter >= table.modulus:  # 15 in profile 1
+    if counter >= modulus:  # 15 in profile 1
         return BAD_SUM
     if last < 0:
         memory[SYNC] = 0
         return FIRST
     if counter == last:
         return REPEATED
-    if table.window == 0:
+    if profile is None:
         return NEXT
-    delta = missing(last, counter, table.modulus) + 1
-    if delta > min(table.max_delta + late, table.modulus - 1):
-        memory[SYNC] = table.sync
+    if profile.window == 0:
+        return NEXT
+    delta = missing(last, counter, modulus) + 1
+    if delta > min(profile.max_delta + late, modulus - 1):
+        memory[SYNC] = profile.sync
         return WRONG
     if memory[SYNC] > 0:
         memory[SYNC] -= 1
@@ -65,8 +68,12 @@ def place_in_sequence(
 
 
 @compilable
-def next_state(table: Any, memory: NDArray[np.int64], status: int) -> int:
-    """E2E_SMCheck: the state after one more frame."""
+def next_state(profile: Any, memory: NDArray[np.int64], status: int) -> int:
+    """E2E_SMCheck: the state after one more frame; VALID without a profile."""
+    if profile is None:
+        return VALID
+    if profile.window == 0:
+        return VALID
     state = int(memory[STATE])
     if state == NODATA:
         if status != BAD_SUM:
@@ -78,16 +85,16 @@ def next_state(table: Any, memory: NDArray[np.int64], status: int) -> int:
     elif status == BAD_SUM:
         kind = _ERROR
     memory[WINDOW + memory[AT]] = kind
-    memory[AT] = (memory[AT] + 1) % table.window
-    memory[HELD] = min(memory[HELD] + 1, table.window)
+    memory[AT] = (memory[AT] + 1) % profile.window
+    memory[HELD] = min(memory[HELD] + 1, profile.window)
     good, bad = 0, 0
     for i in range(memory[HELD]):
         good += memory[WINDOW + i] == _OK
         bad += memory[WINDOW + i] == _ERROR
     row = state - INIT
-    if bad <= table.max_error[row] and good >= table.min_ok[row]:
+    if bad <= profile.max_error[row] and good >= profile.min_ok[row]:
         memory[STATE] = VALID
-    elif state == VALID or bad > table.max_error[row]:
+    elif state == VALID or bad > profile.max_error[row]:
         memory[STATE] = INVALID
     return int(memory[STATE])
 

@@ -17,15 +17,15 @@ DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble":
 
 
 @compilable
-def crc(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+def crc(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
     """E2E profile 1: CRC-8 with SAE J1850's polynomial, initial value and final XOR 0, over data ID and data."""
-    low, high = table.data_ids[0] & 0xFF, table.data_ids[0] >> 8
+    low, high = profile.data_ids[0] & 0xFF, profile.data_ids[0] >> 8
     crc = 0
-    if table.data_id_mode == BOTH:
+    if profile.data_id_mode == BOTH:
         crc = crc8_byte(crc8_byte(crc, low), high)
-    elif table.data_id_mode == ALTERNATING:
+    elif profile.data_id_mode == ALTERNATING:
         crc = crc8_byte(crc, high if counter % 2 else low)
-    elif table.data_id_mode == LOW:
+    elif profile.data_id_mode == LOW:
         crc = crc8_byte(crc, low)
     else:
         crc = crc8_byte(crc8_byte(crc, low), 0)

@@ -12,10 +12,10 @@ from liftgate_plant.compiler import compilable
 
 
 @compilable
-def crc(table: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
+def crc(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
     """E2E profile 2: CRC8H2F over the data and then the counter's entry of the data ID list."""
     crc = 0xFF
     for i in range(table.length):
         if i != table.checksum_byte:
             crc = crc8h2f_byte(crc, int(np.int64(data[row, i])))
-    return crc8h2f_byte(crc, table.data_ids[counter & 15]) ^ 0xFF
+    return crc8h2f_byte(crc, profile.data_ids[counter & 15]) ^ 0xFF

@@ -12,10 +12,10 @@ from liftgate_plant.compiler import compilable
 
 
 @compilable
-def crc(table: Any, data: NDArray[np.uint8], row: int) -> int:
+def crc(table: Any, profile: Any, data: NDArray[np.uint8], row: int) -> int:
     """E2E profile 5: CRC-16/CCITT-FALSE over the data without the CRC's two bytes, and then the data ID."""
     crc = 0xFFFF
     for i in range(table.length):
         if i - table.checksum_byte not in (0, 1):
             crc = crc16_byte(crc, int(np.int64(data[row, i])))
-    return crc16_byte(crc16_byte(crc, table.data_ids[0] & 0xFF), table.data_ids[0] >> 8)
+    return crc16_byte(crc16_byte(crc, profile.data_ids[0] & 0xFF), profile.data_ids[0] >> 8)
