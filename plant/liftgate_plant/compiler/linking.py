@@ -45,9 +45,11 @@ def _parameters(function: Callable[..., Any]) -> frozenset[str]:
 
 class _Library(codegen.JITCodeLibrary):
     def _optimize_functions(self, ll_module: Any) -> None:
-        """As numba does, but with one pass manager for all functions of a module."""
+        """As numba does, but with one pass manager for all functions of a module, and at -O1: the entry point is
+        optimised as a whole, at -O3.
+        """
         ll_module.data_layout = self._codegen._data_layout
-        manager, builder = self._codegen._function_pass_manager()
+        manager, builder = self._codegen._function_pass_manager(opt=1)
         for function in ll_module.functions:
             if not function.is_declaration:
                 manager.run(function, builder)
@@ -84,6 +86,13 @@ class HelperLibrary(_Library):
         return self._whole
 
 
+# Numba's two runs over a module, without its vectorisers: a step's sums are no faster for them, while
+# looking for vectors takes a twentieth of a compilation.
+_NO_VECTORS = {"loop_vectorize": False, "slp_vectorize": False}
+_INLINED: dict[str, Any] = {**_NO_VECTORS, "opt": 0, "cost": "cheap"}
+_OPTIMISED: dict[str, Any] = _NO_VECTORS
+
+
 class ExportLibrary(_Library):
     """The function that is called from outside, with all helpers below it."""
 
@@ -91,7 +100,9 @@ class ExportLibrary(_Library):
         """Linked, optimised, as an object file."""
         self._raise_if_finalized()
         _link(self, self._final_module)
-        self._optimize_final_module()
+        for options in _INLINED, _OPTIMISED:
+            manager, builder = self._codegen._module_pass_manager(**options)
+            manager.run(self._final_module, builder)
         self._final_module.verify()
         self._finalized = True
         return bytes(self._codegen._tm.emit_object(self._final_module))
