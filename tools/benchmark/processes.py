@@ -24,6 +24,7 @@ from tools.benchmark.checkouts import HERE, environment_of
 
 ROUNDS = 7
 PACE_ROUNDS = 3
+COLD_ROUNDS = 3
 LONGER = 11  # demos one after the other, against one, for the marginal cost
 
 # What the compiler's figures are of: commands that do next to nothing but start.
@@ -82,7 +83,7 @@ def whole_process(*arguments: str, rounds: int = ROUNDS) -> Times:
     """Medians of a command from start to exit; the cache is warm."""
     times_of(*arguments)
     runs = [times_of(*arguments) for _ in range(rounds)]
-    return Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
+    return _median(runs)
 
 
 def repeated_demo(path: Path, times: int) -> float:
@@ -132,31 +133,34 @@ def paces() -> dict[str, Pace]:
 
 
 def compile_times(arguments: Sequence[str], roots: Sequence[Path]) -> dict[Path, Compile]:
-    """A command of each checkout with an empty cache, and then, in turns, with what it has left there."""
+    """A command of each checkout, in turns, with an empty cache, and then with what it has left there; medians."""
     ours, theirs = os.openpty()
     try:
         with tempfile.TemporaryDirectory() as folder:
             places = {"folder": folder, "port": os.ttyname(theirs)}
             command = [each.format(**places) for each in arguments]
-            cache = {"XDG_CACHE_HOME": f"{folder}/cache"}  # by content: checkouts do not meet there
 
-            def run(root: Path) -> Times:
-                return times_of(*command, environment=cache, root=root)
+            def run(root: Path, cache: int) -> Times:
+                environment = {"XDG_CACHE_HOME": f"{folder}/cache-{cache}"}
+                return times_of(*command, environment=environment, root=root)
 
-            cold = {root: run(root) for root in roots}
+            # The cache is by content: checkouts do not meet in it.
+            cold: dict[Path, list[Times]] = {root: [] for root in roots}
+            for cache in range(COLD_ROUNDS):
+                for root in roots:
+                    cold[root].append(run(root, cache))
             warm: dict[Path, list[Times]] = {root: [] for root in roots}
             for _ in range(ROUNDS):
                 for root in roots:
-                    warm[root].append(run(root))
+                    warm[root].append(run(root, 0))
     finally:
         os.close(ours)
         os.close(theirs)
-    return {
-        root: Compile(
-            cold[root], Times(*(statistics.median(each) for each in zip(*warm[root], strict=True)))
-        )
-        for root in roots
-    }
+    return {root: Compile(_median(cold[root]), _median(warm[root])) for root in roots}
+
+
+def _median(runs: Sequence[Times]) -> Times:
+    return Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
 
 
 def compiles(roots: Sequence[Path]) -> dict[str, dict[Path, Compile]]:
