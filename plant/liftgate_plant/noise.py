@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import called, compilable
 
 _MASK = 0xFFFFFFFF
 
@@ -30,7 +30,7 @@ def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
     return deviation * gaussian(seed, tick, channel)
 
 
-@compilable
+@called
 def gaussian(seed: int, tick: int, channel: int) -> float:
     """A standard normal number for that tick and channel."""
     key = mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)

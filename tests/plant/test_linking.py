@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from liftgate_plant.compiler import compilable, compiled, enabled
+from liftgate_plant.compiler import called, compilable, compiled, enabled
 from liftgate_plant.compiler.kinds import Number
 
 pytestmark = pytest.mark.skipif(not enabled(), reason="needs the compiler")
@@ -52,14 +52,26 @@ def other_entry(x: float) -> float:
     return right(x) - deepest(x)
 
 
+@called
+def apart(x: float) -> float:
+    return deepest(x) * 3.0
+
+
+@compilable
+def calling(x: float) -> float:
+    return apart(x) + apart(2.0 * x) + apart(3.0 * x)
+
+
+def made_object(function: Any) -> bytes:
+    from liftgate_plant.compiler import making
+
+    return making.make(function, [Number("f")], {deepest, left, right, apart}, {apart}).code
+
+
 def made_code(function: Any) -> bytes:
     from llvmlite.binding import ObjectFileRef
 
-    from liftgate_plant.compiler import making
-
-    helpers = {deepest, left, right}
-    code = making.make(function, [Number("f")], helpers).code
-    sections = ObjectFileRef.from_data(code).sections()
+    sections = ObjectFileRef.from_data(made_object(function)).sections()
     return b"".join(each.data() for each in sections if each.is_text())
 
 
@@ -74,10 +86,21 @@ def test_the_installed_numba_is_one_of_those_whose_inside_is_known():
 def test_what_makes_it_fast_changes_no_byte_of_it(monkeypatch: pytest.MonkeyPatch):
     from liftgate_plant.compiler import hastening
 
-    assert all(name in vars(owner) for owner, name, _ in hastening._REPLACEMENTS)
+    replaced = *hastening._REPLACEMENTS, *hastening._REMEMBERED
+    assert all(name in vars(owner) for owner, name, _ in replaced)
     fast = made_code(diamond)
     monkeypatch.setattr(hastening, "_REPLACEMENTS", ())
+    monkeypatch.setattr(hastening, "_REMEMBERED", ())
     assert made_code(diamond) == fast
+
+
+def test_what_is_called_is_a_function_of_its_own():
+    names = made_object(calling)
+    assert b"apart" in names  # a symbol
+    assert b"deepest" not in names
+    assert compiled(calling)(3.0) == calling(3.0) == 63.0
+    with pytest.raises(RuntimeError, match="calling raised an exception"):
+        compiled(calling)(500.0)
 
 
 def test_entry_points_share_helpers():

@@ -83,7 +83,7 @@ def hot_ticks(
     total = 0
     for number in range(count):
         if number % every == 0:
-            write_frames(peer.descriptor, peer.buffers, peer.command)
+            write_frames(peer.descriptor, peer.buffers, peer.command, 0)
         begin = clock_ns(1, room)
         frames = receive(shared, params, room)
         take_letters(shared.box, params.held)
@@ -92,7 +92,7 @@ def hot_ticks(
         )
         state, replies, truth, sensed = tick(config, state, frames, outside)
         if replies.count > 0:
-            send(shared, params, room, replies)
+            send(shared, params, room, replies, 0)
         note_arrivals(shared, frames, room.stamps, 0)
         note_frames(shared, replies, begin, 1)
         count_bits(shared, frames)

@@ -28,6 +28,8 @@ CLASSIC, LONG = 16, 72  # bytes of the two structs
 _ROW = LONG + 8  # and our own pump's time stamp
 _CONTROL = 64  # bytes of ancillary data: a time stamp and a drop counter
 
+_PAUSE_NS = 1_000_000
+
 _DONTWAIT = 0x40  # MSG_DONTWAIT
 _SOL_SOCKET, SO_RXQ_OVFL, SO_TIMESTAMPNS = 1, 40, 35
 _FDF = 0x04  # CANFD_FDF
@@ -35,6 +37,7 @@ _AGAIN, _FULL, _INTERRUPTED = errno.EAGAIN, errno.ENOBUFS, errno.EINTR
 
 _recvmmsg = System("recvmmsg", "i", "iliil")
 _sendmmsg = System("sendmmsg", "i", "ilii")
+_nanosleep = System("nanosleep", "i", "ll")
 
 
 class Buffers(NamedTuple):
@@ -46,6 +49,7 @@ class Buffers(NamedTuple):
     vectors: NDArray[np.int64]  # (n, 2): address, bytes
     rows: NDArray[np.uint8]  # (n, 80) frames
     control: NDArray[np.int64]  # (n, 8) ancillary data
+    pause: NDArray[np.int64]  # (2,) struct timespec: between two trials to send
 
 
 class Reading(NamedTuple):
@@ -74,6 +78,7 @@ def make_buffers() -> Buffers:
         np.zeros((BATCH, 2), dtype=np.int64),
         np.zeros((BATCH, _ROW), dtype=np.uint8),
         np.zeros((BATCH, _CONTROL // 8), dtype=np.int64),
+        np.array([0, _PAUSE_NS], dtype=np.int64),
     )
     for i in range(BATCH):
         buffers.vectors[i] = (buffers.rows[i].ctypes.data, _ROW)
@@ -157,8 +162,10 @@ def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, 
 
 
 @compilable
-def write_frames(descriptor: int, buffers: Buffers, frames: Frames) -> Writing:
-    """Write all; what the wire does not take at once is not sent (the next cycle's frame is newer)."""
+def write_frames(descriptor: int, buffers: Buffers, frames: Frames, patience: int) -> Writing:
+    """Write all; what the wire does not take at once is not sent (the next cycle's frame is newer), or tried again
+    up to `patience` times in all, a millisecond after each.
+    """
     sent, full, failed, error = 0, 0, 0, 0
     first = 0
     while first < frames.count:
@@ -176,8 +183,13 @@ def write_frames(descriptor: int, buffers: Buffers, frames: Frames) -> Writing:
             reason = last_error()
             if reason == _INTERRUPTED:
                 continue
+            is_full = reason in (_FULL, _AGAIN)
+            if is_full and patience > 0:
+                patience -= 1
+                _nanosleep(buffers.pause.ctypes.data, 0)
+                continue
             error = reason
-            if error in (_FULL, _AGAIN):
+            if is_full:
                 full += 1
             else:
                 failed += 1

@@ -29,12 +29,13 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
-from liftgate_plant.compiler import System, compilable
+from liftgate_plant.compiler import System, called, compilable
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
 _MONOTONIC, _REALTIME = 1, 0  # clocks
 _ABSOLUTE = 1  # TIMER_ABSTIME
+_LAST_PATIENCE = 100  # trials, ms, for the last frames
 _BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
 
 _clock_gettime = System("clock_gettime", "i", "il")
@@ -83,7 +84,7 @@ def make_room() -> Room:
     )
 
 
-@compilable
+@called
 def clock_ns(clock: int, room: Room) -> int:
     """A clock of the kernel."""
     _clock_gettime(clock, room.clock.ctypes.data)
@@ -125,9 +126,9 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
 
 
 @compilable
-def send(shared: Shared, params: RunParams, room: Room, replies: Frames) -> int:
-    """Send, count and log; how many the wire did not take."""
-    written = write_frames(params.descriptor, room.writing, replies)
+def send(shared: Shared, params: RunParams, room: Room, replies: Frames, patience: int) -> int:
+    """Send and count; how many the wire did not take, see `write_frames`."""
+    written = write_frames(params.descriptor, room.writing, replies, patience)
     control = shared.control[0]
     control.sent += written.sent
     missed = written.full + written.failed
@@ -136,43 +137,6 @@ def send(shared: Shared, params: RunParams, room: Room, replies: Frames) -> int:
         control.unsent_full += written.full
         control.last_error = written.error
     return missed
-
-
-@compilable
-def send_surely(shared: Shared, params: RunParams, room: Room, replies: Frames) -> int:
-    """The same for the last frames: what a full queue does not take is tried again for 100 ms."""
-    end = clock_ns(_MONOTONIC, room) + 100_000_000
-    one = Frames(1, room.identifiers, room.lengths, room.data)
-    missed, full = 0, 0
-    for i in range(replies.count):
-        one.identifiers[0] = replies.identifiers[i]
-        one.lengths[0] = replies.lengths[i]
-        for k in range(replies.lengths[i]):
-            one.data[0, k] = replies.data[i, k]
-        while True:
-            written = write_frames(params.descriptor, room.writing, one)
-            now = clock_ns(_MONOTONIC, room)
-            if written.full == 0 or now >= end:
-                break
-            wait_until(now + 1_000_000, room)
-        missed += 1 - written.sent
-        full += written.full
-        if written.error != 0:
-            shared.control[0].last_error = written.error
-    shared.control[0].sent += replies.count - missed
-    shared.control[0].unsent += missed
-    shared.control[0].unsent_full += full
-    return missed
-
-
-@compilable
-def answer(shared: Shared, params: RunParams, room: Room, replies: Frames, is_last: bool) -> int:
-    """Send what a tick gave; how many the wire did not take."""
-    if is_last:
-        return send_surely(shared, params, room, replies)
-    if replies.count > 0:
-        return send(shared, params, room, replies)
-    return 0
 
 
 @compilable
@@ -269,13 +233,16 @@ def run_realtime(
             )
             state, replies, truth, sensed = tick(config, state, given, outside)
             given = none
-            if left > 0:
-                note_row(shared, truth, sensed)
+            note_row(shared, truth, sensed)
+            if not is_sound(truth):
+                outcome = DIVERGED
         if state.counts.accepted > accepted and waiting_since == 0:
             waiting_since = first_arrival(frames, room.stamps, params.command)
         note_arrivals(shared, frames, room.stamps, start_ns)
         count_bits(shared, frames)
-        unsent = answer(shared, params, room, replies, stopping)
+        unsent = 0
+        if replies.count > 0:
+            unsent = send(shared, params, room, replies, _LAST_PATIENCE if stopping else 0)
         done = clock_ns(_MONOTONIC, room)
         if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
             note(shared.histograms[DELAY], done - waiting_since)
@@ -283,10 +250,7 @@ def run_realtime(
 
         note_frames(shared, replies, done - start_ns, 1)
         count_bits(shared, replies)
-        note_row(shared, truth, sensed)
         control.tick = state.tick
         if not stopping:
             note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
-        if not is_sound(truth):
-            outcome = DIVERGED
     return state, outcome

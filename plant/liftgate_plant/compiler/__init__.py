@@ -39,8 +39,8 @@ from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, wat
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
-    "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill", "is_cached",
-    "last_error", "overlay", "picked", "processor", "unwatch", "watch", "with_item",
+    "cache_folder", "call_long_int", "call_step", "called", "compilable", "compiled", "enabled", "fill",
+    "is_cached", "last_error", "overlay", "picked", "processor", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -50,6 +50,14 @@ def compilable(function: F) -> F:
     """Mark a function as usable inside compiled code; it stays plain Python outside."""
     building.compilable_functions.append(function)
     return function
+
+
+def called(function: F) -> F:
+    """The same for a large function of few arguments that is seldom run: machine code calls it, where it has
+    others inlined at each place.
+    """
+    building.called_functions.add(function)
+    return compilable(function)
 
 
 def compiled(function: F) -> F:

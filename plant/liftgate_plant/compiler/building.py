@@ -23,6 +23,7 @@ from liftgate_plant.compiler.storage import Stored
 from liftgate_plant.compiler.watching import watcher
 
 compilable_functions: list[Callable[..., Any]] = []
+called_functions: set[Callable[..., Any]] = set()  # of these, those that are not inlined
 _lock = threading.Lock()
 
 _LOOK_S = 0.1
@@ -102,7 +103,8 @@ def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
     _import_numba()
     from liftgate_plant.compiler import making
 
-    return making.make(function, kinds, _sources(function, len(compilable_functions)).functions)
+    helpers = _sources(function, len(compilable_functions)).functions
+    return making.make(function, kinds, helpers, helpers & called_functions)
 
 
 def file_of(function: Callable[..., Any], kinds: Sequence[Kind]) -> Path:

@@ -59,6 +59,7 @@ class HelperLibrary(_Library):
     """What a helper calls is not linked into it, and it has no machine code."""
 
     _whole: Any = None  # its module with all that it calls
+    is_called = False  # and not inlined
 
     @property
     def codegen(self) -> Any:
@@ -72,6 +73,8 @@ class HelperLibrary(_Library):
             # So that the linker takes it where it is called, inlines it and drops it.
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
+                if self.is_called:
+                    function.add_function_attribute("noinline")
         self._finalize_dynamic_globals()
         for library in self._linking_libraries:
             self._reload_init.update(library._reload_init)
@@ -100,6 +103,9 @@ class ExportLibrary(_Library):
         """Linked, optimised, as an object file."""
         self._raise_if_finalized()
         _link(self, self._final_module)
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.name != self.name:
+                function.linkage = "internal"
         for options in _INLINED, _OPTIMISED:
             manager, builder = self._codegen._module_pass_manager(**options)
             manager.run(self._final_module, builder)
@@ -193,6 +199,8 @@ _PASSES: tuple[Any, ...] = (
 class HelperCompiler(Compiler):
     """Compiles what an entry point calls. No closures, no parallel loops, no array expressions: there are none."""
 
+    is_called = False
+
     def define_pipelines(self) -> list[Any]:
         """See CompilerBase."""
         manager = _Passes("liftgate")
@@ -204,4 +212,11 @@ class HelperCompiler(Compiler):
     def compile_extra(self, func: Any) -> Any:
         """Compile it, into a library that is linked only."""
         self.state.library = HelperLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        self.state.library.is_called = self.is_called
         return super().compile_extra(func)
+
+
+class CalledCompiler(HelperCompiler):
+    """Compiles what an entry point calls and does not inline."""
+
+    is_called = True

@@ -41,9 +41,13 @@ _known_to_numba: set[Callable[..., Any]] = set()
 
 
 def make(
-    function: Callable[..., Any], kinds: Sequence[Kind], helpers: set[Callable[..., Any]]
+    function: Callable[..., Any],
+    kinds: Sequence[Kind],
+    helpers: set[Callable[..., Any]],
+    called: set[Callable[..., Any]],
 ) -> Stored:
-    """Compile an entry point, and the helpers that it calls, for arguments of these kinds.
+    """Compile an entry point, and the helpers that it calls, for arguments of these kinds; those `called` are not
+    inlined.
 
     Raises what numba raises.
     """
@@ -52,7 +56,8 @@ def make(
     gc.disable()
     try:
         with hastened():
-            _teach(helpers - {function})
+            for each in helpers - {function} - _known_to_numba:
+                _teach(each, is_called=each in called)
             arguments = tuple(numba_type(each) for each in kinds)
             dispatcher: Any = numba.njit(pipeline_class=_pipeline(), **OPTIONS)(function)
             dispatcher.compile(arguments)
@@ -62,15 +67,17 @@ def make(
             gc.enable()
 
 
-def _pipeline() -> type[Compiler]:
-    return linking.HelperCompiler if linking.is_possible() else Compiler
+def _pipeline(is_called: bool = False) -> type[Compiler]:
+    if not linking.is_possible():
+        return Compiler
+    return linking.CalledCompiler if is_called else linking.HelperCompiler
 
 
-def _teach(helpers: set[Callable[..., Any]]) -> None:
+def _teach(helper: Callable[..., Any], is_called: bool) -> None:
     """Tell numba what compiled code may call."""
-    for helper in helpers - _known_to_numba:
-        register_jitable(pipeline_class=_pipeline(), **OPTIONS)(helper)
-        _known_to_numba.add(helper)
+    options = {**OPTIONS, "forceinline": not is_called}
+    register_jitable(pipeline_class=_pipeline(is_called), **options)(helper)
+    _known_to_numba.add(helper)
 
 
 def numba_type(kind: Kind) -> Any:

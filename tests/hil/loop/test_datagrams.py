@@ -62,7 +62,7 @@ class SignalMapping(NamedTuple):
         )
 
     def write(self, end: socket.socket, rows: Rows, buffers: Buffers | None = None) -> Writing:
-        return self.write_frames(end.fileno(), buffers or make_buffers(), frames_of(rows))
+        return self.write_frames(end.fileno(), buffers or make_buffers(), frames_of(rows), 0)
 
 
 @pytest.fixture(scope="module", params=["plain", "compiled"])
@@ -276,7 +276,7 @@ def test_a_closed_descriptor_is_an_error_and_no_crash(wire: SignalMapping):
     for descriptor in (number, -1):
         reading = wire.read_frames(descriptor, make_buffers(), frames, stamps)
         assert reading == Reading(0, errno.EBADF, -1)
-        written = wire.write_frames(descriptor, make_buffers(), frames_of(many(70)))
+        written = wire.write_frames(descriptor, make_buffers(), frames_of(many(70)), 0)
         assert written == Writing(0, 0, 70, errno.EBADF)
 
 
@@ -295,7 +295,7 @@ def test_the_error_number_is_this_threads(wire: SignalMapping):
         other = make_buffers()
         with open(os.devnull, "rb") as file:  # noqa: PTH123
             while not stop.is_set():
-                error = wire.write_frames(file.fileno(), other, frames_of(many(1))).error
+                error = wire.write_frames(file.fileno(), other, frames_of(many(1)), 0).error
                 if error != errno.ENOTSOCK:
                     wrong.append(error)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import math
 import socket
@@ -32,7 +33,7 @@ from hil_support import (
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
-from liftgate_hil.loop import realtime_loop
+from liftgate_hil.loop import datagrams, realtime_loop
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.datagrams import Reading, Writing, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import BINS, bin_of
@@ -120,17 +121,30 @@ class Rehearsal:
                 self._made_up = self._trials = 0
             return tick_in_place(config, state, frames, around)
 
-        def write(descriptor: int, buffers: Any, frames: Frames) -> Writing:
+        def write(descriptor: int, buffers: Any, frames: Frames, patience: int) -> Writing:
+            writing = write_frames(descriptor, buffers, frames, patience)
+            assert writing.sent in (0, frames.count)
+            self.sent[-1] += rows_of(frames) if writing.sent else []
+            return writing
+
+        def sendmmsg(*arguments: int) -> int:
             self._trials += 1
             if self.refuse(len(self.sent) - 1, self._trials):
-                return Writing(0, frames.count, 0, errno.EAGAIN)
-            self.sent[-1] += rows_of(frames)
-            return write_frames(descriptor, buffers, frames)
+                ctypes.set_errno(errno.EAGAIN)
+                return -1
+            return really_sendmmsg(*arguments)
+
+        def nanosleep(request: int, remaining: int) -> int:
+            self.now += MS
+            return 0
 
         monkeypatch.setattr(realtime_loop, "clock_ns", clock_ns)
         monkeypatch.setattr(realtime_loop, "wait_until", wait_until)
         monkeypatch.setattr(realtime_loop, "tick", tick)
         monkeypatch.setattr(realtime_loop, "write_frames", write)
+        really_sendmmsg = datagrams._sendmmsg
+        monkeypatch.setattr(datagrams, "_sendmmsg", sendmmsg)
+        monkeypatch.setattr(datagrams, "_nanosleep", nanosleep)
 
     def run(
         self, ticks: int, state: LoopState | None = None, limit_ns: int = 10**9
@@ -151,7 +165,7 @@ class Rehearsal:
     def give(self, *rows: tuple[int, bytes], age: int | None = None) -> None:
         """Put frames on the wire; with an age, as our pump does."""
         if age is None:
-            write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows))
+            write_frames(self.theirs.fileno(), make_buffers(), frames_of(rows), 0)
             return
         for identifier, payload in rows:
             row = struct.pack("<IB3x64sq", identifier, len(payload), payload, self.now - age)
@@ -750,6 +764,7 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
         run.line.other.fileno(),  # type: ignore[attr-defined]
         make_buffers(),
         frames_of([opening(rig, 0), (0x55, b"x")]),
+        0,
     )
     run.run(200, never)
     summary = run.summary()

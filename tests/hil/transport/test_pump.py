@@ -36,7 +36,7 @@ def until(happened: Callable[[], Any]) -> None:
 
 
 def send(pump: Pump, rows: Rows) -> Writing:
-    return write_frames(pump.descriptor, make_buffers(), frames_of(rows))
+    return write_frames(pump.descriptor, make_buffers(), frames_of(rows), 0)
 
 
 class Reader:
