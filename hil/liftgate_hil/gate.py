@@ -58,6 +58,7 @@ class Gate:
     """The gate behind its rig: frames and commands in, frames out, and all that is so in between.
 
     `vehicle` and `rig` are shipped names, files or objects; `settings` (KEY=VALUE) replace the vehicle's keys;
+    `draw` and `ideal` say which car of the file, see `load_vehicle`;
     `initial` is "closed" (latched), "open" or an angle in degrees; `rate` [Hz] is of the ticks. Not for several
     threads at once. Raises ConfigError.
     """
@@ -70,8 +71,10 @@ class Gate:
         seed: int = 0,
         rate: float = 1000.0,
         settings: Sequence[str] = (),
+        draw: int | None = None,
+        ideal: bool = False,
     ) -> None:
-        vehicle = session.vehicle_of(vehicle, settings)
+        vehicle = session.vehicle_of(vehicle, settings, session.variant_of(draw, ideal))
         self.rig = rig = session.rig_of(rig)
         rate = number_of("rate", rate, *session.RATES, "Hz")
         self._drives = vehicle.drives

@@ -33,6 +33,7 @@ from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
@@ -90,6 +91,7 @@ class Job:
     settings: tuple[str, ...] = ()
     initial: float | str | None = None
     seed: int | None = None
+    variant: Variant = AS_FILED  # of the vehicle
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
     options: session.RunOptions = field(default_factory=session.RunOptions)
     trace: int = 0  # keep every so many rows; 0: none
@@ -107,6 +109,8 @@ def run(
     settings: Sequence[str] = (),
     initial: float | str | None = None,
     seed: int | None = None,
+    draw: int | None = None,
+    ideal: bool = False,
     rate: float = 1000.0,
     duration: float | None = None,
     record: str | Path | Sequence[str | Path] = (),
@@ -122,7 +126,8 @@ def run(
     on `bus` (INTERFACE:CHANNEL). `clock` is "free" (waits for nobody, so for no real bus),
     "lockstep" or "realtime".
     `parameters` replace the scenario's, `settings` (KEY=VALUE) the vehicle's keys; `vehicle`, `rig`, `initial`
-    ("closed", "open" or degrees) and `seed` win over the scenario's. `rate` [Hz], `duration` [s of model time],
+    ("closed", "open" or degrees) and `seed` win over the scenario's. `draw` and `ideal` say which car of the
+    vehicle's file, see `load_vehicle`. `rate` [Hz], `duration` [s of model time],
     files to `record`, each in parts of at most `record_limit` (bytes, "500MB"), of which the last `record_keep`
     stay, `trace`: keep every row. A C library runs in a process of its own.
 
@@ -151,6 +156,7 @@ def run(
         settings=texts_of("settings", settings),
         initial=initial,
         seed=seed,
+        variant=session.variant_of(draw, ideal),
         wire=None if bus is None else WireChoice(bus=bus),
         options=options,
         trace=int(trace),
@@ -231,6 +237,7 @@ def resolve(job: Job) -> Parts:
         settings=job.settings,
         initial=job.initial,
         seed=job.seed,
+        variant=job.variant,
     )
     job.options.check()
     rig = session.rig_of(job.rig, setup.scenario)

@@ -19,6 +19,7 @@ from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import show
+from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
@@ -33,9 +34,27 @@ RATES = (200.0, 10_000.0)  # Hz
 LEAST_LIMIT = 1_000_000  # bytes of a recording's file
 
 
-def vehicle_from(name: str | Path, settings: Sequence[str] = ()) -> Vehicle:
-    """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. Raises ConfigError."""
-    return load_vehicle(find_config("vehicles", str(name)), settings_of(settings))
+def vehicle_from(
+    name: str | Path,
+    settings: Sequence[str] = (),
+    *,
+    draw: int | None = None,
+    ideal: bool = False,
+) -> Vehicle:
+    """The vehicle of a shipped name or a path, with KEY=VALUE settings put over it. `draw`: the seed of one car of
+    the file's `[spread]`; `ideal`: without errors of sensors, torsion, source resistance. Raises ConfigError.
+    """
+    path = find_config("vehicles", str(name))
+    return load_vehicle(path, settings_of(settings), variant_of(draw, ideal))
+
+
+def variant_of(draw: int | None, ideal: bool) -> Variant:
+    """Which car of a vehicle file. Raises ConfigError."""
+    if draw is not None:
+        draw = seed_of(draw, "draw")
+    variant = Variant(draw, bool(ideal))
+    variant.check()
+    return variant
 
 
 def rig_from(name: str | Path) -> Rig:
@@ -53,16 +72,25 @@ def scenario_from(
     return load_scenario(find_config("scenarios", str(name)), given)
 
 
-def vehicle_of(vehicle: str | Path | Vehicle, settings: Sequence[str] = ()) -> Vehicle:
-    """The vehicle of a name or a path, with settings put over it, or one that there is. Raises ConfigError."""
+def vehicle_of(
+    vehicle: str | Path | Vehicle,
+    settings: Sequence[str] = (),
+    variant: Variant = AS_FILED,
+) -> Vehicle:
+    """That variant of the vehicle of a name or a path, with settings put over it, or one that there is. Raises
+    ConfigError.
+    """
     if isinstance(vehicle, str | Path):
-        return vehicle_from(str(vehicle), settings)
+        return load_vehicle(find_config("vehicles", str(vehicle)), settings_of(settings), variant)
     if not isinstance(vehicle, Vehicle):
         raise ConfigError(f"`vehicle` {show(vehicle)}: allowed: a shipped name, a file, a Vehicle")
     if settings:
         raise ConfigError(
             f"`settings` {', '.join(settings)}: allowed with a vehicle by its name or file"
         )
+    if variant != AS_FILED:
+        asked = "`ideal`" if variant.is_ideal else f"`draw` {variant.draw}"
+        raise ConfigError(f"{asked}: allowed with a vehicle by its name or file")
     return vehicle
 
 
@@ -137,10 +165,11 @@ def setup_of(
     settings: Sequence[str] = (),
     initial: float | str | None = None,
     seed: int | None = None,
+    variant: Variant = AS_FILED,
 ) -> Setup:
     """The setup of what a caller names; what is None the scenario says, else suv, closed, seed 0.
 
-    `settings` come after the scenario's. Raises ConfigError.
+    `settings` come after the scenario's, and both after the variant. Raises ConfigError.
     """
     scenario = scenario_of(scenario, parameters)
     vehicle = vehicle if vehicle is not None else scenario.vehicle or "suv"
@@ -152,10 +181,12 @@ def setup_of(
         )
     built = (
         load_vehicle(
-            find_config("vehicles", str(vehicle)), [*scenario.settings, *settings_of(settings)]
+            find_config("vehicles", str(vehicle)),
+            [*scenario.settings, *settings_of(settings)],
+            variant,
         )
         if is_named
-        else vehicle_of(vehicle, settings)
+        else vehicle_of(vehicle, settings, variant)
     )
     initial = initial if initial is not None else scenario.initial
     return Setup(

@@ -30,10 +30,22 @@ def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
     return deviation * gaussian(seed, tick, channel)
 
 
+@compilable
+def key_of(seed: int, tick: int, channel: int) -> int:
+    """What the numbers for that tick and channel are made of."""
+    return mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)
+
+
+@compilable
+def uniform(seed: int, tick: int, channel: int) -> float:
+    """A number between 0 and 1, all alike, for that tick and channel."""
+    return (mix(key_of(seed, tick, channel)) + 0.5) / 4294967296.0
+
+
 @called
 def gaussian(seed: int, tick: int, channel: int) -> float:
     """A standard normal number for that tick and channel."""
-    key = mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)
+    key = key_of(seed, tick, channel)
     u = (mix(key) + 1.0) / 4294967296.0
     v = mix(key ^ 0x5BF03635) / 4294967296.0
     return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)

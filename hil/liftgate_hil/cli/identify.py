@@ -137,10 +137,8 @@ def _run(args: argparse.Namespace) -> int:
 
 def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str | None]:
     """Vehicle, model, what is sought, outputs: of the flags, else of the preset. Raises ConfigError."""
-    from liftgate_hil.session import vehicle_from
-
     preset = PRESETS[args.preset] if args.preset else Preset("", "full", "")
-    vehicle = vehicle_from(args.vehicle, args.settings)
+    vehicle = options.vehicle_of(args)
     sought = _sought(args, vehicle, args.estimate or preset.estimate)
     return (
         vehicle,
@@ -277,8 +275,11 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     """The vehicle file with what was found. What could not be told keeps its initial value."""
     from liftgate_hil.config.settings import settings_of
     from liftgate_hil.config.shipped import find_config
+    from liftgate_hil.config.toml import read_toml
+    from liftgate_hil.config.variant import settings_for
     from liftgate_hil.config.vehicle_file import vehicle_text
     from liftgate_hil.report.json_result import identification_json
+    from liftgate_hil.session import variant_of
 
     told = [k for k, each in enumerate(result.parameters) if each.identifiable]
     content = identification_json(result)
@@ -295,8 +296,9 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
         },
     }
     values = {result.parameters[k].name: result.parameters[k].value for k in told}
-    settings = settings_of(args.settings)
-    return vehicle_text(find_config("vehicles", args.vehicle), settings, values, origin)
+    source, variant = find_config("vehicles", args.vehicle), variant_of(args.draw, args.ideal)
+    settings = settings_for(read_toml(source), variant, settings_of(args.settings), str(source))
+    return vehicle_text(source, settings, values, origin)
 
 
 def _plan(args: argparse.Namespace, origin: Provenance) -> int:

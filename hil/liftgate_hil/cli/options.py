@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from liftgate_hil.session import RunOptions, Setup
     from liftgate_hil.transport.can_arguments import WireChoice
+    from liftgate_plant.vehicle import Vehicle
 
 MAX_RATE = 10_000.0
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
@@ -132,6 +133,7 @@ def setup_of(args: argparse.Namespace) -> Setup:
         settings=args.settings,
         initial=args.initial,
         seed=args.seed,
+        variant=session.variant_of(args.draw, args.ideal),
     )
 
 
@@ -148,6 +150,24 @@ def add_vehicle(
         metavar="KEY=VALUE",
         help="replace a value of the vehicle file, e.g. environment.road_slope_deg=8 (repeatable)",
     )
+    parser.add_argument(
+        "--draw",
+        type=whole(0, 2**32 - 1),
+        metavar="SEED",
+        help="one car of the vehicle file's [spread]; default: the file's own values",
+    )
+    parser.add_argument(
+        "--ideal",
+        action="store_true",
+        help="without noise, ripple and errors of sensors, torsion and source resistance",
+    )
+
+
+def vehicle_of(args: argparse.Namespace) -> Vehicle:
+    """What the flags of `add_vehicle` say. Raises ConfigError."""
+    from liftgate_hil import session
+
+    return session.vehicle_from(args.vehicle, args.settings, draw=args.draw, ideal=args.ideal)
 
 
 def add_loop(parser: argparse.ArgumentParser) -> None:

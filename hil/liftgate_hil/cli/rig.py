@@ -51,14 +51,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from liftgate_hil import session
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
     from liftgate_hil.config.rig_table import mapped_messages
     from liftgate_hil.config.shipped import find_config
 
     path = find_config("rigs", args.file, "FILE")
-    vehicle = session.vehicle_from(args.vehicle, args.settings)
+    vehicle = options.vehicle_of(args)
     rig, issues = read_rig(path)
     notes = []
     if not issues.count:

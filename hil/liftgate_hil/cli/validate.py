@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from liftgate_hil.cli import fitting
+from liftgate_hil.cli import fitting, options
 from liftgate_hil.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -44,11 +44,10 @@ def _run(args: argparse.Namespace) -> int:
     from liftgate_hil.identify.identification import validate
     from liftgate_hil.report.files import check_targets
     from liftgate_hil.report.json_result import validation_json
-    from liftgate_hil.session import vehicle_from
 
     check_targets({"--result": args.result, "--html": args.html}, args.files)
     origin = fitting.origin_of(args)
-    vehicle = vehicle_from(args.vehicle, args.settings)
+    vehicle = options.vehicle_of(args)
     if args.parameters:
         vehicle = _with_result(vehicle, Path(args.parameters))
     problem, notes = fitting.problem_of(args, vehicle, args.model or "full", [], args.outputs)

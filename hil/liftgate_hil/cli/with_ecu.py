@@ -73,6 +73,7 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
     from liftgate_hil.runs import Job
+    from liftgate_hil.session import variant_of
 
     return Job(
         scenario=args.scenario,
@@ -82,6 +83,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
         settings=tuple(args.settings),
         initial=args.initial,
         seed=args.seed,
+        variant=variant_of(args.draw, args.ideal),
         wire=options.wire_choice(args) if has_wire else None,
         options=options.run_options(args),
         trace=trace,

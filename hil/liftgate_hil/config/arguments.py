@@ -48,10 +48,10 @@ def size_of(name: str, value: object) -> int | None:
     raise ConfigError(f"`{name}` {show(value)}: allowed: bytes, or a size such as 500MB, 2GB")
 
 
-def seed_of(value: object) -> int:
+def seed_of(value: object, name: str = "seed") -> int:
     """A seed. Raises ConfigError."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < _SEEDS:
-        raise ConfigError(f"`seed` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
+        raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
     return int(value)
 
 

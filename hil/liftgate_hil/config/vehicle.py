@@ -2,53 +2,29 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from liftgate_hil.config.settings import Setting, applied
+from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
+from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_hil.issues import ConfigIssues
 from liftgate_plant import gate as gate_body
-from liftgate_plant.bridge import Bridge
-from liftgate_plant.environment import Environment
 from liftgate_plant.gate import Gate
-from liftgate_plant.motor import Motor
 from liftgate_plant.quantity import Quantity
-from liftgate_plant.seal import Seal
-from liftgate_plant.sensors import Sensors
-from liftgate_plant.spring import Spring
-from liftgate_plant.supply import Supply
-from liftgate_plant.thermal import Thermal
-from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
-DRIVE_TABLES: Mapping[str, type] = {
-    "motor": Motor,
-    "gear": Gear,
-    "spindle": Spindle,
-    "spring": Spring,
-    "mechanism": Mechanism,
-    "friction": Friction,
-    "bridge": Bridge,
-    "thermal": Thermal,
-}
-BODY_TABLES: Mapping[str, type] = {
-    "gate": Gate,
-    "seal": Seal,
-    "supply": Supply,
-    "environment": Environment,
-    "sensors": Sensors,
-}
-SIDES = ("left", "right")
 
-
-def load_vehicle(path: Path, settings: Sequence[Setting] = ()) -> Vehicle:
-    """The vehicle of a file, with settings put over it. Raises ConfigError with all faults."""
+def load_vehicle(
+    path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED
+) -> Vehicle:
+    """The vehicle of a file, that variant of it, with settings put over it. Raises ConfigError with all faults."""
     raw = read_toml(path)
-    origins = applied(raw, settings)
+    origins = applied(raw, settings_for(raw, variant, settings, str(path)))
     return vehicle_of(raw, str(path), origins)
 
 
@@ -56,7 +32,10 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     """The vehicle of a file's content; `source` names it in messages, `origins` see ConfigIssues."""
     issues = ConfigIssues(source, origins)
     # Where values were estimated, the file says how; nothing here depends on it.
-    known_keys(issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "identification"])
+    known_keys(
+        issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification"]
+    )
+    spreads_of(issues, raw)
     drives = raw.get("drives")
     if isinstance(drives, bool) or drives not in (1, 2):
         said = "missing" if drives is None else show(drives)
@@ -97,11 +76,6 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
     return result
 
 
-@functools.cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
-
-
 def _fields(
     issues: ConfigIssues,
     prefix: str,
@@ -111,20 +85,15 @@ def _fields(
     own: Table | None = None,
 ) -> dict[str, Any]:
     """The fields of one table, converted to SI and radians; keys in `own` were given for one side."""
-    hints = _hints(kind)
-    defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
-    keys = {}
-    for field, hint in hints.items():
-        quantity: Quantity = hint.__metadata__[0]
-        keys[field + quantity.suffix] = (field, quantity, hint.__origin__)
+    keys = keys_of(kind)
     known_keys(issues, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
     known_keys(issues, f"{side}.{prefix}", own or {}, keys)
     result: dict[str, Any] = {}
-    for key, (field, quantity, origin) in keys.items():
+    for key, (field, quantity, origin, default) in keys.items():
         dotted = f"{side}.{prefix}.{key}" if own and key in own else f"{prefix}.{key}"
         if key not in given:
-            if field in defaults:
-                result[field] = defaults[field]
+            if default is not None:
+                result[field] = default
             else:
                 issues.add(dotted, f"missing; {quantity.meaning}, {_allowed(quantity)}")
             continue

@@ -9,7 +9,7 @@ from typing import Any
 
 from liftgate_hil.config.settings import Setting, apply_setting
 from liftgate_hil.config.toml import read_text, read_toml
-from liftgate_hil.config.vehicle import SIDES
+from liftgate_hil.config.vehicle_keys import SIDES
 
 _COORDINATE = re.compile(r"(.+)\[([01])\]")
 

@@ -10,8 +10,9 @@ import pytest
 
 from liftgate_hil import session
 from liftgate_hil.config.settings import settings_of
-from liftgate_hil.config.vehicle import BODY_TABLES, DRIVE_TABLES, load_vehicle
+from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.config.vehicle_file import vehicle_text
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
 from liftgate_hil.errors import ConfigError
 from liftgate_plant.vehicle import Vehicle, plant_of
 

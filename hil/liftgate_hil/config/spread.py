@@ -1,0 +1,203 @@
+"""Table `[spread]` of a vehicle file: how the cars of a production differ from its values.
+
+    [spread.motor]
+    resistance = { relative = 0.03 }                                # normal, σ is 3 % of the value
+    torque_constant = { relative = 0.04, follow = ["motor.speed_constant"] }     # the same magnets
+    [spread.spring]
+    preload = { distribution = "uniform", relative = 0.05 }
+    [spread.sensors]
+    current_offset = { absolute = 0.05 }                            # A
+
+What belongs to a drive is drawn for each drive. A draw depends on its seed and the key alone, so that another key
+in the table changes nothing of the rest. Normal ones end at 3 σ, and every one at the key's range.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
+from liftgate_hil.issues import ConfigIssues
+from liftgate_plant.noise import gaussian, uniform
+
+DISTRIBUTIONS = ("normal", "lognormal", "uniform")
+_KEYS = ("distribution", "relative", "absolute", "low", "high", "follow")
+_TAIL = 3.0  # σ
+_TRIALS = 64  # of a normal draw within it; all but one in 10¹⁶⁵ end before
+
+Names = tuple[str, ...]
+
+
+class Spread(NamedTuple):
+    """How the value of a key is distributed."""
+
+    names: Names  # table and key, or side, table and key
+    distribution: str
+    relative: float  # σ, or half width, as a share of the value; of lognormal: σ of the logarithm
+    absolute: float  # σ, or half width, in the key's unit
+    ends: tuple[float, float] | None  # of uniform, where these are given themselves
+    follow: tuple[Names, ...]  # keys that change by the same factor
+
+
+def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
+    """The table `[spread]` of a file's content; what is wrong with it is noted."""
+    result = []
+    for names, entry in _entries(table(issues, "spread", raw.get("spread", {})), ()):
+        dotted = ".".join(("spread", *names))
+        if key_of(names) is None:
+            issues.add(dotted, f"{show(entry)}: unknown key; allowed: keys of this file's tables")
+            continue
+        if names[0] == "right" and raw.get("drives") == 1:
+            issues.add(dotted, "this gate has drives = 1, the left one; allowed: no such key")
+        elif isinstance(entry, dict):
+            before = issues.count
+            spread = _spread_of(issues, dotted, names, entry, raw)
+            result += [spread] if issues.count == before else []
+        else:
+            issues.add(dotted, f"{show(entry)}; allowed: a table, e.g. {{ relative = 0.03 }}")
+    return result
+
+
+def key_of(names: Names) -> Key | None:
+    """The key of a vehicle file with these names, if it is a number."""
+    is_sided = len(names) == 3 and names[0] in SIDES
+    tables = DRIVE_TABLES if is_sided else {**DRIVE_TABLES, **BODY_TABLES}
+    if len(names) != 2 + is_sided or names[-2] not in tables:
+        return None
+    key = keys_of(tables[names[-2]]).get(names[-1])
+    return key if key is not None and key.kind is float else None
+
+
+def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
+    for name, value in content.items():
+        names = (*above, *name.split("."))
+        depth = 3 if names[0] in SIDES else 2
+        if isinstance(value, dict) and len(names) < depth:
+            yield from _entries(value, names)
+        else:
+            yield names, value
+
+
+def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table, raw: Table) -> Spread:
+    known_keys(issues, dotted, entry, _KEYS)
+    distribution = text(
+        issues, f"{dotted}.distribution", entry.get("distribution", "normal"), DISTRIBUTIONS
+    )
+    ways = {"relative": ("relative",), "absolute": ("absolute",), "low and high": ("low", "high")}
+    allowed = {"normal": 2, "lognormal": 1, "uniform": 3}.get(distribution, 3)
+    choice = [way for way in list(ways)[:allowed] if all(each in entry for each in ways[way])]
+    given = {each for each in entry if each in _KEYS[1:5]}
+    if len(choice) != 1 or given != set(ways[choice[0]]):
+        issues.add(
+            dotted,
+            f"{show(entry)}; allowed: one of {', '.join(list(ways)[:allowed])} "
+            f"with distribution = {distribution}",
+        )
+    relative = _width(issues, f"{dotted}.relative", entry.get("relative", 0.0), 1.0)
+    absolute = _width(issues, f"{dotted}.absolute", entry.get("absolute", 0.0), 1e12)
+    ends = None
+    if "low" in entry and "high" in entry:
+        key = key_of(names)
+        assert key is not None
+        low = number(issues, f"{dotted}.low", entry["low"], key.quantity.low, key.quantity.high)
+        high = number(issues, f"{dotted}.high", entry["high"], key.quantity.low, key.quantity.high)
+        if low > high:
+            issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to it")
+        ends = (low, high)
+    values = [_value(raw, place) for place in _places(names)]
+    if relative > 0.0 and not any(values):
+        issues.add(f"{dotted}.relative", "the value is 0; allowed: absolute, of such a key")
+    return Spread(
+        names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry)
+    )
+
+
+def _width(issues: ConfigIssues, dotted: str, value: object, most: float) -> float:
+    return number(issues, dotted, value, 0.0, most)
+
+
+def _followers(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> tuple[Names, ...]:
+    given = entry.get("follow", [])
+    is_drive = names[-2] in DRIVE_TABLES
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        issues.add(f"{dotted}.follow", f"{show(given)}; allowed: a list of keys")
+        return ()
+    result = []
+    for each in given:
+        follower = (*names[:-2], *each.split("."))
+        if key_of(follower) is None or (follower[-2] in DRIVE_TABLES) != is_drive:
+            kind = "a drive" if is_drive else "the gate"
+            issues.add(
+                f"{dotted}.follow", f"{show(each)}; allowed: TABLE.KEY of a number of {kind}"
+            )
+        else:
+            result.append(follower)
+    return tuple(result)
+
+
+def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float]:
+    """The values of one car, in the file's units, by their names; of what belongs to a drive one for each."""
+    result: dict[Names, float] = {}
+    for spread in spreads:
+        for place in _places(spread.names):
+            if place[0] == "right" and raw.get("drives") == 1:
+                continue
+            nominal = _value(raw, place)
+            value = _draw(spread, nominal, seed, place)
+            result[place] = _within(place, value)
+            for follower in spread.follow:
+                own = (*place[:-2], *follower[-2:])
+                factor = result[place] / nominal if nominal else 1.0
+                result[own] = _within(own, factor * _value(raw, own))
+    return result
+
+
+def _places(names: Names) -> list[Names]:
+    """Where a car has the key: once, or in each drive."""
+    if len(names) == 2 and names[0] in DRIVE_TABLES:
+        return [(side, *names) for side in SIDES]
+    return [names]
+
+
+def _value(raw: Mapping[str, Any], names: Names) -> float:
+    """The value of a key in the file's content, or its default; in the file's unit."""
+    key = key_of(names)
+    assert key is not None
+    for path in (names, names[-2:]):
+        place: Any = raw
+        for name in path:
+            place = place.get(name) if isinstance(place, dict) else None
+        if isinstance(place, int | float):
+            return float(place)
+    return 0.0 if key.default is None else float(key.default / key.quantity.scale)
+
+
+def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
+    channel = zlib.crc32(".".join(place).encode())
+    if spread.distribution == "uniform":
+        share = uniform(seed, 0, channel)
+        if spread.ends is not None:
+            return spread.ends[0] + share * (spread.ends[1] - spread.ends[0])
+        return nominal + (2.0 * share - 1.0) * (spread.relative * abs(nominal) + spread.absolute)
+    deviation = next(
+        (
+            each
+            for each in (gaussian(seed, k, channel) for k in range(_TRIALS))
+            if abs(each) <= _TAIL
+        ),
+        0.0,
+    )
+    if spread.distribution == "lognormal":
+        return nominal * math.exp(spread.relative * deviation)
+    return nominal + deviation * (spread.relative * abs(nominal) + spread.absolute)
+
+
+def _within(place: Names, value: float) -> float:
+    """Within the range that the key allows."""
+    key = key_of(place)
+    assert key is not None
+    return min(max(value, key.quantity.low), key.quantity.high)

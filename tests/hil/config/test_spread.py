@@ -1,0 +1,207 @@
+"""One car of a production, and one without imperfections."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomlkit
+from scipy import stats
+
+from liftgate_hil import Gate, errors, load_vehicle
+from liftgate_hil.config.shipped import data_root
+from liftgate_hil.config.variant import IDEAL
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, keys_of
+from liftgate_plant.sensors import Sensors
+from liftgate_plant.vehicle import Vehicle
+
+SUV = (data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8")
+WITHOUT = SUV.split("[spread")[0]
+CARS = 800
+
+
+def vehicle_file(folder: Path, more: str, text: str = WITHOUT) -> Path:
+    path = folder / "vehicle.toml"
+    path.write_text(text + more, encoding="utf-8")
+    return path
+
+
+def cars(path: Path, count: int = CARS) -> list[Vehicle]:
+    return [load_vehicle(path, draw=seed) for seed in range(count)]
+
+
+def test_each_distribution_is_the_one_it_is_called(tmp_path: Path):
+    path = vehicle_file(
+        tmp_path,
+        "[spread.motor]\n"
+        "resistance = { relative = 0.03 }\n"
+        "[spread.spring]\n"
+        'preload = { distribution = "uniform", relative = 0.05 }\n'
+        "[spread.gate]\n"
+        'mass = { distribution = "lognormal", relative = 0.1 }\n'
+        "[spread.sensors]\n"
+        "current_offset = { absolute = 0.02 }\n"
+        'hall_wheel = { distribution = "uniform", low = 1, high = 9 }\n',
+    )
+    plain, drawn = load_vehicle(path), cars(path)
+    within = stats.truncnorm(-3.0, 3.0)
+    shares = {
+        "resistance": [each.left.motor.resistance / plain.left.motor.resistance for each in drawn],
+        "preload": [each.right.spring.preload / plain.right.spring.preload for each in drawn],
+        "mass": [math.log(each.gate.mass / plain.gate.mass) for each in drawn],
+        "offset": [each.sensors.current_offset for each in drawn],
+        "wheel": [each.sensors.hall_wheel for each in drawn],
+    }
+    expected = {
+        "resistance": stats.norm(1.0, 0.03).cdf,
+        "preload": stats.uniform(0.95, 0.1).cdf,
+        "mass": lambda x: within.cdf(x / 0.1),
+        "offset": lambda x: within.cdf(x / 0.02),
+        "wheel": stats.uniform(1.0, 8.0).cdf,
+    }
+    for name, values in shares.items():
+        assert stats.kstest(values, expected[name]).pvalue > 0.01, name
+    assert max(abs(value - 1.0) for value in shares["resistance"]) <= 0.09
+
+
+def test_each_drive_has_its_own_and_what_follows_goes_with_it(tmp_path: Path):
+    path = vehicle_file(
+        tmp_path,
+        "[spread.motor]\n"
+        'torque_constant = { relative = 0.04, follow = ["motor.speed_constant"] }\n'
+        "[spread.right.gear]\n"
+        "friction_torque = { relative = 0.1 }\n",
+    )
+    plain, drawn = load_vehicle(path), cars(path, 300)
+    left = np.array([each.left.motor.torque_constant for each in drawn])
+    right = np.array([each.right.motor.torque_constant for each in drawn])
+    assert abs(np.corrcoef(left, right)[0, 1]) < 0.2
+    speed = np.array([each.left.motor.speed_constant for each in drawn])
+    ratio = plain.left.motor.torque_constant / plain.left.motor.speed_constant
+    assert left / speed == pytest.approx(ratio, rel=1e-12)
+    assert {each.left.gear.friction_torque for each in drawn} == {plain.left.gear.friction_torque}
+    assert len({each.right.gear.friction_torque for each in drawn}) == 300
+
+
+def test_a_car_is_the_same_whatever_else_is_drawn(tmp_path: Path):
+    few = vehicle_file(tmp_path, "[spread.gate]\nmass = { relative = 0.02 }\n")
+    alone = [each.gate.mass for each in cars(few, 20)]
+    assert len(set(alone)) == 20
+    more = vehicle_file(
+        tmp_path,
+        "[spread]\nmotor.resistance = { relative = 0.1 }\n'gate.mass' = { relative = 0.02 }\n",
+    )
+    assert [each.gate.mass for each in cars(more, 20)] == alone
+
+
+def test_what_is_set_holds_and_the_rest_is_spread_about_it(tmp_path: Path):
+    path = vehicle_file(
+        tmp_path,
+        "[spread]\nmotor.resistance = { relative = 0.1 }\ngate.mass = { relative = 0.1 }\n",
+    )
+    car = load_vehicle(path, ["motor.resistance=0.9"], draw=5)
+    assert car.left.motor.resistance == car.right.motor.resistance == 0.9
+    assert car.gate.mass == load_vehicle(path, draw=5).gate.mass != load_vehicle(path).gate.mass
+    one = load_vehicle(path, ["left.motor.resistance=0.9"], draw=5)
+    assert one.left.motor.resistance == 0.9
+    assert one.right.motor.resistance == load_vehicle(path, draw=5).right.motor.resistance
+
+
+def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
+    path = vehicle_file(tmp_path, "[spread.gear]\nefficiency = { absolute = 0.5 }\n")
+    drawn = [each.left.gear.efficiency for each in cars(path, 300)]
+    assert max(drawn) == 1.0
+    assert min(drawn) >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("entry", "wanted"),
+    [
+        ("motor.resistance = 0.03", "motor.resistance: 0.03; allowed: a table"),
+        ("motor.resistanc = { relative = 0.03 }", "motor.resistanc: .*unknown key"),
+        ("gate.hinge = { relative = 0.03 }", "gate.hinge: .*unknown key"),
+        ("motor.resistance = {}", "one of relative, absolute with distribution = normal"),
+        ("motor.resistance = { relative = -1 }", "relative: -1 is out of range"),
+        ("motor.resistance = { relative = 0.1, absolute = 1 }", "one of relative, absolute"),
+        ("motor.resistance = { relative = 0.1, low = 1 }", "one of relative, absolute"),
+        ("motor.resistance = { low = 1, high = 2 }", "one of relative, absolute"),
+        ("motor.resistance = { distribution = 'cauchy', relative = 0.1 }", "'cauchy'; allowed"),
+        ("motor.resistance = { distribution = 'lognormal', absolute = 1 }", "one of relative with"),
+        ("gate.mass = { distribution = 'uniform', low = 3, high = 2 }", "3 above high = 2"),
+        ("sensors.ripple = { relative = 0.1 }", "the value is 0; allowed: absolute"),
+        ("gate.mass = { relative = 0.1, follow = ['motor.resistance'] }", "number of the gate"),
+        ("motor.inductance = { relative = 0.1, follow = 'gear.ratio' }", "a list of keys"),
+        ("motor.inductance = { relative = 0.1, mean = 2 }", "mean: 2: unknown key"),
+    ],
+)
+def test_what_is_wrong_with_it_is_told_whether_drawn_or_not(
+    tmp_path: Path, entry: str, wanted: str
+):
+    path = vehicle_file(tmp_path, f"[spread]\n{entry}\n")
+    for draw in (None, 1):
+        with pytest.raises(errors.ConfigError, match=wanted) as caught:
+            load_vehicle(path, draw=draw)
+        assert all("spread." in line for line in str(caught.value).splitlines())
+
+
+def test_what_cannot_be_is_refused(tmp_path: Path):
+    path = vehicle_file(tmp_path, "[spread]\ngate.mass = { relative = 0.1 }\n")
+    with pytest.raises(errors.ConfigError, match="`draw` 1: allowed without `ideal`"):
+        load_vehicle(path, draw=1, ideal=True)
+    with pytest.raises(errors.ConfigError, match="`draw` -1: allowed: a whole number"):
+        load_vehicle(path, draw=-1)
+    with pytest.raises(errors.ConfigError, match=r"`draw` 1: .* has no table \[spread\]"):
+        load_vehicle(vehicle_file(tmp_path, ""), draw=1)
+    with pytest.raises(errors.ConfigError, match="`ideal`: allowed with a vehicle by its name"):
+        Gate(vehicle=load_vehicle("suv"), ideal=True)
+    compact = data_root() / "configs/vehicles/compact.toml"
+    one = vehicle_file(
+        tmp_path,
+        "[spread.right.motor]\nresistance = { relative = 0.1 }\n",
+        compact.read_text(encoding="utf-8").split("[spread")[0],
+    )
+    with pytest.raises(errors.ConfigError, match="this gate has drives = 1"):
+        load_vehicle(one)
+
+
+ERRORS = {key: about for key, about in keys_of(Sensors).items() if key in IDEAL["sensors"]}
+
+
+def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
+    document = tomlkit.parse(WITHOUT)
+    sensors: Any = document.setdefault("sensors", {})
+    for key, about in ERRORS.items():
+        sensors[key] = about.quantity.high
+    gate: Any = document["gate"]
+    gate["torsional_stiffness"] = 1000
+    path = vehicle_file(tmp_path, "", tomlkit.dumps(document))
+    assert load_vehicle(path).sensors.current_noise > 0.0
+    car = load_vehicle(path, ideal=True)
+    built: dict[str, Any] = {
+        key: getattr(car.sensors, key)
+        for key in ("hall_counts", "hall_sample_period", "acceleration_distance", "current_limit")
+    }
+    assert car.sensors == Sensors(**built)
+    assert car.supply.internal_resistance == car.gate.torsional_stiffness == 0.0
+    # What is set still holds.
+    car = load_vehicle(path, ["sensors.ripple=0.1", "supply.internal_resistance=0.05"], ideal=True)
+    assert (car.sensors.ripple, car.supply.internal_resistance) == (0.1, 0.05)
+
+
+def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
+    path = vehicle_file(tmp_path, "[spread.motor]\nresistance = { relative = 0.1 }\n")
+    currents = []
+    for draw in (None, 1, 2, 1):
+        with Gate(vehicle=path, draw=draw) as gate:
+            gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+            gate.step(0.2)
+            currents.append(gate.truth["left_current_a"])
+    assert currents[1] == currents[3]
+    assert len(set(currents)) == 3
+
+
+def test_every_table_of_the_gate_that_ideal_names_is_there():
+    assert all(set(keys) <= set(keys_of(BODY_TABLES[name])) for name, keys in IDEAL.items())
