@@ -45,13 +45,14 @@ from liftgate_hil.stimuli.mailbox import HELD, nothing_held
 from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import initial_state
+from liftgate_plant.hall import RING_SIZE
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
     import can
 
-_ROWS, _FRAMES, _EDGES = 1024, 8192, 2**17  # the last two with room for twice what a tick may bring
+_ROWS, _FRAMES = 1024, 8192  # the latter with room for twice what a tick may bring
 
 
 class Gate:
@@ -91,9 +92,9 @@ class Gate:
             ticks=0,
             is_last=0,
             is_recorded=1,
-            edges=_EDGES // 2,
+            edges=RING_SIZE // 2,
         )
-        self._now = Stretch(initial_loop(self._config, state, _EDGES), self._bus.state, 0, 0, 0)
+        self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 0, 0, 0)
         self._run = compiled(run_stretch)
         self._values: NDArray[np.float64] | None = None  # what is sent cyclically
         self._sent = np.zeros(len(self._config.inputs.messages), dtype=np.int64)

@@ -212,7 +212,7 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
         signed_left=int("left_direction" not in mapped),
         signed_right=int("right_direction" not in mapped),
         latch_mapped=int("latch_release" in mapped),
-        hold_message=message_of(outputs, OUT.pinch_force),
+        hold_message=message_of(outputs, OUT.pinch_force_max),
         obstacle_distance=vehicle.gate.length,
         step=1.0 / rate,
         step_ns=round(NS / rate),

@@ -72,8 +72,8 @@ class Status(NamedTuple):
         float, Signal("", 0.0, 1e18, "frames of ours that were refused", is_whole=True)
     ]
     emulator_state: Annotated[float, Signal("", 0.0, 3.0, "of this program", EMULATOR_STATES)]
-    pinch_force: Annotated[
-        float, PINCH_FORCE._replace(meaning="the largest pinch force since a frame told it")
+    pinch_force_max: Annotated[
+        float, PINCH_FORCE._replace(meaning="the largest pinch force since its last frame")
     ]
 
 

@@ -33,9 +33,10 @@ EDGE = np.dtype(
 )
 
 _EDGES_OF_A_TURN = 4
-_MOST_EDGES = 20_000  # of a drive in a tick
+_MOST_EDGES = 2**17  # of a drive in a tick; 1e4 counts a turn at 1300 rev/s have 131,000 in 10 ms
+RING_SIZE = 4 * _MOST_EDGES  # of a ring that loses none: twice what a tick may bring
 _FARTHEST = 1e12  # steps; a count beyond it does not fit into 64 bits
-_MOST_DISPLACED = 0.45  # steps; edges farther out would overtake each other
+MOST_DISPLACED = 0.45  # steps; edges farther out would overtake each other
 _JITTER, _PITCH = 8, 10  # channels of the noise, + drive
 
 
@@ -158,7 +159,13 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
     moved += 0.5 * encoder.hysteresis * way
     if encoder.jitter > 0.0:
         moved += encoder.jitter * gaussian(seed, edges, _JITTER + drive)
-    return min(max(moved, -_MOST_DISPLACED), _MOST_DISPLACED)
+    return min(max(moved, -MOST_DISPLACED), MOST_DISPLACED)
+
+
+def farthest(encoder: Encoder) -> float:
+    """How far [steps] an edge may lie beside its place, random parts with 3 σ of them."""
+    fixed = abs(encoder.phase) + 0.5 * abs(encoder.high) + 0.5 * encoder.hysteresis
+    return fixed + 3.0 * math.hypot(encoder.pitch, encoder.jitter)
 
 
 @compilable
@@ -258,6 +265,9 @@ def move(encoder: Encoder, hall: Any, now: Shaft, tick: Tick, drive: int, ring: 
     if abs(end - path.start) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
         step = math.floor(end)
         hall.count += step - hall.step
+        hall.edges += abs(step - hall.step)
+        hall.run, hall.period, hall.period_speed = 0, 0.0, 0.0
+        hall.last = tick.begin + tick.length
         hall.step = step
         hall.a, hall.b = hall_levels(step)
         return
@@ -293,12 +303,23 @@ def read_hall(
 def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
     """Hall sensors (2,) HALL before the first tick; the decoders have counted from position 0."""
     halls = np.zeros(2, dtype=HALL).view(np.recarray)
-    for hall, shaft in zip(halls, (left, right), strict=True):
-        count = ideal_count(encoder.counts, shaft.position)
+    for drive, (hall, shaft) in enumerate(zip(halls, (left, right), strict=True)):
+        count = _first_step(encoder, shaft.position, drive)
         hall.step = hall.count = hall.sampled = count
         hall.a, hall.b = hall_levels(count)
         hall.position, hall.motor_speed = shaft.position, shaft.speed
     return halls
+
+
+def _first_step(encoder: Encoder, position: float, drive: int) -> int:
+    """The step that a shaft [rev] is on between the edges as they lie; between those of both ways it was opened
+    last. Jitter is of edges that come.
+    """
+    still = encoder._replace(jitter=0.0)
+    step, place = ideal_count(encoder.counts, position), position * encoder.counts + 0.5
+    if place >= step + 1.0 + displacement(still, step, 1, drive, 0, 0):
+        return step + 1
+    return step - 1 if place < step + displacement(still, step - 1, 1, drive, 0, 0) else step
 
 
 def edge_ring(size: int) -> EdgeRing:
@@ -307,9 +328,12 @@ def edge_ring(size: int) -> EdgeRing:
 
 
 def edges_after(ring: EdgeRing, seen: int) -> Any:
-    """The edges (n,) EDGE that came after so many, a copy. Raises ValueError where the ring has lost some."""
+    """The edges (n,) EDGE of the ticks after so many edges, in the order of time, a copy. Raises ValueError where
+    the ring has lost some.
+    """
     written = int(ring.written[0])
     if written - seen > len(ring.rows):
         raise ValueError(f"{written - seen} edges in a ring of {len(ring.rows)}")
     places = np.arange(seen, written) % len(ring.rows)
-    return ring.rows[places].copy()
+    rows = ring.rows[places]
+    return rows[np.argsort(rows.time_s, kind="stable")]  # a tick has one drive's after the other's

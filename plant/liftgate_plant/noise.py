@@ -1,4 +1,4 @@
-"""Repeatable noise without hidden state: a hash of (seed, tick, channel) through Box and Muller.
+"""Repeatable noise without hidden state: a hash of (seed, number, channel) through Box and Muller.
 
 The same run gives the same noise, on every clock, compiled or not. Hash: C. Wellons' `lowbias32`, written so
 that it gives the same bits in Python's unbounded integers and in 64-bit machine integers.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from liftgate_plant.compiler import called, compilable
+from liftgate_plant.compiler import compilable, outlined
 
 _MASK = 0xFFFFFFFF
 
@@ -31,21 +31,21 @@ def disturbance(deviation: float, seed: int, tick: int, channel: int) -> float:
 
 
 @compilable
-def key_of(seed: int, tick: int, channel: int) -> int:
-    """What the numbers for that tick and channel are made of."""
-    return mix(mix(mix(seed) + tick) + (tick >> 32) + 0x9E3779B9 * channel)
+def key_of(seed: int, number: int, channel: int) -> int:
+    """What the random number of that number (a tick, an edge, a pole) and channel is made of."""
+    return mix(mix(mix(seed) + number) + (number >> 32) + 0x9E3779B9 * channel)
 
 
 @compilable
-def uniform(seed: int, tick: int, channel: int) -> float:
-    """A number between 0 and 1, all alike, for that tick and channel."""
-    return (mix(key_of(seed, tick, channel)) + 0.5) / 4294967296.0
+def uniform(seed: int, number: int, channel: int) -> float:
+    """A random number between 0 and 1, evenly distributed."""
+    return (mix(key_of(seed, number, channel)) + 0.5) / 4294967296.0
 
 
-@called
-def gaussian(seed: int, tick: int, channel: int) -> float:
-    """A standard normal number for that tick and channel."""
-    key = key_of(seed, tick, channel)
+@outlined
+def gaussian(seed: int, number: int, channel: int) -> float:
+    """A standard normal random number."""
+    key = key_of(seed, number, channel)
     u = (mix(key) + 1.0) / 4294967296.0
     v = mix(key ^ 0x5BF03635) / 4294967296.0
     return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)

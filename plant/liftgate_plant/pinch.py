@@ -1,7 +1,8 @@
 """What a contact with an obstacle has done so far: largest force, impulse, time over a limit, its begin and place.
 
 A reading looks at the ends of ticks. Between them the force is a straight line, from the instant at which the gate
-touched: over a millisecond of a rod's 10 N/mm and a gate's 10 rad/s² that is 0.01 N.
+touched, where damping makes it c v at once: over a millisecond of a rod's 10 N/mm and a gate's 10 rad/s² that is
+0.01 N. Of a body so stiff that the gate turns round within a tick the peak is that of the ends.
 """
 
 from __future__ import annotations
@@ -20,15 +21,16 @@ class Pinch(NamedTuple):
     """The last contact; all 0 before the first."""
 
     force: float  # N, at the last reading
+    speed: float  # m/s, into the obstacle then
+    free: float  # s, since the gate let go of it
     peak: float  # N
     impulse: float  # N s
     over: float  # s, over the limit
     begin: float  # s, model time
     angle: float  # rad, where the gate touched
-    free: float  # s, since it let go
 
 
-NOT_PINCHED = Pinch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, APART)
+NOT_PINCHED = Pinch(0.0, 0.0, APART, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compilable
@@ -47,28 +49,43 @@ def pinched(
     last: Pinch, plant: Plant, body: Obstacle, state: State, force: float, now: float, step: float
 ) -> Pinch:
     """The contact after a step that ended `now` [s] with that force [N]."""
-    limit = plant.pinch_limit
+    turn = rate_at(plant, state, body.lateral)
+    speed = obstacle.rate(body, turn)
     if force <= 0.0 and last.force <= 0.0:
         return Pinch(
-            0.0, last.peak, last.impulse, last.over, last.begin, last.angle, last.free + step
+            force=0.0,
+            speed=speed,
+            free=last.free + step,
+            peak=last.peak,
+            impulse=last.impulse,
+            over=last.over,
+            begin=last.begin,
+            angle=last.angle,
         )
-    if last.force <= 0.0:
-        angle, turn = angle_at(plant, state, body.lateral), rate_at(plant, state, body.lateral)
-        speed, way = obstacle.rate(body, turn), obstacle.depth(body, angle)
-        since = min(way / speed, step) if speed * step > way else step
-        impulse, over = 0.5 * force * since, time_over(0.0, force, limit, since)
-        if last.free < APART:
-            return Pinch(
-                force, max(last.peak, force), last.impulse + impulse, last.over + over,
-                last.begin, last.angle, 0.0,
-            )  # fmt: skip
-        return Pinch(force, force, impulse, over, now - since, angle - turn * since, 0.0)
+    if last.force > 0.0:
+        return pressed(last, last.force, force, speed, step, plant.pinch_limit)
+    angle = angle_at(plant, state, body.lateral)
+    deep, mean = obstacle.depth(body, angle), 0.5 * (last.speed + speed)
+    since = min(deep / mean, step) if mean * step > deep else step
+    touch = max(0.0, body.damping * last.speed)  # the force of damping is there at once
+    before = last
+    if last.free >= APART:
+        before = Pinch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, now - since, angle - turn * since)
+    return pressed(before, touch, force, speed, since, plant.pinch_limit)
+
+
+@compilable
+def pressed(
+    last: Pinch, begin: float, end: float, speed: float, length: float, limit: float
+) -> Pinch:
+    """A contact that goes on for a length [s] with a force from `begin` to `end` [N]."""
     return Pinch(
-        force=force,
-        peak=max(last.peak, force),
-        impulse=last.impulse + 0.5 * (last.force + force) * step,
-        over=last.over + time_over(last.force, force, limit, step),
+        force=end,
+        speed=speed,
+        free=0.0,
+        peak=max(last.peak, begin, end),
+        impulse=last.impulse + 0.5 * (begin + end) * length,
+        over=last.over + time_over(begin, end, limit, length),
         begin=last.begin,
         angle=last.angle,
-        free=0.0,
     )

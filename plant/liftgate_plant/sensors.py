@@ -37,6 +37,8 @@ from liftgate_plant.quantity import Quantity
 from liftgate_plant.shunt import CurrentPath, Turning, commutated, low_passed
 from liftgate_plant.signals import Sensed
 
+_LEAST_FILTER = 1e-9  # s; a quicker low-pass is none
+
 
 class Sensors(NamedTuple):
     """Table `[sensors]`; noise is a standard deviation, resolution 0 is none."""
@@ -44,7 +46,7 @@ class Sensors(NamedTuple):
     hall_counts: Annotated[float, Quantity("", "1/rev", 1.0, 1e4, "counts per revolution")] = 4.0
     hall_sample_period: Annotated[float, Quantity("", "s", 1e-4, 1.0, "of the Hall speed")] = 0.005
     hall_pitch_error: Annotated[
-        float, Quantity("σ", "1", 0.0, 0.2, "where two poles of the magnet wheel meet, of a pole")
+        float, Quantity("σ", "1", 0.0, 0.075, "where two poles of the magnet wheel meet, of a pole")
     ] = 0.0
     hall_phase_error: Annotated[
         float, Quantity("", "deg", -40.0, 40.0, "electrical; by how much B lags its 90°")
@@ -55,9 +57,9 @@ class Sensors(NamedTuple):
     hall_hysteresis: Annotated[
         float, Quantity("", "deg", 0.0, 40.0, "electrical; between the edges of both ways")
     ] = 0.0
-    hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 20.0, "electrical; of each edge")] = 0.0
+    hall_jitter: Annotated[float, Quantity("σ", "deg", 0.0, 13.5, "electrical; of each edge")] = 0.0
     hall_wheel: Annotated[
-        float, Quantity("", "", 0.0, 1e9, "which magnet wheel of the production: its poles")
+        float, Quantity("", "", 0.0, 1e9, "number of the magnet wheel, whole: which poles it has")
     ] = 0.0
     current_gain: Annotated[float, Quantity("", "1", 0.0, 10.0, "motor current")] = 1.0
     current_offset: Annotated[float, Quantity("", "A", -100.0, 100.0, "motor current")] = 0.0
@@ -137,7 +139,8 @@ def sensed_current(
     """The filtered current [A] and what the converter makes of it, after a step in which the shaft turned from
     `before` to `now`.
     """
-    current, constant = path.end, sensors.current_filter
+    current = path.end
+    constant = sensors.current_filter if sensors.current_filter > _LEAST_FILTER else 0.0
     if constant > 0.0:
         current = low_passed(filtered, path, constant, step)
     if sensors.ripple > 0.0:

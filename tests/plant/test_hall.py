@@ -22,6 +22,7 @@ from liftgate_plant.hall import (
     Shaft,
     Tick,
     decoded,
+    displacement,
     edge_ring,
     hall_levels,
     ideal_count,
@@ -173,7 +174,7 @@ def test_the_speed_is_the_counts_of_the_last_whole_sample_period() -> None:
         assert states[tick].speed == states[last].count - states[last - 7].count
 
 
-def test_a_state_that_was_set_elsewhere_is_counted_without_its_edges() -> None:
+def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edges() -> None:
     ring, wheel = edge_ring(16), encoder()
     when = Tick(0.0, 1e-3, 0, True)
     halls = initial_halls(wheel, Shaft(0.0, 0.0), Shaft(0.0, 0.0))
@@ -181,7 +182,13 @@ def test_a_state_that_was_set_elsewhere_is_counted_without_its_edges() -> None:
     state = halls[0]
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
-    assert ring.written[0] == state.edges == 0
+    assert (state.edges, state.last, state.period, state.period_speed) == (
+        4_000_001,
+        1e-3,
+        0.0,
+        0.0,
+    )
+    assert ring.written[0] == 0
     assert halls[1].count == 0
 
 
@@ -373,3 +380,24 @@ def test_no_edge_is_lost_or_seen_twice_however_bad_the_encoder(
     for state, position in zip(walked(wheel, positions), positions, strict=True):
         assert state.count == state.step
         assert abs(state.count - 4.0 * position) < 1.0
+
+
+@pytest.mark.parametrize("position", np.arange(0.0, 3.0, 0.03125).tolist())
+def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: float) -> None:
+    wheel = encoder(high=0.6, phase=0.13)
+    halls = initial_halls(wheel, Shaft(position, 0.0), Shaft(position, 0.0))
+    place, step = 4.0 * position + 0.5, int(halls[0].step)
+    assert step - 1 + 1.0 + displacement(wheel, step - 1, 1, 0, 0, 0) <= place
+    assert place < step + 1.0 + displacement(wheel, step, 1, 0, 0, 0)
+    # So the first edge of a shaft that starts to open comes when it gets there, not at once.
+    ring = edge_ring(16)
+    read_hall(wheel, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring)
+    assert ring.written[0] == 0
+
+
+def test_a_fast_shaft_with_many_counts_loses_no_edge() -> None:
+    ring, wheel = edge_ring(2**17), encoder(10_000.0)
+    halls = initial_halls(wheel, Shaft(0.0, 769.0), Shaft(0.0, 0.0))
+    read_hall(wheel, halls, Shaft(3.845, 769.0), Tick(0.0, 5e-3, 0, False), 0, ring)
+    assert halls[0].edges == halls[0].count == ring.written[0] == 38_450
+    assert halls[0].period_speed == pytest.approx(769.0)

@@ -98,7 +98,7 @@ def test_another_contact_begins_anew_and_a_bounce_does_not() -> None:
 
 
 def test_a_contact_ends_only_after_a_while() -> None:
-    last = Pinch(10.0, 50.0, 1.0, 0.0, 2.0, 0.5, 0.0)
+    last = NOT_PINCHED._replace(force=10.0, free=0.0, peak=50.0, impulse=1.0, begin=2.0, angle=0.5)
     state = state_at(1.0, 0.1)
     for tick in range(round(APART / 1e-3) + 2):
         last = pinched(last, PLANT, ROD, state, 0.0, 3.0 + 1e-3 * tick, 1e-3)
@@ -115,3 +115,26 @@ def test_the_time_over_a_limit_counts_parts_of_a_step(
     before: float, after: float, expected: float
 ) -> None:
     assert time_over(before, after, LIMIT, 1.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
+def test_a_damped_bodys_peak_at_the_touch_does_not_hang_on_the_tick(step: float) -> None:
+    soft = ROD._replace(stiffness=1000.0, damping=5000.0)
+    down, slower = -0.2, 40.0  # rad/s, 1/s: it slows down quickly
+
+    def angle(time: float) -> float:
+        met = max(time - 0.01234, 0.0)
+        free = min(time, 0.01234)
+        travelled = -down * (free + (1.0 - math.exp(-slower * met)) / slower)
+        return ROD.angle - down * 0.01234 - travelled
+
+    def rate(time: float) -> float:
+        return down * math.exp(-slower * max(time - 0.01234, 0.0))
+
+    times = np.arange(0.0, 0.2, step)
+    found = followed(angle, rate, times, soft)[-1]
+    assert found.peak == pytest.approx(5000.0 * 0.2 * ROD.distance, rel=1e-3)
+    assert found.begin == pytest.approx(0.01234, abs=0.05 * step)
+    fine = np.linspace(0.01234, times[-1], 200_001)
+    force = np.array([pinch_force(soft, angle(t), rate(t)) for t in fine])
+    assert found.impulse == pytest.approx(np.trapezoid(force, fine), rel=2e-2)

@@ -24,6 +24,27 @@ them: `[left.motor]` or `[right.spring]` hold the keys in which that drive diffe
 `[identification]`, which `identify --save-vehicle` writes, says how sure the values are; nothing depends on
 it.
 
+## One car of a production: `[spread]`
+
+`--draw SEED` (`draw=` of the API) makes one car of those that the table `[spread]` speaks of; without it, every
+car has the file's values. The table mirrors the file's: `[spread.motor] resistance = { relative = 0.03 }`, or
+for one drive `[spread.left.motor]`. What belongs to a drive is drawn for each. A value that `--set` or a
+scenario's `[set]` gives holds.
+
+| key | is |
+| --- | --- |
+| `distribution` | `normal` (default), `lognormal` or `uniform` |
+| `relative` | σ, or half the width of `uniform`, as a share of the value; of `lognormal` σ of the logarithm |
+| `absolute` | the same in the key's unit |
+| `low`, `high` | the ends of `uniform` |
+| `follow` | keys that change by the same factor: `["motor.speed_constant"]` |
+
+Normal distributions end at 3 σ, and each at its key's range. A car depends on its seed and on each key by itself,
+so that another key in the table leaves the rest of it as it was.
+
+`--ideal` (`ideal=True`) is the opposite: the thesis's plant, without any error of `[sensors]`, without torsion and
+source resistance. What `--set` gives still holds.
+
 The column `suv` has the reference vehicle's value where its file gives one."""
 
 

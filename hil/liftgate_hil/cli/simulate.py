@@ -97,7 +97,9 @@ def run(args: argparse.Namespace) -> int:
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
     output = _output_of(args.output)
-    edge_file = _edge_file_of(args.edges)
+    if args.input and output is not None:
+        _check_apart("output", args.output, "input", args.input)
+    edges = _edges_of(args)
     if args.maps and not args.input:
         raise ConfigError("`map`: allowed with `input`")
     samples = constant_voltage(args.voltage or 0.0)
@@ -126,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     with (
         told_of_compiling(Teller(is_quiet=False), stopped),
         contextlib.suppress(GivenUpError),
-        contextlib.nullcontext() if edge_file is None else contextlib.closing(edge_file),
+        _edge_file(edges) as edge_file,
     ):
         _write(output, content, _rows_of(whole, edge_file))
     return stopped.exit_code if stopped() else 0
@@ -163,12 +165,33 @@ def _output_of(name: str) -> Path | None:
     return None
 
 
-def _edge_file_of(name: str | None) -> EdgeFile | None:
-    """Where the edges go. Raises ConfigError."""
-    from liftgate_hil.recording.edge_file import EdgeFile
+def _edges_of(args: argparse.Namespace) -> Path | None:
+    """The file for the edges, as yet untouched. Raises ConfigError."""
     from liftgate_hil.recording.open import check_file
 
-    return None if name is None else EdgeFile("edges", check_file("edges", name, (".csv",)))
+    if args.edges is None:
+        return None
+    path = check_file("edges", args.edges, (".csv",))
+    for name in ("input", "output"):
+        if other := getattr(args, name):
+            _check_apart("edges", args.edges, name, other)
+    return path
+
+
+def _check_apart(flag: str, name: str, other_flag: str, other: str) -> None:
+    if Path(name).resolve() == Path(other).resolve():
+        raise ConfigError(f"`{flag}` {name}: allowed: another file than `{other_flag}`")
+
+
+@contextlib.contextmanager
+def _edge_file(path: Path | None) -> Iterator[EdgeFile | None]:
+    from liftgate_hil.recording.edge_file import EdgeFile
+
+    if path is None:
+        yield None
+        return
+    with contextlib.closing(EdgeFile("edges", path)) as file:
+        yield file
 
 
 def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[NDArray[np.float64]]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import called, compilable
+from liftgate_plant.compiler import compilable, outlined
 
 UNSIGNED, SIGNED, FLOAT32, FLOAT64 = 0, 1, 2, 3
 
@@ -74,7 +74,7 @@ def insert(
         byte += stride
 
 
-@called
+@outlined
 def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
     """A signal's raw value as a number (exact up to 53 bits)."""
     length = place.length

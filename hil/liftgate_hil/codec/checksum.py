@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.crc import crc8_byte
 from liftgate_hil.codec.e2e import profile_1, profile_2, profile_5
-from liftgate_plant.compiler import called, compilable
+from liftgate_plant.compiler import compilable, outlined
 
 NONE, CRC8_SAE_J1850, XOR8, SUM8, E2E_P01, E2E_P02, E2E_P05 = range(7)
 KINDS = {"none": NONE, "crc8-sae-j1850": CRC8_SAE_J1850, "xor8": XOR8, "sum8": SUM8}
 PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
 
 
-@called
+@outlined
 def checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
     """The checksum that a frame (row of `data`) must have; `table` is its record of tables.MESSAGE, `profile` that
     of tables.END_TO_END or None.

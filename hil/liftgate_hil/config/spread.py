@@ -26,6 +26,7 @@ from liftgate_plant.noise import gaussian, uniform
 
 DISTRIBUTIONS = ("normal", "lognormal", "uniform")
 _KEYS = ("distribution", "relative", "absolute", "low", "high", "follow")
+_MOST = 1e12  # of a value or a width; ranges of keys end before
 _TAIL = 3.0  # σ
 _TRIALS = 64  # of a normal draw within it; all but one in 10¹⁶⁵ end before
 
@@ -98,7 +99,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table, ra
             f"with distribution = {distribution}",
         )
     relative = _width(issues, f"{dotted}.relative", entry.get("relative", 0.0), 1.0)
-    absolute = _width(issues, f"{dotted}.absolute", entry.get("absolute", 0.0), 1e12)
+    absolute = _width(issues, f"{dotted}.absolute", entry.get("absolute", 0.0), _MOST)
     ends = None
     if "low" in entry and "high" in entry:
         key = key_of(names)
@@ -109,7 +110,7 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table, ra
             issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to it")
         ends = (low, high)
     values = [_value(raw, place) for place in _places(names)]
-    if relative > 0.0 and not any(values):
+    if relative > 0.0 and all(value == 0.0 for value in values):
         issues.add(f"{dotted}.relative", "the value is 0; allowed: absolute, of such a key")
     return Spread(
         names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry)
@@ -147,12 +148,14 @@ def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float
             if place[0] == "right" and raw.get("drives") == 1:
                 continue
             nominal = _value(raw, place)
-            value = _draw(spread, nominal, seed, place)
-            result[place] = _within(place, value)
+            if nominal is None:  # which the file's other messages are about
+                continue
+            result[place] = _within(place, _draw(spread, nominal, seed, place))
+            factor = result[place] / nominal if nominal else 1.0
             for follower in spread.follow:
                 own = (*place[:-2], *follower[-2:])
-                factor = result[place] / nominal if nominal else 1.0
-                result[own] = _within(own, factor * _value(raw, own))
+                if (value := _value(raw, own)) is not None:
+                    result[own] = _within(own, factor * value)
     return result
 
 
@@ -163,17 +166,18 @@ def _places(names: Names) -> list[Names]:
     return [names]
 
 
-def _value(raw: Mapping[str, Any], names: Names) -> float:
-    """The value of a key in the file's content, or its default; in the file's unit."""
+def _value(raw: Mapping[str, Any], names: Names) -> float | None:
+    """The value of a key in the file's content, or its default, in the file's unit; None where it has none."""
     key = key_of(names)
     assert key is not None
     for path in (names, names[-2:]):
         place: Any = raw
         for name in path:
             place = place.get(name) if isinstance(place, dict) else None
-        if isinstance(place, int | float):
-            return float(place)
-    return 0.0 if key.default is None else float(key.default / key.quantity.scale)
+        if place is not None:
+            fits = isinstance(place, int | float) and abs(place) <= _MOST
+            return float(place) if fits and not isinstance(place, bool) else None
+    return None if key.default is None else float(key.default / key.quantity.scale)
 
 
 def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:

@@ -14,8 +14,10 @@ from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_hil.issues import ConfigIssues
 from liftgate_plant import gate as gate_body
+from liftgate_plant import hall
 from liftgate_plant.gate import Gate
 from liftgate_plant.quantity import Quantity
+from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
 
@@ -58,6 +60,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     )
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
+    _check_encoder(issues, vehicle.sensors)
     issues.raise_if_any()
     return vehicle
 
@@ -137,6 +140,18 @@ def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
             "gate.inertia",
             f"{gate.inertia:g} with this mass, length and gravity_point; allowed: {low:.3g} to {high:.3g} kg m², "
             "or 0: from mass and plate",
+        )
+
+
+def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
+    """The edges of the Hall sensors must come one after the other."""
+    most, beside = hall.MOST_DISPLACED, hall.farthest(encoder_of(sensors))
+    if beside > most + 1e-9:
+        issues.add(
+            "sensors",
+            "hall_pitch_error, hall_phase_error_deg, hall_duty_error, hall_hysteresis_deg and hall_jitter_deg "
+            f"put an edge up to {90.0 * beside:.3g} electrical degrees beside its place (3 σ); "
+            f"allowed: {90.0 * most:.3g} in all, as edges are 90 apart",
         )
 
 

@@ -29,7 +29,7 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.timeline import Timeline
-from liftgate_plant.compiler import System, called, compilable
+from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
@@ -84,7 +84,7 @@ def make_room() -> Room:
     )
 
 
-@called
+@outlined
 def clock_ns(clock: int, room: Room) -> int:
     """A clock of the kernel."""
     _clock_gettime(clock, room.clock.ctypes.data)
@@ -207,10 +207,10 @@ def run_realtime(
     control.epoch_ns = clock_ns(_REALTIME, room) - state.tick * config.step_ns
     room.drained[0] = start_ns
     stopping = False
+    woken = start_ns
     while not stopping:
         stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
         frames, missed = none, 0
-        woken = clock_ns(_MONOTONIC, room)
         if not stopping:
             deadline = start_ns + (state.tick + 1) * config.step_ns
             woken = wait_until(deadline, room)

@@ -23,7 +23,7 @@ from liftgate_hil.stimuli.timeline import (
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
-from liftgate_plant.hall import edges_after
+from liftgate_plant.hall import RING_SIZE, edges_after
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import inputs_of, overlaid, truth_of
@@ -32,9 +32,6 @@ from liftgate_plant.sensors import Sensors, SensorState
 Floats = NDArray[np.float64]
 
 _BLOCK = 2000  # steps, some milliseconds: nobody can stop it within
-
-
-_EDGES = 2**17  # room for twice the Hall edges that a tick may bring
 
 
 class Block(NamedTuple):
@@ -139,7 +136,7 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
 
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
     run = compiled(block)
-    memory = sensors.initial_sensors(offline.sensors, state, _EDGES)
+    memory = sensors.initial_sensors(offline.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True
     now = OfflineState(state, flow, memory, NOT_ARMED, NOT_PINCHED, 0)
     while sound and now.done <= steps:

@@ -254,7 +254,7 @@ def tick(
             command_timeouts=float(timeouts),
             rejected_frames=float(rejected(counts)),
             emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
-            pinch_force=hold,
+            pinch_force_max=hold,
         )
         line_up(transmission.values, sensed, truth, status, outside)
         told = sent_of(transmission, config.hold_message)

@@ -7,7 +7,7 @@ machine code that holds no interpreter lock, together with all compilable functi
     sources     what an entry point is made from, and a hash over it        ┐
     building    from the disk, or compiled and kept there                   ├ without numba
     storage, child, kinds, packing, loading                                 ┘
-    making, linking, extensions     numba, in a process of its own
+    making, linking, extensions, hastening     numba, in a process of its own
 
 `LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
 
@@ -39,8 +39,8 @@ from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, wat
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
-    "cache_folder", "call_long_int", "call_step", "called", "compilable", "compiled", "enabled", "fill",
-    "is_cached", "last_error", "overlay", "picked", "processor", "unwatch", "watch", "with_item",
+    "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill",
+    "is_cached", "last_error", "outlined", "overlay", "picked", "processor", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -52,11 +52,11 @@ def compilable(function: F) -> F:
     return function
 
 
-def called(function: F) -> F:
-    """The same for a large function of few arguments that is seldom run: machine code calls it, where it has
-    others inlined at each place.
+def outlined(function: F) -> F:
+    """The same for one of few arguments where a call costs less than another copy of its code: machine code calls
+    it, where it has others inlined at each place.
     """
-    building.called_functions.add(function)
+    building.outlined_functions.add(function)
     return compilable(function)
 
 

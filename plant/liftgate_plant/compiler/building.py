@@ -23,7 +23,7 @@ from liftgate_plant.compiler.storage import Stored
 from liftgate_plant.compiler.watching import watcher
 
 compilable_functions: list[Callable[..., Any]] = []
-called_functions: set[Callable[..., Any]] = set()  # of these, those that are not inlined
+outlined_functions: set[Callable[..., Any]] = set()  # of these, those that are not inlined
 _lock = threading.Lock()
 
 _LOOK_S = 0.1
@@ -104,7 +104,7 @@ def make_here(function: Callable[..., Any], kinds: Sequence[Kind]) -> Stored:
     from liftgate_plant.compiler import making
 
     helpers = _sources(function, len(compilable_functions)).functions
-    return making.make(function, kinds, helpers, helpers & called_functions)
+    return making.make(function, kinds, helpers, helpers & outlined_functions)
 
 
 def file_of(function: Callable[..., Any], kinds: Sequence[Kind]) -> Path:

@@ -28,7 +28,7 @@ def _type_of_system(value: System, context: Any) -> Any:
 
 
 def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> None:
-    """Tell numba the signature of one of our functions for arguments of these types."""
+    """Tell numba what gives the signature of one of our functions, from the types of its arguments."""
 
     def typing(context: Any) -> Any:
         return signature_of

@@ -9,7 +9,7 @@ This needs numba's inside; `is_possible` says whether that is as it was when thi
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
@@ -19,13 +19,24 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
 
 _TRIED = (0, 63), (0, 68)
+# What is used here of numba's inside: what classes have, and what these methods take.
 _NEEDED: dict[type, tuple[str, ...]] = {
     codegen.JITCodeLibrary: (
-        "_finalize_dynamic_globals", "_finalize_specific", "_finalized", "_get_module_for_linking",
-        "_optimize_functions", "_raise_if_finalized", "_verify_declare_only_symbols", "finalize",
+        "_ensure_finalized", "_finalize_dynamic_globals", "_get_module_for_linking", "_optimize_functions",
+        "_raise_if_finalized", "add_ir_module", "add_linking_library", "finalize", "has_dynamic_globals",
     ),
-    Compiler: ("compile_extra",),
+    codegen.CPUCodegen: ("_function_pass_manager", "_module_pass_manager", "_pass_builder"),
+    Compiler: ("compile_extra", "define_pipelines"),
+    PassManager: ("_runPass", "add_pass", "finalize"),
 }  # fmt: skip
+_SET = {
+    "_codegen",
+    "_final_module",
+    "_finalized",
+    "_linking_libraries",
+    "_reload_init",
+}  # by a library
+_OPTIONS = {"opt", "loop_vectorize", "slp_vectorize", "cost"}  # of the pass managers
 
 
 def is_possible() -> bool:
@@ -35,8 +46,22 @@ def is_possible() -> bool:
     return (
         lowest <= version <= highest
         and all(hasattr(owner, name) for owner, names in _NEEDED.items() for name in names)
+        and _names_in(codegen.CPUCodeLibrary.__mro__) >= _SET
+        and _names_in([codegen.CPUCodegen]) >= _OPTIONS
         and "llvm_module" not in _parameters(codegen.CPUCodegen._function_pass_manager)
     )
+
+
+def _names_in(classes: Iterable[type]) -> set[str]:
+    """What the code of these classes calls attributes, and has as texts."""
+    codes = [
+        each.__code__
+        for owner in classes
+        for each in vars(owner).values()
+        if inspect.isfunction(each)
+    ]
+    texts = {text for code in codes for text in code.co_consts if isinstance(text, str)}
+    return texts.union(*(code.co_names for code in codes))
 
 
 def _parameters(function: Callable[..., Any]) -> frozenset[str]:
@@ -59,7 +84,7 @@ class HelperLibrary(_Library):
     """What a helper calls is not linked into it, and it has no machine code."""
 
     _whole: Any = None  # its module with all that it calls
-    is_called = False  # and not inlined
+    is_outlined = False  # and not inlined
 
     @property
     def codegen(self) -> Any:
@@ -73,7 +98,7 @@ class HelperLibrary(_Library):
             # So that the linker takes it where it is called, inlines it and drops it.
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
-                if self.is_called:
+                if self.is_outlined:
                     function.add_function_attribute("noinline")
         self._finalize_dynamic_globals()
         for library in self._linking_libraries:
@@ -199,7 +224,7 @@ _PASSES: tuple[Any, ...] = (
 class HelperCompiler(Compiler):
     """Compiles what an entry point calls. No closures, no parallel loops, no array expressions: there are none."""
 
-    is_called = False
+    is_outlined = False
 
     def define_pipelines(self) -> list[Any]:
         """See CompilerBase."""
@@ -212,11 +237,11 @@ class HelperCompiler(Compiler):
     def compile_extra(self, func: Any) -> Any:
         """Compile it, into a library that is linked only."""
         self.state.library = HelperLibrary(self.state.targetctx.codegen(), func.__qualname__)
-        self.state.library.is_called = self.is_called
+        self.state.library.is_outlined = self.is_outlined
         return super().compile_extra(func)
 
 
-class CalledCompiler(HelperCompiler):
+class OutliningCompiler(HelperCompiler):
     """Compiles what an entry point calls and does not inline."""
 
-    is_called = True
+    is_outlined = True

@@ -44,10 +44,10 @@ def make(
     function: Callable[..., Any],
     kinds: Sequence[Kind],
     helpers: set[Callable[..., Any]],
-    called: set[Callable[..., Any]],
+    outlined: set[Callable[..., Any]],
 ) -> Stored:
-    """Compile an entry point, and the helpers that it calls, for arguments of these kinds; those `called` are not
-    inlined.
+    """Compile an entry point, and the helpers that it calls, for arguments of these kinds; those `outlined` are
+    called, not inlined.
 
     Raises what numba raises.
     """
@@ -57,7 +57,7 @@ def make(
     try:
         with hastened():
             for each in helpers - {function} - _known_to_numba:
-                _teach(each, is_called=each in called)
+                _teach(each, is_outlined=each in outlined)
             arguments = tuple(numba_type(each) for each in kinds)
             dispatcher: Any = numba.njit(pipeline_class=_pipeline(), **OPTIONS)(function)
             dispatcher.compile(arguments)
@@ -67,16 +67,16 @@ def make(
             gc.enable()
 
 
-def _pipeline(is_called: bool = False) -> type[Compiler]:
+def _pipeline(is_outlined: bool = False) -> type[Compiler]:
     if not linking.is_possible():
         return Compiler
-    return linking.CalledCompiler if is_called else linking.HelperCompiler
+    return linking.OutliningCompiler if is_outlined else linking.HelperCompiler
 
 
-def _teach(helper: Callable[..., Any], is_called: bool) -> None:
+def _teach(helper: Callable[..., Any], is_outlined: bool) -> None:
     """Tell numba what compiled code may call."""
-    options = {**OPTIONS, "forceinline": not is_called}
-    register_jitable(pipeline_class=_pipeline(is_called), **options)(helper)
+    options = {**OPTIONS, "forceinline": not is_outlined}
+    register_jitable(pipeline_class=_pipeline(is_outlined), **options)(helper)
     _known_to_numba.add(helper)
 
 

@@ -297,6 +297,54 @@ def edges_of(tmp_path: Path, *arguments: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def test_an_input_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    measured = tmp_path / "measured.csv"
+    measured.write_text("time_s,voltage_v\n0,12\n1,12\n")
+    before = measured.read_bytes()
+    assert main(["simulate", "--input", str(measured), "--output", str(measured)]) == 2
+    assert "allowed: another file than --input" in capsys.readouterr().err
+    assert measured.read_bytes() == before
+
+
+def test_the_quickest_low_pass_is_none(tmp_path: Path) -> None:
+    arguments = ["--voltage", "12", "--duration", "0.05", "--step", "0.005"]
+    quick = simulate(tmp_path, *arguments, "--set", "sensors.current_filter=1e-320")
+    plain = simulate(tmp_path, *arguments)
+    assert np.array_equal(quick["sensed_left_current_a"], plain["sensed_left_current_a"])
+
+
+def test_edges_stand_in_the_order_of_time(tmp_path: Path) -> None:
+    unlike = ["--set", "right.motor.resistance=1.1", "--step", "0.002"]
+    edges = edges_of(tmp_path, "--voltage", "12", "--duration", "0.5", *unlike)
+    times = [float(edge["time_s"]) for edge in edges]
+    assert times == sorted(times)
+    drives = [edge["drive"] for edge in edges]
+    assert any(drives[k : k + 3] == ["left", "right", "left"] for k in range(len(drives)))
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        ["--voltage", "12"],
+        ["--input", "{edges}"],
+        ["--voltage", "12", "--duration", "1", "--map", "a=b"],
+        ["--input", "{folder}/missing.csv"],
+        ["--voltage", "12", "--duration", "1", "--output", "{edges}"],
+    ],
+)
+def test_a_refused_command_leaves_the_edges_file_as_it_was(
+    tmp_path: Path, refused: list[str]
+) -> None:
+    edges = tmp_path / "edges.csv"
+    edges.write_text("time_s,voltage_v\n0,12\n1,12\n")
+    before = edges.read_bytes()
+    arguments = [each.format(edges=edges, folder=tmp_path) for each in refused]
+    if "--output" not in refused:
+        arguments += ["--output", str(tmp_path / "out.csv")]
+    assert main(["simulate", *arguments, "--edges", str(edges)]) == 2
+    assert edges.read_bytes() == before
+
+
 def test_edges_are_written_with_their_times_and_agree_with_the_columns(tmp_path: Path) -> None:
     arguments = ["--voltage", "12", "--duration", "1"]
     edges = edges_of(tmp_path, *arguments)

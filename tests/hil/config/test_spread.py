@@ -33,7 +33,7 @@ def cars(path: Path, count: int = CARS) -> list[Vehicle]:
     return [load_vehicle(path, draw=seed) for seed in range(count)]
 
 
-def test_each_distribution_is_the_one_it_is_called(tmp_path: Path):
+def test_each_distribution_is_the_one_it_is_outlined(tmp_path: Path):
     path = vehicle_file(
         tmp_path,
         "[spread.motor]\n"
@@ -174,7 +174,7 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
     document = tomlkit.parse(WITHOUT)
     sensors: Any = document.setdefault("sensors", {})
     for key, about in ERRORS.items():
-        sensors[key] = about.quantity.high
+        sensors[key] = about.quantity.high * (0.2 if key.startswith("hall_") else 1.0)
     gate: Any = document["gate"]
     gate["torsional_stiffness"] = 1000
     path = vehicle_file(tmp_path, "", tomlkit.dumps(document))
@@ -189,6 +189,16 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
     # What is set still holds.
     car = load_vehicle(path, ["sensors.ripple=0.1", "supply.internal_resistance=0.05"], ideal=True)
     assert (car.sensors.ripple, car.supply.internal_resistance) == (0.1, 0.05)
+
+
+@pytest.mark.parametrize("name", ["suv", "heavy-suv", "compact"])
+def test_every_car_of_a_shipped_vehicle_is_one(name: str):
+    drawn = [load_vehicle(name, draw=seed) for seed in range(300)]
+    assert len({each.left.motor.resistance for each in drawn}) == 300
+    assert len({each.sensors.hall_wheel for each in drawn}) == 300
+    plain = load_vehicle(name)
+    friction = np.array([each.left.gear.friction_torque for each in drawn])
+    assert np.median(friction) == pytest.approx(plain.left.gear.friction_torque, rel=0.03)
 
 
 def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):

@@ -361,3 +361,27 @@ def test_a_setting_may_leave_out_the_zero_beside_its_point(
 def test_a_setting_that_is_no_number_is_a_fault(tmp_path: Path, given: str):
     (issue,) = faults_of(tmp_path, SUV, f"motor.resistance={given}")
     assert issue.startswith("`set` motor.resistance: ")
+
+
+@pytest.mark.parametrize(
+    ("errors_of_the_encoder", "is_allowed"),
+    [
+        ({"hall_phase_error_deg": 40.0}, True),
+        ({"hall_phase_error_deg": -30.0, "hall_hysteresis_deg": 20.0}, True),
+        ({"hall_phase_error_deg": -30.0, "hall_hysteresis_deg": 22.0}, False),
+        ({"hall_duty_error": 0.2}, True),
+        ({"hall_duty_error": -0.2, "hall_phase_error_deg": 5.0}, False),
+        ({"hall_pitch_error": 0.075}, True),
+        ({"hall_pitch_error": 0.075, "hall_jitter_deg": 2.0}, False),
+        ({"hall_jitter_deg": 13.5}, True),
+    ],
+)
+def test_edges_of_an_encoder_must_come_one_after_the_other(
+    errors_of_the_encoder: dict[str, float], is_allowed: bool
+):
+    settings = [f"sensors.{key}={value}" for key, value in errors_of_the_encoder.items()]
+    if is_allowed:
+        assert session.vehicle_from("suv", settings).drives == 2
+        return
+    with pytest.raises(ConfigError, match=r"electrical degrees beside its place .* allowed: 40.5"):
+        session.vehicle_from("suv", settings)

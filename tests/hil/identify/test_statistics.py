@@ -216,7 +216,7 @@ def test_the_white_test_is_that_of_ljung_and_box(lags: int) -> None:
     assert seen == {True, False}
 
 
-def test_coloured_noise_is_called_so() -> None:
+def test_coloured_noise_is_outlined_so() -> None:
     rng = np.random.default_rng(10)
     assert not any(is_white(autoregressive(rng, 500, 0.4)) for _ in range(50))
 

@@ -102,7 +102,7 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
         command_timeouts=111.0,
         rejected_frames=113.0,
         emulator_state=float(STOPPED),
-        pinch_force=113.5,
+        pinch_force_max=113.5,
     )
     monkeypatch.setattr(sensors, "sense", lambda *given: (given[5], rows.sensed))
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
