@@ -7,6 +7,10 @@ For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_
     F_d        = mechanism_force(x_d, dx_d/dt)                             transmission: play, stiffness
     J_L φ̈      = Σ_d (F_d + F_F,d − F_open,d + F_closed,d) r_AP(φ)          spring, gate
                  − M_W(φ) + M_2(l_S) + F_o r_o − τ_hinge + τ_external       gate, seal, obstacle, environment
+    J_t ψ̈      = M_left − M_right + Σ_j (y_j/w) M_j − d_t ψ̇ − k_t ψ         torsion: where the gate twists
+
+A drive sees the gate at φ ± ψ, what acts at y at φ + ψ y/w; M_left and M_right are the drives' terms of the sum,
+M_j obstacle, hand and snow.
 
 Departure: (4.13) as printed mixes its units. Here drive and gate are bodies of their own; rigidly joined they
 have the inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.

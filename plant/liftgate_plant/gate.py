@@ -1,4 +1,4 @@
-"""The gate: one rigid body on its hinge (3.15–3.27, 3.35–3.40).
+"""The gate on its hinge (3.15–3.27, 3.35–3.40); how it twists stands in `torsion`.
 
 In the closed position: H hinge, CP actuator on the body, AP actuator on the gate, GP centre of gravity.
 

@@ -3,7 +3,8 @@
     J_t ψ̈ + d_t ψ̇ + k_t ψ = M_left − M_right + Σ_j (y_j/w) F_j r_j          T = ½ J_L ω² + ½ J_t ψ̇²
 
 Departure: the thesis has one rigid gate for both drives; here the left drive is at y = w, the right one at −w.
-Without a stiffness the gate is rigid, ψ = 0.
+Without a stiffness the gate is rigid, ψ = 0. Snow weighs at its place y, and its inertia is in J_L; that it is
+in J_t too, and couples ω with ψ̇, is left out.
 """
 
 from __future__ import annotations
