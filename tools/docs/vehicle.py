@@ -34,7 +34,7 @@ scenario's `[set]` gives holds.
 | key | is |
 | --- | --- |
 | `distribution` | `normal` (default), `lognormal` or `uniform` |
-| `relative` | σ, or half the width of `uniform`, as a share of the value; of `lognormal` σ of the logarithm |
+| `relative` | σ, or half the width of `uniform`, as a share of the value; of `lognormal` σ of its logarithm |
 | `absolute` | the same in the key's unit |
 | `low`, `high` | the ends of `uniform` |
 | `follow` | keys that change by the same factor: `["motor.speed_constant"]` |

@@ -56,7 +56,7 @@ def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
             issues.add(dotted, "this gate has drives = 1, the left one; allowed: no such key")
         elif isinstance(entry, dict):
             before = issues.count
-            spread = _spread_of(issues, dotted, names, entry, raw)
+            spread = _spread_of(issues, dotted, names, entry)
             result += [spread] if issues.count == before else []
         else:
             issues.add(dotted, f"{show(entry)}; allowed: a table, e.g. {{ relative = 0.03 }}")
@@ -83,7 +83,7 @@ def _entries(content: Table, above: Names) -> Iterator[tuple[Names, Any]]:
             yield names, value
 
 
-def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table, raw: Table) -> Spread:
+def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table) -> Spread:
     known_keys(issues, dotted, entry, _KEYS)
     distribution = text(
         issues, f"{dotted}.distribution", entry.get("distribution", "normal"), DISTRIBUTIONS
@@ -109,9 +109,6 @@ def _spread_of(issues: ConfigIssues, dotted: str, names: Names, entry: Table, ra
         if low > high:
             issues.add(f"{dotted}.low", f"{low:g} above high = {high:g}; allowed: up to it")
         ends = (low, high)
-    values = [_value(raw, place) for place in _places(names)]
-    if relative > 0.0 and all(value == 0.0 for value in values):
-        issues.add(f"{dotted}.relative", "the value is 0; allowed: absolute, of such a key")
     return Spread(
         names, distribution, relative, absolute, ends, _followers(issues, dotted, names, entry)
     )
