@@ -60,6 +60,7 @@ HERE = (
     "liftgate-hil simulate --voltage -12",
     "liftgate-hil simulate --voltage 12 --duration 6 --set",
     "liftgate-hil simulate --voltage 12 --duration 6 --edges",
+    "liftgate-hil simulate --voltage 12 --duration 6 --draw",
     "liftgate-hil identify opening.csv",
     "liftgate-hil identify out/demo.log",
     "liftgate-hil validate",
@@ -298,6 +299,9 @@ def test_the_plant_alone(folder: Path) -> None:
     run(command("liftgate-hil simulate --voltage 12 --duration 6 --set"), folder)
     run(command("liftgate-hil simulate --voltage 12 --duration 6 --edges"), folder)
     assert (folder / "edges.csv").stat().st_size > 10_000
+    plain = (folder / "out.csv").read_bytes()
+    run(command("liftgate-hil simulate --voltage 12 --duration 6 --draw"), folder)
+    assert (folder / "out.csv").read_bytes() != plain
     assert len((folder / "out.csv").read_text().splitlines()) == 6002
     out = run(command("liftgate-hil simulate --voltage -12"), folder)
     assert len(out.splitlines()) == 1602
