@@ -52,9 +52,7 @@ def variant_of(draw: int | None, ideal: bool) -> Variant:
     """Which car of a vehicle file. Raises ConfigError."""
     if draw is not None:
         draw = seed_of(draw, "draw")
-    variant = Variant(draw, bool(ideal))
-    variant.check()
-    return variant
+    return Variant(draw, bool(ideal))
 
 
 def rig_from(name: str | Path) -> Rig:

@@ -33,7 +33,7 @@ EDGE = np.dtype(
 )
 
 _EDGES_OF_A_TURN = 4
-_MOST_EDGES = 2**17  # of a drive in a tick; 1e4 counts a turn at 1300 rev/s have 131,000 in 10 ms
+_MOST_EDGES = 2**17  # of a drive in a tick; 1e4 counts a turn at 1300 rev/s have 130,000 in 10 ms
 RING_SIZE = 4 * _MOST_EDGES  # of a ring that loses none: twice what a tick may bring
 _FARTHEST = 1e12  # steps; a count beyond it does not fit into 64 bits
 MOST_DISPLACED = 0.45  # steps; edges farther out would overtake each other

@@ -88,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
     from liftgate_hil.recording.content import Content
+    from liftgate_hil.recording.edge_file import EdgeFile
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
@@ -128,7 +129,9 @@ def run(args: argparse.Namespace) -> int:
     with (
         told_of_compiling(Teller(is_quiet=False), stopped),
         contextlib.suppress(GivenUpError),
-        _edge_file(edges) as edge_file,
+        contextlib.nullcontext()
+        if edges is None
+        else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
     ):
         _write(output, content, _rows_of(whole, edge_file))
     return stopped.exit_code if stopped() else 0
@@ -181,17 +184,6 @@ def _edges_of(args: argparse.Namespace) -> Path | None:
 def _check_apart(flag: str, name: str, other_flag: str, other: str) -> None:
     if Path(name).resolve() == Path(other).resolve():
         raise ConfigError(f"`{flag}` {name}: allowed: another file than `{other_flag}`")
-
-
-@contextlib.contextmanager
-def _edge_file(path: Path | None) -> Iterator[EdgeFile | None]:
-    from liftgate_hil.recording.edge_file import EdgeFile
-
-    if path is None:
-        yield None
-        return
-    with contextlib.closing(EdgeFile("edges", path)) as file:
-        yield file
 
 
 def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[NDArray[np.float64]]:

@@ -36,13 +36,13 @@ def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> No
     type_callable(function)(typing)
 
 
-_WORD, _LONG = types.int32, types.int64
+_INT, _LONG = _KINDS["i"], _KINDS["l"]
 
-_typed(last_error, lambda: signature(_WORD))
-_typed(call_long_int, lambda address, a, b: _WORD(_LONG, _LONG, _WORD))
+_typed(last_error, lambda: signature(_INT))
+_typed(call_long_int, lambda address, a, b: _INT(_LONG, _LONG, _INT))
 _typed(
     call_step,
-    lambda address, a, b, c, d, e, f: _WORD(_LONG, _LONG, _LONG, _LONG, _WORD, _LONG, _WORD),
+    lambda address, a, b, c, d, e, f: _INT(_LONG, _LONG, _LONG, _LONG, _INT, _LONG, _INT),
 )
 _typed(fill, lambda target, at, numbers: types.void(target, types.intp, numbers))
 _typed(picked, lambda source, places: _tuple_of(source.dtype, places)(source, places))
@@ -63,8 +63,8 @@ def _read_errno(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     )
 
 
-@lower_builtin(call_long_int, _LONG, _LONG, _WORD)
-@lower_builtin(call_step, _LONG, _LONG, _LONG, _LONG, _WORD, _LONG, _WORD)
+@lower_builtin(call_long_int, _LONG, _LONG, _INT)
+@lower_builtin(call_step, _LONG, _LONG, _LONG, _LONG, _INT, _LONG, _INT)
 def _call_address(context: Any, builder: Any, signature: Any, values: Any) -> Any:
     kind = ir.FunctionType(ir.IntType(32), [each.type for each in values[1:]])
     return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
