@@ -26,6 +26,7 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frame
 from liftgate_hil.recording.rotation import Limit
 from liftgate_hil.signals import OUT
 from liftgate_plant.dynamics import initial_state
+from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 NS = 1_000_000_000
@@ -201,9 +202,11 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
     check_fit(rig, vehicle, rate)
     mapped = {mapping.quantity for mapping in rig.inputs}
     outputs = rig.output_config()
+    plant = plant_of(vehicle)
     return LoopConfig(
-        plant=plant_of(vehicle),
+        plant=plant,
         sensors=vehicle.sensors,
+        friction=friction_profile(vehicle, plant, seed),
         load=load_of(vehicle),
         inputs=rig.input_config(),
         outputs=outputs,

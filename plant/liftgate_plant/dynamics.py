@@ -117,12 +117,23 @@ class Load(NamedTuple):
     obstacle: Obstacle
 
 
+class Frictions(NamedTuple):
+    """Both drives' friction during a step, by its nominal."""
+
+    left: float
+    right: float
+
+
+NOMINAL = Frictions(1.0, 1.0)
+
+
 class Inputs(NamedTuple):
     """All that acts on the plant during a step."""
 
     left: DriveInput
     right: DriveInput
     load: Load
+    frictions: Frictions = NOMINAL
 
 
 class Place(NamedTuple):
@@ -172,6 +183,7 @@ def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
             latch_released=load.latch_released,
             obstacle=load.obstacle,
         ),
+        inputs.frictions,
     )
 
 
@@ -180,6 +192,15 @@ def at(inputs: Inputs, share: float) -> Inputs:
     """The inputs of a step as they are at a share of it: 0 its start, 1 its end."""
     load = inputs.load
     return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
+
+
+@compilable
+def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
+    """Both drives' friction by that at 20 °C."""
+    ambient, given = inputs.load.ambient_temperature, inputs.frictions
+    cold_l = transmission.temperature_factor(plant.left.friction_temperature, ambient)
+    cold_r = transmission.temperature_factor(plant.right.friction_temperature, ambient)
+    return Frictions(cold_l * given.left, cold_r * given.right)
 
 
 @compilable

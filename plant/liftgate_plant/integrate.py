@@ -33,7 +33,7 @@ from liftgate_plant import (
 )
 from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
-from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
+from liftgate_plant.dynamics import Drive, DriveState, Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate import Linkage
 from liftgate_plant.motor import mean_current
@@ -114,19 +114,20 @@ def balance(
     guess: float,
     guess_other: float,
     guess_rate: float,
-    ambient: float,
+    nominal: float,
     step: float,
 ) -> MomentumEquation:
-    """One drive's momentum balance, for a guess of its own, the other drive's and the gate's speed."""
+    """One drive's momentum balance, for a guess of its own, the other drive's and the gate's speed; `nominal` is
+    its friction by that of the law.
+    """
     response, torque_constant = electric.response, electric.torque_constant
     kappa, rho = drive.torque_per_force, drive.travel
     inertia = 2.0 * math.pi * drive.inertia / step
-    cold = transmission.temperature_factor(drive.friction_temperature, ambient)
-    viscous = 0.5 * cold * drive.friction.viscous
+    viscous = 0.5 * nominal * drive.friction.viscous
     current = response.mean + response.mean_other * guess_other
     constant = (inertia - viscous) * state.speed + torque_constant * current - kappa * push.constant
     force = push.constant + push.slope * (rho * guess - lever * guess_rate)
-    limit = cold * friction.level(drive.friction, 0.5 * (state.speed + guess))
+    limit = nominal * friction.level(drive.friction, 0.5 * (state.speed + guess))
     limit += drive.load_friction * kappa * abs(force)
     if state.speed == 0.0 and guess != 0.0:
         along = math.copysign(1.0, guess)
@@ -303,14 +304,15 @@ def new_speeds(
     plant: Plant,
     state: State,
     load: Load,
-    electric_l: Electric,
-    electric_r: Electric,
+    frictions: Frictions,
+    windings: tuple[Electric, Electric],
     guess: Speeds,
     held: bool,
     step: float,
 ) -> Speeds:
     """One pass: linearise about the guess, solve."""
     link, torsion, ambient = plant.link, plant.torsion, load.ambient_temperature
+    electric_l, electric_r = windings
     inertia = dynamics.total_inertia(plant, load)
     own = Motion(state.gate_angle, state.gate_rate, guess.rate, inertia)
     middle = middle_of(link, own, step)
@@ -326,11 +328,11 @@ def new_speeds(
     push_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
     left = balance(
         plant.left, state.left, electric_l, push_l, mid_l.lever,
-        guess.left, guess.right, side_l.rate_end, ambient, step,
+        guess.left, guess.right, side_l.rate_end, frictions.left, step,
     )  # fmt: skip
     right = balance(
         plant.right, state.right, electric_r, push_r, mid_r.lever,
-        guess.right, guess.left, side_r.rate_end, ambient, step,
+        guess.right, guess.left, side_r.rate_end, frictions.right, step,
     )  # fmt: skip
     stop_l = stop_contacts(plant.left, mid_l, link.stroke, side_l, step)
     stop_r = stop_contacts(plant.right, mid_r, link.stroke, side_r, step)
@@ -430,12 +432,14 @@ def path_in(
 def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[State, Flow]:
     """The state `step` seconds later, and what the currents did meanwhile; the inputs hold during the step."""
     load = inputs.load
-    electric_l, electric_r = electrics.electrics_of(plant, state, inputs, step)
+    windings = electrics.electrics_of(plant, state, inputs, step)
+    frictions = dynamics.frictions_at(plant, inputs)
     held = state.latched > 0.0 and load.latch_released == 0.0
 
     new = Speeds(state.left.speed, state.right.speed, state.gate_rate, state.twist_rate)
     for _ in range(PASSES):
-        new = new_speeds(plant, state, load, electric_l, electric_r, new, held, step)
+        new = new_speeds(plant, state, load, frictions, windings, new, held, step)
+    electric_l, electric_r = windings
 
     angle = state.gate_angle + 0.5 * step * (state.gate_rate + new.rate)
     rate = new.rate

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+# Values at shares (0 to 1, rising) of something, on straight lines between them; none: 1 everywhere.
+Points = tuple[tuple[float, float], ...]
+
 
 class Quantity(NamedTuple):
     """Annotation of one parameter of a vehicle file.

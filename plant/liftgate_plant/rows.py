@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, picked
-from liftgate_plant.dynamics import Inputs, Load, Outputs, State
+from liftgate_plant.dynamics import Frictions, Inputs, Load, Outputs, State
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.sensors import Sensors
@@ -60,7 +60,7 @@ _SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings
 
 
 @compilable
-def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
+def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inputs:
     """What a row of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
     drives, said = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
     released = value_or(row[AT.latch_released], base.latch_released)
@@ -76,6 +76,7 @@ def inputs_of(row: NDArray[np.float64], base: Load) -> Inputs:
             coast=value_or(drives.right_coast, 0.0),
         ),
         overlaid(base, said, rise_under(base.supply_rise, said), released, base.obstacle),
+        frictions,
     )
 
 

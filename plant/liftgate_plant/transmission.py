@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 from liftgate_plant import contact
 from liftgate_plant.compiler import compilable
 from liftgate_plant.motor import Motor
-from liftgate_plant.quantity import Quantity
+from liftgate_plant.quantity import Points, Quantity
 
 
 class Gear(NamedTuple):
@@ -53,6 +53,32 @@ class Friction(NamedTuple):
     viscous: Annotated[float, Quantity("d", "N m/rps", 0.0, 1.0, "torque per motor speed")] = 0.0
     temperature_coefficient: Annotated[
         float, Quantity("k_T", "1/K", 0.0, 0.1, "growth of all friction per kelvin below 20 °C")
+    ] = 0.0
+    position_table: Annotated[
+        Points, Quantity("t", "1", 0.05, 20.0, "friction by its nominal at shares of the travel")
+    ] = ()
+    position_deviation: Annotated[
+        float, Quantity("σ", "1", 0.0, 0.5, "random part over the travel, of the nominal")
+    ] = 0.0
+    position_length: Annotated[
+        float, Quantity("ℓ", "m", 1e-4, 10.0, "after which its autocorrelation is 1/e")
+    ] = 0.02
+    position_profile: Annotated[
+        float, Quantity("", "", 0.0, 1e9, "number of the random profile, whole: which it is")
+    ] = 0.0
+    eccentricity: Annotated[
+        float, Quantity("ε", "1", 0.0, 0.9, "once a turn of the spindle, of the nominal")
+    ] = 0.0
+    run_deviation: Annotated[
+        float, Quantity("σ_v", "1", 0.0, 0.3, "from run to run, by the run's seed")
+    ] = 0.0
+    cycles: Annotated[float, Quantity("N", "", 0.0, 1e7, "openings that the drive has done")] = 0.0
+    run_in: Annotated[float, Quantity("a", "1", 0.0, 10.0, "more friction when new")] = 0.0
+    run_in_cycles: Annotated[
+        float, Quantity("N_a", "", 1.0, 1e7, "after which 1/e of that is left")
+    ] = 200.0
+    wear: Annotated[
+        float, Quantity("b", "1", -0.01, 1.0, "friction gained in 1,000 cycles, of the nominal")
     ] = 0.0
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import Inputs, Load, Outputs, State, at
+from liftgate_plant.dynamics import NOMINAL, Frictions, Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.integrate import resting
 from liftgate_plant.obstacle import Obstacle
@@ -251,10 +251,10 @@ def test_a_rising_supply_is_what_it_is_at_a_share_of_the_step(which: str) -> Non
 def test_a_voltage_that_is_given_does_not_rise_with_the_one_below_it(which: str) -> None:
     base = distinct(Load)
     row = np.full(len(INPUT_COLUMNS), np.nan)
-    assert called(inputs_of, which)(row, base).load == base
+    assert called(inputs_of, which)(row, base, NOMINAL).load == base
     row[INPUT_COLUMNS.index("supply_voltage_v")] = 11.0
     given = base._replace(supply_voltage=11.0, supply_rise=0.0)
-    assert called(inputs_of, which)(row, base).load == given
+    assert called(inputs_of, which)(row, base, NOMINAL).load == given
 
 
 @BOTH
@@ -264,7 +264,8 @@ def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> Non
     row = np.array([next(numbers) for _ in INPUT_COLUMNS])
     said = dict(zip(INPUT_COLUMNS, row.tolist(), strict=True))
     call = called(inputs_of, which)
-    inputs = call(row, base)
+    inputs = call(row, base, Frictions(1.5, 0.5))
+    assert inputs.frictions == Frictions(1.5, 0.5)
     assert inputs.left == DriveInput(
         duty=said["left_duty"], voltage=said["left_voltage_v"], coast=said["left_coast"]
     )
@@ -278,7 +279,7 @@ def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> Non
     assert inputs.load.obstacle == base.obstacle
     nothing = np.full(len(INPUT_COLUMNS), math.nan)
     silent = DriveInput(duty=0.0, voltage=0.0, coast=0.0)
-    assert call(nothing, base) == Inputs(silent, silent, base)
+    assert call(nothing, base, NOMINAL) == Inputs(silent, silent, base)
     for name in INPUT_COLUMNS:
         nothing[getattr(AT, name)] = said[name]
-    assert call(nothing, base) == inputs
+    assert call(nothing, base, Frictions(1.5, 0.5)) == inputs

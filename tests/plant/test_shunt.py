@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
-from liftgate_plant.dynamics import Inputs, Load, Plant, State, initial_state, outputs
+from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, initial_state, outputs
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.shunt import CurrentPath, Ripple, held, low_passed, rippled
 from liftgate_plant.vehicle import plant_of
@@ -100,7 +100,7 @@ def readings(
     written = done = 0
     for phase in range(len(phases)):
         drive = DriveInput(phases[phase, 0], 0.0, phases[phase, 1])
-        inputs = Inputs(drive, drive, surroundings)
+        inputs = Inputs(drive, drive, surroundings, NOMINAL)
         while done < phases[phase, 2]:
             state, flow = integrate.advance(plant, state, inputs, step)
             done += 1

@@ -34,6 +34,7 @@ from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled, fill
 from liftgate_plant.dynamics import NO_OBSTACLE, Inputs, State
+from liftgate_plant.friction_profile import frictions_in
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.rows import overlaid
 from liftgate_plant.sensors import SensorState
@@ -109,7 +110,10 @@ def plant_steps(
         body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
         load = overlaid(config.load, NOTHING_SAID, 0.0, rows[k, 4], body)
         inputs = Inputs(
-            DriveInput(rows[k, 0], 0.0, rows[k, 2]), DriveInput(rows[k, 1], 0.0, rows[k, 3]), load
+            DriveInput(rows[k, 0], 0.0, rows[k, 2]),
+            DriveInput(rows[k, 1], 0.0, rows[k, 3]),
+            load,
+            frictions_in(config.friction, config.plant, plant, config.step),
         )
         plant, flow = integrate.advance(config.plant, plant, inputs, config.step)
         shown = dynamics.outputs(config.plant, plant, inputs)

@@ -83,19 +83,19 @@ def _rows(kind: Any, suv: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
             quantity.symbol,
             "" if quantity.unit == "1" else quantity.unit,
             f"{number(quantity.low)} to {number(quantity.high)}",
-            "required" if default is None else number(default / quantity.scale),
+            "required" if default is None else _shown(default, quantity.scale),
             _shown(suv.get(key)),
             quantity.meaning,
         )
 
 
-def _shown(value: Any) -> str:
-    """A value of a file."""
+def _shown(value: Any, scale: float = 1.0) -> str:
+    """A value of a file, or one in memory that is `scale` times it."""
     if value is None:
         return ""
-    if isinstance(value, list):
-        return "[" + ", ".join(number(each) for each in value) + "]"
-    return number(value)
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_shown(each, scale) for each in value) + "]"
+    return number(value / scale)
 
 
 def _origins() -> Iterator[str]:

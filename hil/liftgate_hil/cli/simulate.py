@@ -93,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
     from liftgate_plant.dynamics import initial_state
+    from liftgate_plant.friction_profile import friction_profile
     from liftgate_plant.vehicle import load_of, plant_of
 
     setup = options.setup_of(args)
@@ -117,6 +118,7 @@ def run(args: argparse.Namespace) -> int:
         plant=plant,
         sensors=vehicle.sensors,
         timeline=scenario.timeline,
+        friction=friction_profile(vehicle, plant, setup.seed),
         base=load_of(vehicle)._replace(latch_released=1.0),
         step=args.step,
         every=args.every,

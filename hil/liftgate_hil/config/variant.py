@@ -6,19 +6,25 @@ Either is values put over the file, as by KEY=VALUE, and such values put over it
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import drawn, spreads_of
 from liftgate_hil.config.toml import Table
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, keys_of
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
+from liftgate_plant.quantity import Points
 
 # What says how the sensors are built, and not how they err.
 _BUILD = ("hall_counts", "hall_sample_period", "acceleration_distance", "current_limit")
+_LAW = ("static_ratio", "stribeck_speed", "viscous")  # of friction over speed
+_TABLES = {**DRIVE_TABLES, **BODY_TABLES}
 IDEAL = {
+    "friction": tuple(key for key in keys_of(DRIVE_TABLES["friction"]) if key not in _LAW),
+    "thermal": ("enabled",),
     "sensors": tuple(key for key in keys_of(BODY_TABLES["sensors"]) if key not in _BUILD),
     "gate": ("torsional_stiffness", "torsional_damping", "torsional_inertia"),
     "supply": ("internal_resistance",),
@@ -29,7 +35,9 @@ class Variant(NamedTuple):
     """Which car."""
 
     draw: int | None = None  # the seed of one of the production
-    is_ideal: bool = False  # without errors of sensors, torsion, source resistance
+    is_ideal: bool = (
+        False  # the thesis's plant: no errors of sensors, torsion, source resistance, wear
+    )
 
     def check(self) -> None:
         """Raises ConfigError where both are asked for."""
@@ -57,12 +65,17 @@ def settings_for(
 def _ideal(raw: Table) -> list[Setting]:
     """The defaults, which are ideal, in place of the file's values."""
     result = []
-    for name, keys in IDEAL.items():
-        given = raw.get(name, {})
-        for key, about in keys_of(BODY_TABLES[name]).items():
-            if key in keys and isinstance(given, dict) and key in given:
-                value = about.default / about.quantity.scale
-                result.append(Setting((name, key), value, "`ideal` "))
+    for path in [*((name,) for name in IDEAL), *itertools.product(SIDES, IDEAL)]:
+        given: Any = raw
+        for name in path:
+            given = given.get(name) if isinstance(given, dict) else None
+        if not isinstance(given, dict):
+            continue
+        for key, about in keys_of(_TABLES[path[-1]]).items():
+            if key in IDEAL[path[-1]] and key in given:
+                value = about.default
+                value = [] if about.kind is Points else value / about.quantity.scale
+                result.append(Setting((*path, key), value, "`ideal` "))
     return result
 
 

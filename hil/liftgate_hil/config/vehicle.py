@@ -15,8 +15,9 @@ from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, k
 from liftgate_hil.issues import ConfigIssues
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
+from liftgate_plant.friction_profile import MOST_PLACES, places_of
 from liftgate_plant.gate import Gate
-from liftgate_plant.quantity import Quantity
+from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
@@ -61,6 +62,8 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
     _check_encoder(issues, vehicle.sensors)
+    issues.raise_if_any()
+    _check_friction(issues, vehicle)
     issues.raise_if_any()
     return vehicle
 
@@ -109,6 +112,8 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
         return quantity.scale * number(
             issues, key, value, quantity.low, quantity.high, _unit(quantity)
         )
+    if origin is Points:
+        return _points(issues, key, value, quantity)
     if not isinstance(value, list) or len(value) != 2:
         issues.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
         return (0.0, 0.0)
@@ -116,6 +121,30 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
         number(issues, f"{key}[{i}]", each, quantity.low, quantity.high, _unit(quantity))
         for i, each in enumerate(value)
     )
+
+
+def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -> Any:
+    """Pairs of a share, rising, and a value."""
+    pairs = value if isinstance(value, list) else [value]
+    if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
+        issues.add(
+            key, f"{show(value)}; allowed: [[share, value], …] with shares from 0 to 1, rising"
+        )
+        return ()
+    result = tuple(
+        (
+            number(issues, f"{key}[{k}][0]", share, 0.0, 1.0, ""),
+            number(issues, f"{key}[{k}][1]", each, quantity.low, quantity.high, _unit(quantity)),
+        )
+        for k, (share, each) in enumerate(pairs)
+    )
+    for k in range(1, len(result)):
+        if result[k][0] <= result[k - 1][0]:
+            issues.add(
+                f"{key}[{k}][0]",
+                f"{result[k][0]:g} after {result[k - 1][0]:g}; allowed: shares that rise",
+            )
+    return result
 
 
 def _allowed(quantity: Quantity) -> str:
@@ -152,6 +181,17 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
             "hall_pitch_error, hall_phase_error_deg, hall_duty_error, hall_hysteresis_deg and hall_jitter_deg "
             f"put an edge up to {90.0 * beside:.3g} electrical degrees beside its place (3 σ); "
             f"allowed: {90.0 * most:.3g} in all, as edges are 90 apart",
+        )
+
+
+def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
+    """Friction over the travel is tabulated, with so many places that nothing of it is lost."""
+    stroke = gate_body.linkage(vehicle.gate).stroke
+    if places_of(vehicle, stroke) > MOST_PLACES:
+        issues.add(
+            "friction",
+            f"position_length, or spindle.lead with eccentricity, is too short for a travel of {stroke:.3g} m; "
+            f"allowed: from {stroke / MOST_PLACES * 36:.2g} m",
         )
 
 

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, get_type_hints
 
-from liftgate_plant.quantity import Quantity
+from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
 SIDES = ("left", "right")
@@ -68,7 +68,7 @@ def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParam
         key = f"{table}.{field}{quantity.suffix}"
         if hint.__origin__ is float:
             yield FreeParameter(key, sides, table, field, -1, quantity)
-        else:
+        elif hint.__origin__ is not Points:
             for place in (0, 1):
                 yield FreeParameter(f"{key}[{place}]", sides, table, field, place, quantity)
 

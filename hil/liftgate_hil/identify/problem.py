@@ -22,7 +22,7 @@ from liftgate_hil.identify.data import (
 from liftgate_hil.identify.parameters import FreeParameter, with_values
 from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
 from liftgate_hil.identify.workers import on_all_cpus
-from liftgate_plant.dynamics import Load, Plant
+from liftgate_plant.dynamics import NOMINAL, Load, Plant
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -333,7 +333,7 @@ def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause:
     """A winding forgets its beginning in L/R: it begins with the current of its steady state. In a pause a voltage
     begins with the data, and its current after it.
     """
-    inputs = inputs_of(data.inputs[0], base)
+    inputs = inputs_of(data.inputs[0], base, NOMINAL)
     currents = {}
     for side in ("left", "right"):
         drive, given = getattr(plant, side), getattr(inputs, side)

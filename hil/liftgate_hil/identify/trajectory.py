@@ -15,7 +15,7 @@ from liftgate_hil.identify import rigid
 from liftgate_hil.identify.workers import check_wanted
 from liftgate_plant import dynamics, gate, integrate
 from liftgate_plant.compiler import compilable, compiled, fill, picked
-from liftgate_plant.dynamics import DriveState, Load, Plant, State
+from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.shunt import low_passed
@@ -166,7 +166,7 @@ def run(
     k, done, room = int(kept[_ROW]), int(kept[_STEPS]), _STRETCH
     if k < 0:
         k = 0
-        state = state_at(plant, inputs_of(rows[0], base).load, start, model)
+        state = state_at(plant, inputs_of(rows[0], base, NOMINAL).load, start, model)
         left, right = state.left.current, state.right.current
     else:
         state = state_in(kept)
@@ -191,7 +191,7 @@ def run(
         count = max(1, math.ceil(interval / longest - 1e-6))
         step = interval / count
         constant = sensors.current_filter
-        inputs = inputs_of(rows[k], base)
+        inputs = inputs_of(rows[k], base, NOMINAL)
         more = min(count - done, room)
         for _ in range(more):
             if model == 0:

@@ -23,6 +23,7 @@ from liftgate_hil.stimuli.timeline import (
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
+from liftgate_plant.friction_profile import FrictionProfile, frictions_in
 from liftgate_plant.hall import RING_SIZE, edges_after
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
@@ -47,6 +48,7 @@ class Offline(NamedTuple):
     plant: Plant
     sensors: Sensors
     timeline: Timeline
+    friction: FrictionProfile
     base: Load  # as the vehicle file has it
     step: float  # s
     every: int  # rows are written of every so many steps
@@ -76,7 +78,8 @@ def inputs_at(
     arming, obstacle = armed(arming, obstacle, angle_at(offline.plant, state, obstacle.lateral))
     said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
     base = overlaid(offline.base, said, rise, offline.base.latch_released, obstacle)
-    return arming, inputs_of(row, base)
+    frictions = frictions_in(offline.friction, offline.plant, state, step)
+    return arming, inputs_of(row, base, frictions)
 
 
 @compilable

@@ -49,6 +49,7 @@ from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
 from liftgate_plant.compiler import compilable, fill, overlay, picked
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
+from liftgate_plant.friction_profile import FrictionProfile, frictions_in
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
@@ -63,6 +64,7 @@ class LoopConfig(NamedTuple):
 
     plant: Plant
     sensors: Sensors
+    friction: FrictionProfile
     load: Load  # as the vehicle file has it
     inputs: BusConfig
     outputs: BusConfig
@@ -231,7 +233,8 @@ def tick(
     arming, load = surroundings(
         config, reception.values, outside, opening, state.arming, state.plant
     )
-    inputs = Inputs(left, right, load)
+    frictions = frictions_in(config.friction, config.plant, state.plant, config.step)
+    inputs = Inputs(left, right, load, frictions)
     plant_state, flow = integrate.advance(config.plant, state.plant, inputs, config.step)
     done = state.tick + 1
     inputs = dynamics.at(inputs, 1.0)

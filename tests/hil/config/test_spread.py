@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ import tomlkit
 from scipy import stats
 
 from liftgate_hil import Gate, errors, load_vehicle
+from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.variant import IDEAL
-from liftgate_hil.config.vehicle_keys import BODY_TABLES, keys_of
+from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
 from liftgate_plant.sensors import Sensors
+from liftgate_plant.transmission import Friction
 from liftgate_plant.vehicle import Vehicle
 
 SUV = (data_root() / "configs/vehicles/suv.toml").read_text(encoding="utf-8")
@@ -176,6 +179,22 @@ def test_what_cannot_be_is_refused(tmp_path: Path):
 ERRORS = {key: about for key, about in keys_of(Sensors).items() if key in IDEAL["sensors"]}
 
 
+WORN = {
+    "static_ratio": 1.3,
+    "temperature_coefficient": 0.01,
+    "position_table": [[0.0, 1.2], [1.0, 0.9]],
+    "position_deviation": 0.1,
+    "position_length": 0.03,
+    "position_profile": 7,
+    "eccentricity": 0.1,
+    "run_deviation": 0.05,
+    "cycles": 5000,
+    "run_in": 0.3,
+    "run_in_cycles": 100,
+    "wear": 0.01,
+}
+
+
 def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
     document = tomlkit.parse(WITHOUT)
     sensors: Any = document.setdefault("sensors", {})
@@ -183,6 +202,10 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
         sensors[key] = about.quantity.high * (0.2 if key.startswith("hall_") else 1.0)
     gate: Any = document["gate"]
     gate["torsional_stiffness"] = 1000
+    for owner in (document, document.setdefault("left", {})):
+        friction: Any = owner.setdefault("friction", {})
+        friction.update(WORN)
+        owner.setdefault("thermal", {})["enabled"] = 1
     path = vehicle_file(tmp_path, "", tomlkit.dumps(document))
     assert load_vehicle(path).sensors.current_noise > 0.0
     car = load_vehicle(path, ideal=True)
@@ -192,6 +215,9 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
     }
     assert car.sensors == Sensors(**built)
     assert car.supply.internal_resistance == car.gate.torsional_stiffness == 0.0
+    law = {"static_ratio": 1.3}  # over speed
+    assert car.left.friction == car.right.friction == Friction(**law)
+    assert car.left.thermal.enabled == car.right.thermal.enabled == 0.0
     # What is set still holds.
     car = load_vehicle(path, ["sensors.ripple=0.1", "supply.internal_resistance=0.05"], ideal=True)
     assert (car.sensors.ripple, car.supply.internal_resistance) == (0.1, 0.05)
@@ -219,5 +245,25 @@ def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
     assert len(set(currents)) == 3
 
 
-def test_every_table_of_the_gate_that_ideal_names_is_there():
-    assert all(set(keys) <= set(keys_of(BODY_TABLES[name])) for name, keys in IDEAL.items())
+def test_runs_differ_by_their_seed_and_simulate_has_what_the_loop_has(tmp_path: Path):
+    path = vehicle_file(tmp_path, "[friction]\nrun_deviation = 0.1\neccentricity = 0.2\n")
+    duties = tmp_path / "duties.csv"
+    duties.write_text("time_s,left_duty,right_duty\n0,0.6,0.6\n", encoding="utf-8")
+    ends = []
+    for seed in (1, 2, 1):
+        with Gate(vehicle=path, seed=seed, initial=10.0) as gate:
+            gate.command(left_duty=60, right_duty=60, direction="open")
+            gate.step(0.5)
+            ends.append(gate.truth["left_current_a"])
+        output = tmp_path / "out.csv"
+        of_it = ["--vehicle", str(path), "--seed", str(seed), "--initial", "10"]
+        to = ["--input", str(duties), "--duration", "0.5", "--output", str(output)]
+        assert main(["simulate", *of_it, *to]) == 0
+        *_, last = csv.DictReader(output.open(encoding="utf-8"))
+        assert float(last["left_current_a"]) == pytest.approx(ends[-1], rel=1e-3)
+    assert ends[0] == ends[2] != pytest.approx(ends[1], rel=0.05)
+
+
+def test_every_table_that_ideal_names_is_there():
+    tables = {**DRIVE_TABLES, **BODY_TABLES}
+    assert all(set(keys) <= set(keys_of(tables[name])) for name, keys in IDEAL.items())

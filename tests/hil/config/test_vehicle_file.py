@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -122,6 +123,39 @@ def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
     text = SUV.replace(old, new, 1)
     assert text != SUV
     assert key in keys_of(faults_of(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("friction", "key"),
+    [
+        ("position_table = 3", "friction.position_table"),
+        ("position_table = [1, 2]", "friction.position_table"),
+        ("position_table = [[0, 1], [0.5]]", "friction.position_table"),
+        ("position_table = [[0, 1], [0.5, 30]]", "friction.position_table[1][1]"),
+        ("position_table = [[0, 1], [1.5, 1]]", "friction.position_table[1][0]"),
+        ("position_table = [[0.5, 1], [0.5, 1]]", "friction.position_table[1][0]"),
+        ("position_table = [[0, 'a']]", "friction.position_table[0][1]"),
+        ("position_deviation = 0.1\nposition_length = 0.0001", None),
+        ("eccentricity = 0.1\n[left.spindle]\nlead = 0.0001", None),
+    ],
+)
+def test_a_wrong_friction_over_the_travel_names_its_key(
+    tmp_path: Path, friction: str, key: str | None
+):
+    text = f"{SUV}\n[friction]\n{friction}\n"
+    if key is None:  # fine enough for a gate of this size
+        path = tmp_path / "suv.toml"
+        path.write_text(text, encoding="utf-8")
+        load_vehicle(path)
+    else:
+        assert key in keys_of(faults_of(tmp_path, text))
+
+
+def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
+    far = re.sub(r"body_point = .*", "body_point = [-0.04, -9.0]", SUV)
+    far = far.replace("gate_point = [0.085, -0.18]", "gate_point = [5.0, -0.18]")
+    text = f"{far}\n[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n"
+    assert "friction" in keys_of(faults_of(tmp_path, text))
 
 
 @pytest.mark.parametrize("name", [*DRIVE_TABLES, *BODY_TABLES, "left", "right"])

@@ -18,6 +18,7 @@ from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.session import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS
 from liftgate_plant.dynamics import initial_state
+from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import load_of, plant_of
 
@@ -90,6 +91,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         plant=plant,
         sensors=vehicle.sensors,
         timeline=no_scenario().timeline,
+        friction=friction_profile(vehicle, plant, 0),
         base=load_of(vehicle),
         step=0.001,
         every=1,
