@@ -1,4 +1,4 @@
-"""The H-bridge, averaged over one PWM period.
+"""The H-bridge, averaged over one PWM period (`pwm` has what the switching adds).
 
 | state | voltage on the motor |
 |---|---|
@@ -16,7 +16,8 @@ import math
 from typing import Annotated, NamedTuple
 
 from liftgate_plant.compiler import compilable
-from liftgate_plant.quantity import Quantity
+from liftgate_plant.pwm import FREEWHEELING
+from liftgate_plant.quantity import Quantity, choice
 
 COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
 
@@ -25,8 +26,14 @@ class Bridge(NamedTuple):
     """Table `[bridge]`."""
 
     diode_drop: Annotated[
-        float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one free-wheeling diode")
+        float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")
     ] = 0.7
+    pwm_frequency: Annotated[
+        float, Quantity("f", "Hz", 0.0, 1e6, "of the switching; 0: its mean alone")
+    ] = 0.0
+    freewheeling: Annotated[
+        str, choice(FREEWHEELING, "what the current takes while the PWM is off")
+    ] = "slow"
 
 
 class DriveInput(NamedTuple):

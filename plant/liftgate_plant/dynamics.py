@@ -20,6 +20,7 @@ have the inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from liftgate_plant import (
@@ -39,9 +40,10 @@ from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
 from liftgate_plant.motor import Motor
 from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.pwm import FAST, SLOW
 from liftgate_plant.seal import Seal
 from liftgate_plant.spring import Spring
-from liftgate_plant.thermal import Thermal, flux_factor
+from liftgate_plant.thermal import Thermal, flux_factor, resistance_factor
 from liftgate_plant.torsion import Torsion, is_rigid, share_at
 from liftgate_plant.transmission import Mechanism
 
@@ -53,6 +55,8 @@ class Drive(NamedTuple):
     motor: Motor
     thermal: Thermal
     diode_drop: float
+    pwm_period: float  # s; 0: the mean of the PWM alone
+    freewheeling: float  # one of pwm.SLOW, DIODE, FAST
     inertia: float  # J_d, kg m²
     friction: DryFriction  # on the motor shaft, at 20 °C
     friction_temperature: float  # 1/K
@@ -348,21 +352,39 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
 
 
 @compilable
+def is_switched(drive: Drive, duty: float) -> bool:
+    """Whether diodes take a part of each period of the PWM, so that the mean is not the duty's alone."""
+    return drive.pwm_period > 0.0 and drive.freewheeling != SLOW and 0.0 < abs(duty) < 1.0
+
+
+@compilable
+def source_share(drive: Drive, duty: float) -> float:
+    """What the source gives of a motor's current, while that does not end within a period of the PWM."""
+    if drive.freewheeling == FAST and is_switched(drive, duty):
+        return duty - math.copysign(1.0 - abs(duty), duty)
+    return duty
+
+
+@compilable
 def motor_voltage(
     drive: Drive, state: DriveState, drive_input: DriveInput, terminal_voltage: float
 ) -> float:
     """What is on the motor's terminals [V]; a coasting motor without current shows its back-EMF."""
     if drive.active == 0.0:
         return 0.0
+    flux = flux_factor(drive.thermal, state.housing_temperature)
+    emf = drive.motor.speed_constant * flux * state.speed
     if drive_input.coast == 0.0:
+        if is_switched(drive, drive_input.duty):
+            warm = resistance_factor(drive.thermal, state.winding_temperature)
+            return drive.motor.resistance * warm * state.current + emf
         return drive_input.voltage + drive_input.duty * terminal_voltage
     limit = terminal_voltage + 2.0 * drive.diode_drop
     if state.current > 0.0:
         return -limit
     if state.current < 0.0:
         return limit
-    flux = flux_factor(drive.thermal, state.housing_temperature)
-    return drive.motor.speed_constant * flux * state.speed
+    return emf
 
 
 @compilable
@@ -372,9 +394,9 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,
         plant.source_resistance,
-        inputs.left.duty,
+        source_share(plant.left, inputs.left.duty),
         state.left.current,
-        inputs.right.duty,
+        source_share(plant.right, inputs.right.duty),
         state.right.current,
     )
     acceleration = 0.0

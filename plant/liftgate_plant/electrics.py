@@ -8,7 +8,8 @@ from typing import NamedTuple
 from liftgate_plant import bridge, supply, thermal
 from liftgate_plant.bridge import Coasting, DriveInput
 from liftgate_plant.compiler import compilable
-from liftgate_plant.dynamics import Drive, DriveState, Inputs, Plant, State
+from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
+from liftgate_plant.dynamics import Drive, DriveState, Inputs, Plant, State, source_share
 from liftgate_plant.motor import (
     Phi,
     Response,
@@ -21,7 +22,7 @@ from liftgate_plant.motor import (
     solve_windings,
     transient_of,
 )
-from liftgate_plant.shunt import CurrentPath
+from liftgate_plant.pwm import SLOW, Chopper, course
 
 
 class Electric(NamedTuple):
@@ -32,6 +33,7 @@ class Electric(NamedTuple):
     resistance: float  # Ω, at the present temperature
     torque_constant: float  # N m/A, at the present temperature
     diodes: float  # V, what those of a coasting motor hold on it
+    switching: Switching
 
 
 NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
@@ -46,9 +48,9 @@ def winding_of(
     terminal: float,
     rise: float,
     step: float,
-) -> tuple[Winding, Coasting]:
-    """The winding at its present temperature with what is applied to it, and how it coasts; `terminal` voltage of
-    the step's start, `rise` of the source over the step.
+) -> tuple[Winding, Coasting, Switching]:
+    """The winding at its present temperature with what is applied to it, how it coasts, and how it is switched;
+    `terminal` voltage of the step's start, `rise` of the source over the step.
     """
     motor = drive.motor
     resistance = motor.resistance * thermal.resistance_factor(
@@ -59,19 +61,65 @@ def winding_of(
     )
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
         winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0, 0.0)
-        return winding, Coasting(1.0, 0.0, 0.0, step)
+        return winding, Coasting(1.0, 0.0, 0.0, step), NO_SWITCHING
     if drive_input.coast == 0.0:
         duty = drive_input.duty
         winding = Winding(
             resistance, motor.inductance, emf_constant, duty, drive_input.voltage, duty * rise
         )
-        return winding, Coasting(1.0, 0.0, 0.0, step)
+        switching = Switching(0.0, 0.0, duty, math.copysign(1.0, duty) if duty != 0.0 else 0.0)
+        if drive.pwm_period > 0.0 and 0.0 < abs(duty) < 1.0:
+            winding, switching = chopped(drive, winding, state.speed, terminal)
+        return winding, Coasting(1.0, 0.0, 0.0, step), switching
     limit = terminal + 2.0 * drive.diode_drop
     emf = emf_constant * state.speed
     coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, step)
     more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
     voltage = coast.voltage + 0.5 * more
-    return Winding(resistance, motor.inductance, emf_constant, 0.0, voltage, more), coast
+    winding = Winding(resistance, motor.inductance, emf_constant, 0.0, voltage, more)
+    return winding, coast, Switching(0.0, 0.0, coasting_share(coast), 0.0)
+
+
+@compilable
+def coasting_share(coast: Coasting) -> float:
+    """Of a coasting motor's current, what the source gives: none of it, all comes back."""
+    return 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage)
+
+
+@compilable
+def chopped(
+    drive: Drive, winding: Winding, speed: float, terminal: float
+) -> tuple[Winding, Switching]:
+    """A winding whose bridge switches, at the speed [rev/s] and terminal voltage of the step's start.
+
+    What diodes let through is not linear in either, so that its mean is that of the course there and of its
+    slopes. While a course is left for another one, the current is taken to follow as in one that does not end.
+    """
+    along = math.copysign(1.0, winding.duty)
+    chopper = Chopper(
+        drive.freewheeling,
+        drive.pwm_period,
+        drive.diode_drop,
+        winding.resistance,
+        winding.inductance,
+    )
+    emf = winding.speed_constant * speed
+    now = course(chopper, abs(winding.duty), terminal, along * emf)
+    drawn = winding.duty if now.mean == 0.0 else along * now.drawn / now.mean
+    switching = Switching(now.ripple, along * (now.peak - now.mean), drawn, along)
+    if drive.freewheeling == SLOW:
+        return winding, switching
+    duty = along * winding.resistance * now.by_supply
+    slope = -winding.resistance * now.by_emf
+    voltage = along * winding.resistance * now.mean + slope * emf - duty * terminal
+    return Winding(
+        winding.resistance,
+        winding.inductance,
+        slope * winding.speed_constant,
+        duty,
+        winding.voltage + voltage,
+        0.0 if winding.duty == 0.0 else duty * winding.rise / winding.duty,
+    ), switching
 
 
 @compilable
@@ -81,6 +129,7 @@ def electric_of(
     other: DriveState,
     winding: Winding,
     coast: Coasting,
+    switching: Switching,
     response: Response,
     phi: Phi,
     step: float,
@@ -91,12 +140,16 @@ def electric_of(
     flux = thermal.flux_factor(drive.thermal, state.housing_temperature)
     torque_constant = drive.motor.torque_constant * flux
     if drive.active == 0.0:
-        return Electric(NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant, 0.0)
+        return Electric(
+            NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant, 0.0, NO_SWITCHING
+        )
     if coast.conducts == 0.0:
         idle = Response(coast.mean, 0.0, 0.0, 0.0, 0.0, 0.0)
         if coast.restart < step:
             idle = restarted(winding, coast.mean, coast.restart, state.speed, step)
-        return Electric(idle, NO_TRANSIENT, winding.resistance, torque_constant, coast.voltage)
+        return Electric(
+            idle, NO_TRANSIENT, winding.resistance, torque_constant, coast.voltage, switching
+        )
     fall = state.current - end_current(response, state.speed, other.speed)
     fall += winding.rise / winding.resistance  # which does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
@@ -109,7 +162,9 @@ def electric_of(
         response.end_own,
         response.end_other,
     )
-    return Electric(lagging, transient, winding.resistance, torque_constant, winding.voltage)
+    return Electric(
+        lagging, transient, winding.resistance, torque_constant, winding.voltage, switching
+    )
 
 
 @compilable
@@ -122,13 +177,17 @@ def electrics_of(
     terminal = supply.terminal_voltage(
         load.supply_voltage - 0.5 * rise,
         plant.source_resistance,
-        inputs.left.duty,
+        source_share(plant.left, inputs.left.duty),
         state.left.current,
-        inputs.right.duty,
+        source_share(plant.right, inputs.right.duty),
         state.right.current,
     )
-    winding_l, coast_l = winding_of(plant.left, state.left, inputs.left, terminal, rise, step)
-    winding_r, coast_r = winding_of(plant.right, state.right, inputs.right, terminal, rise, step)
+    winding_l, coast_l, switching_l = winding_of(
+        plant.left, state.left, inputs.left, terminal, rise, step
+    )
+    winding_r, coast_r, switching_r = winding_of(
+        plant.right, state.right, inputs.right, terminal, rise, step
+    )
     response_l, response_r, phi_l, phi_r = solve_windings(
         winding_l,
         winding_r,
@@ -145,10 +204,26 @@ def electrics_of(
         phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
     return (
         electric_of(
-            plant.left, state.left, state.right, winding_l, coast_l, response_l, phi_l, step
+            plant.left,
+            state.left,
+            state.right,
+            winding_l,
+            coast_l,
+            switching_l,
+            response_l,
+            phi_l,
+            step,
         ),
         electric_of(
-            plant.right, state.right, state.left, winding_r, coast_r, response_r, phi_r, step
+            plant.right,
+            state.right,
+            state.left,
+            winding_r,
+            coast_r,
+            switching_r,
+            response_r,
+            phi_r,
+            step,
         ),
     )
 
@@ -164,7 +239,7 @@ def path_of(
         # It ended inside the step: shown as one that dies away, with the same start and the same charge.
         amplitude = begin - end
         decay = amplitude / ((mean - end) * step)
-    return CurrentPath(begin, end, mean, amplitude, decay)
+    return CurrentPath(begin, end, mean, amplitude, decay, electric.switching)
 
 
 @compilable

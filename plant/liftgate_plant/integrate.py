@@ -33,12 +33,12 @@ from liftgate_plant import (
 )
 from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
+from liftgate_plant.current import CurrentPath, held
 from liftgate_plant.dynamics import Drive, DriveState, Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate import Linkage
 from liftgate_plant.motor import mean_current
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.shunt import CurrentPath, held
 from liftgate_plant.torsion import Torsion, is_rigid, share_at, twist_momentum
 
 PASSES = 2
@@ -398,7 +398,7 @@ def next_drive(
         state.winding_temperature,
         state.housing_temperature,
         ambient,
-        electric.resistance * mean * mean,
+        electric.resistance * (mean * mean + electric.switching.ripple),
         step,
     )
     way = 0.5 * step * (state.speed + speed)

@@ -22,6 +22,7 @@ class Quantity(NamedTuple):
     low: float
     high: float
     meaning: str
+    options: tuple[str, ...] = ()  # the words that it may be, where it is no number
 
     @property
     def suffix(self) -> str:
@@ -32,3 +33,8 @@ class Quantity(NamedTuple):
     def scale(self) -> float:
         """Value in memory per value in the file."""
         return math.pi / 180.0 if self.unit == "deg" else 1.0
+
+
+def choice(options: tuple[str, ...], meaning: str) -> Quantity:
+    """Annotation of a parameter that is one of some words."""
+    return Quantity("", "", 0.0, 0.0, meaning, options)

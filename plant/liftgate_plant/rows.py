@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from liftgate_plant import sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, picked
+from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import Frictions, Inputs, Load, Outputs, State
+from liftgate_plant.integrate import Flow
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.sensors import Sensors
@@ -102,8 +104,12 @@ def truth_of(
     inputs: Inputs,
     shown: Outputs,
     contact: Pinch,
+    flow: Flow,
+    step: float,
 ) -> Truth:
-    """The row of a state, of the inputs that led to it, of what it shows under them and of the last contact."""
+    """The row of a state, of the inputs that led to it, of what it shows under them, of the last contact and of
+    what the currents did during the step [s] before.
+    """
     left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(
         time_s=time,
@@ -145,4 +151,8 @@ def truth_of(
         pinch_contact_s=contact.begin,
         pinch_contact_deg=contact.angle * _DEGREES,
         gate_twist_deg=state.twist * _DEGREES,
+        left_current_rms_a=effective(flow.left, step),
+        right_current_rms_a=effective(flow.right, step),
+        left_current_peak_a=peak(flow.left, step),
+        right_current_peak_a=peak(flow.right, step),
     )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_plant.compiler import compilable
+from liftgate_plant.current import CurrentPath, scaled
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import (
@@ -34,7 +35,7 @@ from liftgate_plant.hall import (
 from liftgate_plant.integrate import Flow
 from liftgate_plant.noise import disturbance
 from liftgate_plant.quantity import Quantity
-from liftgate_plant.shunt import CurrentPath, Turning, commutated, low_passed
+from liftgate_plant.shunt import Turning, Window, commutated, low_passed, windowed
 from liftgate_plant.signals import Sensed
 
 _LEAST_FILTER = 1e-9  # s; a quicker low-pass is none
@@ -67,6 +68,15 @@ class Sensors(NamedTuple):
     current_resolution: Annotated[float, Quantity("", "A", 0.0, 10.0, "of the converter")] = 0.0
     current_limit: Annotated[float, Quantity("", "A", 0.1, 1e4, "saturates at ± this")] = 100.0
     current_filter: Annotated[float, Quantity("T", "s", 0.0, 1.0, "first-order low-pass")] = 0.0
+    current_window: Annotated[
+        float, Quantity("", "s", 0.0, 1.0, "mean over windows of this length, in place of a filter")
+    ] = 0.0
+    shunt_low_side: Annotated[
+        float, Quantity("", "1", 0.0, 1.0, "1: in the bridge's ground, sees what the source gives")
+    ] = 0.0
+    shunt_sampled_on: Annotated[
+        float, Quantity("", "1", 0.0, 1.0, "1: that shunt is read while the PWM is on")
+    ] = 0.0
     ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation, share of current")] = 0.0
     ripple_order: Annotated[float, Quantity("", "1/rev", 0.0, 1e3, "commutations per turn")] = 14.0
     angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "potentiometer")] = 0.0
@@ -85,9 +95,8 @@ class Sensors(NamedTuple):
 class SensorState(NamedTuple):
     """What the sensors remember, by drive; written in place."""
 
-    currents: NDArray[
-        np.float64
-    ]  # (2, 2): behind the low-pass, and as the converter gave it last, A
+    currents: NDArray[np.float64]  # (2, 3): behind low-pass or window, as the converter gave it, A;
+    # what the open window has gathered, A s
     halls: Any  # (2,) hall.HALL
     edges: EdgeRing
 
@@ -132,34 +141,42 @@ def sensed_current(
     path: CurrentPath,
     before: Shaft,
     now: Shaft,
-    filtered: float,
+    memory: Window,
     noise: float,
-    step: float,
-) -> tuple[float, float]:
-    """The filtered current [A] and what the converter makes of it, after a step in which the shaft turned from
-    `before` to `now`.
+    when: Tick,
+) -> tuple[Window, float]:
+    """The current [A] behind low-pass or window and what the converter makes of it, after a tick in which the
+    shaft turned from `before` to `now`.
     """
+    step, gathered = when.length, 0.0
+    if sensors.shunt_low_side > 0.0:
+        switching = path.switching
+        path = scaled(path, switching.on if sensors.shunt_sampled_on > 0.0 else switching.drawn)
     current = path.end
+    turn = 2.0 * math.pi * sensors.ripple_order
+    turning = Turning(
+        turn * before.position, turn * now.position, turn * before.speed, turn * now.speed
+    )
     constant = sensors.current_filter if sensors.current_filter > _LEAST_FILTER else 0.0
-    if constant > 0.0:
-        current = low_passed(filtered, path, constant, step)
-    if sensors.ripple > 0.0:
-        turn = 2.0 * math.pi * sensors.ripple_order
-        turning = Turning(
-            turn * before.position, turn * now.position, turn * before.speed, turn * now.speed
-        )
+    if sensors.current_window > 0.0:
+        length, end = sensors.current_window, when.begin + step
+        current, gathered = windowed(sensors.ripple, path, turning, length, memory, end, step)
+    elif constant > 0.0:
+        current = low_passed(memory.mean, path, constant, step)
+    if sensors.ripple > 0.0 and sensors.current_window == 0.0:
         current += commutated(sensors.ripple, path, turning, constant, step)
     reading = sensors.current_gain * current + sensors.current_offset
     reading += noise
     reading = quantised(reading, sensors.current_resolution)
-    return current, min(max(reading, -sensors.current_limit), sensors.current_limit)
+    reading = min(max(reading, -sensors.current_limit), sensors.current_limit)
+    return Window(current, gathered), reading
 
 
 def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> SensorState:
     """Sensors before the first tick, and a ring for the last so many Hall edges."""
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
-        currents=np.array([[left.current] * 2, [right.current] * 2]),
+        currents=np.array([[each.current, each.current, 0.0] for each in (left, right)]),
         halls=initial_halls(
             encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)
         ),
@@ -195,9 +212,11 @@ def sense(
         before = Shaft(halls[drive].position, halls[drive].motor_speed)
         after = Shaft(motor.position, motor.speed)
         noise = disturbance(sensors.current_noise, seed, tick, drive)
-        currents[drive, 0], currents[drive, 1] = sensed_current(
-            sensors, path, before, after, currents[drive, 0], noise, step
+        window = Window(currents[drive, 0], currents[drive, 2])
+        window, currents[drive, 1] = sensed_current(
+            sensors, path, before, after, window, noise, when
         )
+        currents[drive, 0], currents[drive, 2] = window
         read_hall(encoder, halls, after, when, drive, memory.edges)
     hall_l, hall_r = halls[LEFT], halls[RIGHT]
     angle = (state.gate_angle + sensors.angle_offset) * degrees

@@ -11,17 +11,8 @@ import math
 from typing import NamedTuple
 
 from liftgate_plant.compiler import compilable
+from liftgate_plant.current import CurrentPath, charge_at, part_of
 from liftgate_plant.motor import phi_functions
-
-
-class CurrentPath(NamedTuple):
-    """A motor's current over a step."""
-
-    start: float  # A
-    end: float  # A
-    mean: float  # A
-    amplitude: float  # D, A
-    decay: float  # a, 1/s
 
 
 class Ripple(NamedTuple):
@@ -30,12 +21,6 @@ class Ripple(NamedTuple):
     amplitude: float
     start: float
     end: float
-
-
-@compilable
-def held(current: float) -> CurrentPath:
-    """A current that does not change."""
-    return CurrentPath(current, current, current, 0.0, 1.0)
 
 
 @compilable
@@ -88,15 +73,6 @@ _PIECES = 8  # at most
 
 
 @compilable
-def charge_at(path: CurrentPath, time: float, step: float) -> float:
-    """What has flowed [A s] a time [s] into the step."""
-    first = path.start - path.amplitude
-    last = path.end - path.amplitude * math.exp(-path.decay * step)
-    line = time * (first + 0.5 * (last - first) * time / step)
-    return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
-
-
-@compilable
 def commutated(
     share: float, path: CurrentPath, turning: Turning, constant: float, step: float
 ) -> float:
@@ -128,3 +104,64 @@ def commutated(
         total = total * e + piece if constant > 0.0 else total + piece / pieces
         angle, charge = until, now
     return total
+
+
+@compilable
+def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
+    """The commutations between two times [s] within the step."""
+    gain = (turning.end_rate - turning.start_rate) / step
+    drift = turning.end - turning.start - 0.5 * (turning.start_rate + turning.end_rate) * step
+    rate = turning.start_rate + drift / step
+    return Turning(
+        turning.start + (rate + 0.5 * gain * begin) * begin,
+        turning.start + (rate + 0.5 * gain * end) * end,
+        turning.start_rate + gain * begin,
+        turning.start_rate + gain * end,
+    )
+
+
+@compilable
+def gathered_between(
+    share: float, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
+) -> float:
+    """What flows [A s] between two times of the step, a commutation ripple of a share of it included."""
+    if end <= begin:
+        return 0.0
+    part = part_of(path, begin, end, step)
+    ripple = 0.0
+    if share > 0.0:
+        ripple = commutated(share, part, turned(turning, begin, end, step), 0.0, end - begin)
+    return (end - begin) * (part.mean + ripple)
+
+
+_SLACK = 1e-9  # of a window, by which its end and a tick's may differ and be one
+
+
+class Window(NamedTuple):
+    """A mean over windows of one length that follow one another from time 0 on."""
+
+    mean: float  # A, of the last that has ended
+    gathered: float  # A s, of the one that is open
+
+
+@compilable
+def windowed(
+    share: float,
+    path: CurrentPath,
+    turning: Turning,
+    length: float,
+    before: Window,
+    now: float,
+    step: float,
+) -> Window:
+    """The windows of `length` [s] after a step that ends `now` [s]."""
+    ended = math.floor(now / length + _SLACK)
+    if ended == math.floor((now - step) / length + _SLACK):
+        more = gathered_between(share, path, turning, 0.0, step, step)
+        return Window(before.mean, before.gathered + more)
+    end = min(max(ended * length - (now - step), 0.0), step)
+    begin = end - length
+    total = gathered_between(share, path, turning, max(begin, 0.0), end, step)
+    if begin < 0.0:
+        total += before.gathered
+    return Window(total / length, gathered_between(share, path, turning, end, step, step))

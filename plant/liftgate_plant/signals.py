@@ -61,6 +61,10 @@ LATCH_STATES = ("open", "latched")
 TIME = Signal("s", 0.0, 1e9, "model time")
 MOTOR_VOLTAGE = Signal("V", -1e3, 1e3, "on the motor's terminals")
 CURRENT = Signal("A", -1e4, 1e4, "motor current")
+CURRENT_RMS = Signal("A", 0.0, 1e4, "motor current's root mean square over the step")
+CURRENT_PEAK = Signal(
+    "A", -1e4, 1e4, "motor current furthest from zero during the step, PWM included"
+)
 SPEED = Signal("rev/s", -1e5, 1e5, "motor speed")
 POSITION = Signal("rev", -1e9, 1e9, "motor position")
 HALL_COUNT = Signal("", -1e12, 1e12, "signed count of the Hall sensors' edges", is_whole=True)
@@ -178,6 +182,10 @@ class Truth(NamedTuple):
     pinch_contact_s: Annotated[float, PINCH_CONTACT]
     pinch_contact_deg: Annotated[float, PINCH_CONTACT_ANGLE]
     gate_twist_deg: Annotated[float, GATE_TWIST]
+    left_current_rms_a: Annotated[float, CURRENT_RMS]
+    right_current_rms_a: Annotated[float, CURRENT_RMS]
+    left_current_peak_a: Annotated[float, CURRENT_PEAK]
+    right_current_peak_a: Annotated[float, CURRENT_PEAK]
 
 
 class Sensed(NamedTuple):

@@ -1,4 +1,7 @@
-"""The source: U_terminal = U_source − R_source Σ_d (signed duty_d · i_d). The thesis has R_source = 0."""
+"""The source: U_terminal = U_source − R_source Σ_d (share_d · i_d). The thesis has R_source = 0.
+
+The share of a motor's current that the source gives is the signed duty, but where diodes bring current back.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,11 @@ class Supply(NamedTuple):
 def terminal_voltage(
     supply_voltage: float,
     internal_resistance: float,
-    duty_left: float,
+    share_left: float,
     current_left: float,
-    duty_right: float,
+    share_right: float,
     current_right: float,
 ) -> float:
     """U_terminal [V] at the bridges."""
-    drawn = duty_left * current_left + duty_right * current_right
+    drawn = share_left * current_left + share_right * current_right
     return supply_voltage - internal_resistance * drawn

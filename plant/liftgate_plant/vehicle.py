@@ -12,6 +12,7 @@ from liftgate_plant.environment import Environment
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import GRAVITY, Gate
 from liftgate_plant.motor import Motor
+from liftgate_plant.pwm import FREEWHEELING
 from liftgate_plant.seal import Seal
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.spring import Spring
@@ -55,6 +56,8 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
         motor=tables.motor,
         thermal=tables.thermal,
         diode_drop=tables.bridge.diode_drop,
+        pwm_period=1.0 / tables.bridge.pwm_frequency if tables.bridge.pwm_frequency else 0.0,
+        freewheeling=float(FREEWHEELING.index(tables.bridge.freewheeling)),
         inertia=transmission.total_inertia(tables.motor, tables.gear),
         friction=DryFriction(
             transmission.coulomb_torque(tables.motor, tables.gear, tables.spindle),

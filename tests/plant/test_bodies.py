@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from liftgate_plant import (
     bridge,
     contact,
+    current,
     environment,
     friction,
     gate,
@@ -394,9 +395,12 @@ def test_a_count_is_the_nearest_quarter_turn() -> None:
 STILL = hall.Shaft(0.0, 0.0)
 
 
-def sensed_current(table: sensors.Sensors, current: float, filtered: float = 0.0):
+def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0):
     """The reading of a current that does not change in a motor that stands at 0 rev."""
-    return sensors.sensed_current(table, shunt.held(current), STILL, STILL, filtered, 0.0, 1e-3)
+    when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
+    path = current.held(amperes)
+    after, reading = sensors.sensed_current(table, path, STILL, STILL, before, 0.0, when)
+    return after.mean, reading
 
 
 def test_the_current_sensor_scales_rounds_filters_and_saturates() -> None:

@@ -12,9 +12,10 @@ import pytest
 
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
+from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import NOMINAL, Frictions, Inputs, Load, Outputs, State, at
 from liftgate_plant.gate import GRAVITY
-from liftgate_plant.integrate import resting
+from liftgate_plant.integrate import Flow, resting
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.rows import AT, INPUT_COLUMNS, inputs_of, overlaid, truth_of
@@ -38,7 +39,8 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
     state, inputs = distinct(State, numbers), distinct(Inputs, numbers)
     shown, load = distinct(Outputs, numbers), inputs.load
     contact = distinct(Pinch, numbers)
-    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown, contact)
+    flow = distinct(Flow, numbers)
+    truth = called(truth_of, which)(Sensors(), 0.25, state, inputs, shown, contact, flow, 1e-3)
     expected = {
         "time_s": 0.25,
         "gate_angle_deg": state.gate_angle * DEGREES,
@@ -75,6 +77,8 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
             f"{side}_housing_temperature_degc": drive.housing_temperature,
             f"{side}_duty": given.duty,
             f"{side}_coast": given.coast,
+            f"{side}_current_rms_a": effective(getattr(flow, side), 1e-3),
+            f"{side}_current_peak_a": peak(getattr(flow, side), 1e-3),
         }
     assert expected.keys() == {*Truth._fields}
     assert truth._asdict() == pytest.approx(expected, rel=1e-15)

@@ -10,12 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from liftgate_hil import Gate
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
+from liftgate_plant.current import NO_SWITCHING, CurrentPath, charge_at, held, part_of
 from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, initial_state, outputs
 from liftgate_plant.sensors import Sensors, SensorState
-from liftgate_plant.shunt import CurrentPath, Ripple, held, low_passed, rippled
+from liftgate_plant.shunt import Ripple, Turning, Window, low_passed, rippled, windowed
 from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import load, suv
 
@@ -52,15 +54,14 @@ def test_a_line_with_a_transient_passes_the_filter_as_by_quadrature(
 
     fall = decay * step
     mean = 0.5 * (first + last) + rest - amplitude * math.expm1(-fall) / fall
-    path = CurrentPath(
-        first + amplitude, last + amplitude * math.exp(-fall), mean, amplitude, decay
-    )
+    start, end = first + amplitude, last + amplitude * math.exp(-fall)
+    path = CurrentPath(start, end, mean, amplitude, decay, NO_SWITCHING)
     expected = behind(current, filtered, constant, step)
     assert low_passed(filtered, path, constant, step) == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
 def test_any_time_constant_passes() -> None:
-    path = CurrentPath(3.0, 1.0, 1.5, 2.0, 1.62e4)
+    path = CurrentPath(3.0, 1.0, 1.5, 2.0, 1.62e4, NO_SWITCHING)
     for constant in (1e-9, 1e-6, 1e-3, 1.0):
         for step in (1e-5, 5e-3):
             assert math.isfinite(low_passed(0.0, path, constant, step))
@@ -160,3 +161,83 @@ def test_an_ecu_counts_turns_by_the_ripple_that_it_samples_at_10_khz() -> None:
             way.append(state.left.position)
         state = integrate.step(plant, state, drive, 1e-3)
     assert count == pytest.approx(14.0 * (way[1] - way[0]), rel=2e-3)
+
+
+@pytest.mark.parametrize("length", [1e-4, 3e-4, 1e-3, 7e-3])
+@pytest.mark.parametrize("step", [1e-3, 2.5e-4])
+def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, step: float) -> None:
+    """Of a path made of lines and transients, against its own charge."""
+    rng = np.random.default_rng(3)
+    path_at = [
+        CurrentPath(*rng.normal(2.0, 1.0, 3), float(rng.normal(0.0, 2.0)), 1.6e4, NO_SWITCHING)
+        for _ in range(60)
+    ]
+    fine = 2000
+    whole = []
+    for path in path_at:
+        times = (np.arange(fine) + 0.5) * step / fine
+        first = path.start - path.amplitude
+        last = path.end - path.amplitude * math.exp(-path.decay * step)
+        line = first + (last - first) * times / step
+        values = line + path.amplitude * np.exp(-path.decay * times)
+        whole.append(values + path.mean - values.mean())
+    values = np.concatenate(whole)
+    window, still = Window(0.0, 0.0), Turning(0.0, 0.0, 0.0, 0.0)
+    for k, path in enumerate(path_at, start=1):
+        window = windowed(0.0, path, still, length, window, k * step, step)
+        ended = math.floor(k * step / length + 1e-9)
+        if ended:
+            begin, end = (round(edge * length / step * fine) for edge in (ended - 1, ended))
+            assert window.mean == pytest.approx(values[begin:end].mean(), abs=3e-3)
+
+
+def test_a_window_of_whole_commutations_has_no_ripple() -> None:
+    """At 100 rev/s and 14 commutations a turn they are 1/1400 s long; of two thirds of one something is left."""
+    path = CurrentPath(3.0, 3.0, 3.0, 0.0, 1.0, NO_SWITCHING)
+    rate, step = 2.0 * math.pi * 1400.0, 5e-4
+
+    def left_of(length: float) -> float:
+        window, seen = Window(0.0, 0.0), []
+        for k in range(1, 200):
+            turning = Turning(rate * (k - 1) * step, rate * k * step, rate, rate)
+            window = windowed(0.1, path, turning, length, window, k * step, step)
+            seen.append(abs(window.mean - 3.0))
+        return max(seen[5:])
+
+    assert left_of(1 / 1400.0) < 1e-9
+    assert left_of(1 / 700.0) < 1e-9
+    # The mean of 0.3 A cos over two thirds of a turn is at most 0.3 sin(2π/3) / (2π/3).
+    assert left_of(1 / 2100.0) == pytest.approx(0.3 * math.sin(2.0944) / 2.0944, rel=0.01)
+
+
+@pytest.mark.parametrize("part", [(0.0, 1e-3), (2e-4, 7e-4), (9e-4, 1e-3)])
+def test_a_part_of_a_path_is_that_part(part: tuple[float, float]) -> None:
+    path = CurrentPath(5.0, -2.0, 1.2, 4.0, 3e3, NO_SWITCHING)
+    begin, end = part
+    own = part_of(path, begin, end, 1e-3)
+    times = np.linspace(begin, end, 100_001)
+    first = path.start - path.amplitude
+    last = path.end - path.amplitude * math.exp(-3.0)
+    values = first + (last - first) * times / 1e-3 + path.amplitude * np.exp(-3e3 * times)
+    rest = path.mean - charge_at(path, 1e-3, 1e-3) / 1e-3
+    assert own.start == pytest.approx(values[0])
+    assert own.end == pytest.approx(values[-1])
+    assert own.mean == pytest.approx(np.trapezoid(values, times) / (end - begin) + rest, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("sampled", "duty", "share"), [(0, 0.5, 0.5), (0, -0.5, -0.5), (1, -0.5, -1.0)]
+)
+def test_a_low_side_shunt_sees_what_the_source_gives(
+    sampled: int, duty: float, share: float
+) -> None:
+    keys = ["sensors.shunt_low_side=1", f"sensors.shunt_sampled_on={sampled}"]
+    with Gate(vehicle="suv", settings=keys, ideal=True, initial=40.0) as gate:
+        way = "open" if duty > 0.0 else "close"
+        gate.command(left_duty=50, right_duty=50, direction=way)
+        gate.step(0.5)
+        assert gate.sensed["left_current_a"] == pytest.approx(share * gate.truth["left_current_a"])
+        gate.command(left_duty=0, right_duty=0, direction="brake")
+        gate.step(0.03)
+        assert abs(gate.truth["left_current_a"]) > 0.5
+        assert gate.sensed["left_current_a"] == 0.0

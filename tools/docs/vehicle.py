@@ -78,6 +78,11 @@ def _rows(kind: Any, suv: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         quantity: Quantity = hint.__metadata__[0]
         key = field + quantity.suffix
         default = kind._field_defaults.get(field)
+        if quantity.options:
+            options = ", ".join(code(each) for each in quantity.options)
+            shown = [code(str(each)) if each else "" for each in (default, suv.get(key))]
+            yield code(key), "", "", options, *shown, quantity.meaning
+            continue
         yield (
             code(key),
             quantity.symbol,

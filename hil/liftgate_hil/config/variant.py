@@ -19,7 +19,15 @@ from liftgate_hil.issues import ConfigIssues
 from liftgate_plant.quantity import Points
 
 # What says how the sensors are built, and not how they err.
-_BUILD = ("hall_counts", "hall_sample_period", "acceleration_distance", "current_limit")
+_BUILD = (
+    "hall_counts",
+    "hall_sample_period",
+    "acceleration_distance",
+    "current_limit",
+    "current_window",
+    "shunt_low_side",
+    "shunt_sampled_on",
+)
 _LAW = ("static_ratio", "stribeck_speed", "viscous")  # of friction over speed
 _TABLES = {**DRIVE_TABLES, **BODY_TABLES}
 IDEAL = {

@@ -9,7 +9,7 @@ from typing import Any
 
 from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import spreads_of
-from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
 from liftgate_hil.issues import ConfigIssues
@@ -62,6 +62,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
     _check_encoder(issues, vehicle.sensors)
+    _check_shunt(issues, vehicle.sensors)
     issues.raise_if_any()
     _check_friction(issues, vehicle)
     issues.raise_if_any()
@@ -108,6 +109,9 @@ def _fields(
 
 
 def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, origin: type) -> Any:
+    if quantity.options:
+        said = text(issues, key, value, quantity.options)
+        return said if said in quantity.options else quantity.options[0]
     if origin is float:
         return quantity.scale * number(
             issues, key, value, quantity.low, quantity.high, _unit(quantity)
@@ -148,6 +152,8 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
 
 
 def _allowed(quantity: Quantity) -> str:
+    if quantity.options:
+        return f"allowed: {', '.join(quantity.options)}"
     unit = _unit(quantity)
     return f"allowed: {quantity.low:g} to {quantity.high:g}{' ' + unit if unit else ''}"
 
@@ -182,6 +188,17 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
             f"put an edge up to {90.0 * beside:.3g} electrical degrees beside its place (3 σ); "
             f"allowed: {90.0 * most:.3g} in all, as edges are 90 apart",
         )
+
+
+def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
+    """What goes together."""
+    if sensors.current_window > 0.0 and sensors.current_filter > 0.0:
+        issues.add(
+            "sensors.current_window",
+            f"{sensors.current_window:g} beside current_filter = {sensors.current_filter:g}; allowed: one of them",
+        )
+    if sensors.shunt_sampled_on > 0.0 and sensors.shunt_low_side == 0.0:
+        issues.add("sensors.shunt_sampled_on", "without shunt_low_side; allowed: together")
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:

@@ -43,7 +43,7 @@ class Key(NamedTuple):
 
     field: str  # of the table's class
     quantity: Quantity
-    kind: type  # float, or tuple: a point
+    kind: type  # float, str, Points, or a point
     default: Any  # in memory's unit; None: there must be a value
 
 

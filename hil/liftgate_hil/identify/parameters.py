@@ -68,7 +68,7 @@ def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParam
         key = f"{table}.{field}{quantity.suffix}"
         if hint.__origin__ is float:
             yield FreeParameter(key, sides, table, field, -1, quantity)
-        elif hint.__origin__ is not Points:
+        elif hint.__origin__ not in (Points, str):
             for place in (0, 1):
                 yield FreeParameter(f"{key}[{place}]", sides, table, field, place, quantity)
 

@@ -21,12 +21,12 @@ import math
 
 from liftgate_plant import dynamics, electrics, friction, gate, thermal, transmission
 from liftgate_plant.compiler import compilable
+from liftgate_plant.current import NO_SWITCHING, CurrentPath
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import NO_TRANSIENT, Electric
 from liftgate_plant.gate import Linkage
 from liftgate_plant.integrate import Flow, path_in
 from liftgate_plant.motor import Response, mean_current
-from liftgate_plant.shunt import CurrentPath
 
 PASSES = 2  # fixed-point turns of the step's middle
 
@@ -87,6 +87,7 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
             r_l,
             left.motor.torque_constant * f_l,
             0.0,
+            NO_SWITCHING,
         ),
         Electric(
             Response(now_r + half_r, 0.5 * own_r, 0.5 * other_r, now_r, own_r, other_r),
@@ -94,6 +95,7 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
             r_r,
             right.motor.torque_constant * f_r,
             0.0,
+            NO_SWITCHING,
         ),
     )
 
@@ -184,7 +186,7 @@ def step_rigid(
 def static_path(electric: Electric, after: DriveState) -> CurrentPath:
     """A current that follows its voltage at once and then goes on a straight line."""
     mean = mean_current(electric.response, after.speed, after.speed)
-    return CurrentPath(2.0 * mean - after.current, after.current, mean, 0.0, 1.0)
+    return CurrentPath(2.0 * mean - after.current, after.current, mean, 0.0, 1.0, NO_SWITCHING)
 
 
 @compilable

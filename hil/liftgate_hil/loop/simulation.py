@@ -110,7 +110,7 @@ def block(
             contact, offline.plant, begun.load.obstacle, state, shown.pinch_force,
             time, offline.step,
         )  # fmt: skip
-        truth = truth_of(offline.sensors, time, state, begun, shown, contact)
+        truth = truth_of(offline.sensors, time, state, begun, shown, contact, flow, offline.step)
         sound = is_sound(truth)
         if not sound:
             break

@@ -248,7 +248,9 @@ def tick(
         done * config.step, config.step,
     )  # fmt: skip
     hold = max(state.pinch_hold, shown.pinch_force)
-    truth = truth_of(config.sensors, done * config.step, plant_state, inputs, shown, contact)
+    truth = truth_of(
+        config.sensors, done * config.step, plant_state, inputs, shown, contact, flow, config.step
+    )
     replies = config.nothing
     end_ns = done * config.step_ns
     if is_due(transmission, end_ns, outside.is_silent, outside.is_stop):

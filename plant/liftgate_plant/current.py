@@ -1,0 +1,126 @@
+"""A motor's current over a step, between the two states that the step joins: a straight line, over it the
+winding's transient D e^(−a t), and what a bridge that switches adds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.motor import phi_functions
+
+
+class Switching(NamedTuple):
+    """What the bridge's switching does to a motor's current beside its mean."""
+
+    ripple: float  # A², mean square
+    crest: float  # A, where the current is furthest from zero
+    drawn: float  # share of the current that comes from the source
+    on: float  # 1 or −1: the way in which the bridge is switched on, at least for a part of the time; 0: never
+
+
+NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0)
+
+
+class CurrentPath(NamedTuple):
+    """A motor's current over a step, as its mean over a period of the PWM."""
+
+    start: float  # A
+    end: float  # A
+    mean: float  # A
+    amplitude: float  # D, A
+    decay: float  # a, 1/s
+    switching: Switching
+
+
+_SEEN = 1e-3  # A; a smaller transient adds less than 1e-6 A² to a mean square
+
+
+@compilable
+def held(current: float) -> CurrentPath:
+    """A current that does not change."""
+    return CurrentPath(current, current, current, 0.0, 1.0, NO_SWITCHING)
+
+
+@compilable
+def charge_at(path: CurrentPath, time: float, step: float) -> float:
+    """What has flowed [A s] a time [s] into the step."""
+    first = path.start - path.amplitude
+    last = path.end - path.amplitude * math.exp(-path.decay * step)
+    line = time * (first + 0.5 * (last - first) * time / step)
+    return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
+
+
+@compilable
+def scaled(path: CurrentPath, factor: float) -> CurrentPath:
+    """That many times a current."""
+    return CurrentPath(
+        factor * path.start,
+        factor * path.end,
+        factor * path.mean,
+        factor * path.amplitude,
+        path.decay,
+        path.switching,
+    )
+
+
+@compilable
+def part_of(path: CurrentPath, begin: float, end: float, step: float) -> CurrentPath:
+    """The current between two times [s] within the step."""
+    first = path.start - path.amplitude
+    slope = (path.end - path.amplitude * math.exp(-path.decay * step) - first) / step
+    at_begin = path.amplitude * math.exp(-path.decay * begin)
+    at_end = path.amplitude * math.exp(-path.decay * end)
+    charge = charge_at(path, end, step) - charge_at(path, begin, step)
+    rest = path.mean - charge_at(path, step, step) / step
+    return CurrentPath(
+        first + slope * begin + at_begin,
+        first + slope * end + at_end,
+        charge / (end - begin) + rest,
+        at_begin,
+        path.decay,
+        path.switching,
+    )
+
+
+@compilable
+def effective(path: CurrentPath, step: float) -> float:
+    """The current's root mean square [A] over the step.
+
+    Of p + q s + D e^(−c s) over s from 0 to 1: p² + p q + q²/3 + 2 D (p φ1 + q (φ1 − φ2)) + D² φ1(−2c).
+    """
+    amplitude = path.amplitude
+    if abs(amplitude) < _SEEN:
+        rise = path.end - path.start
+        return math.sqrt(path.mean * path.mean + rise * rise / 12.0 + path.switching.ripple)
+    fall = path.decay * step
+    _, phi1, phi2, _ = phi_functions(-fall)
+    remains, twice, _, _ = phi_functions(-2.0 * fall)
+    first = path.start - amplitude
+    rise = path.end - amplitude * math.sqrt(remains) - first
+    # What neither line nor transient explains, such as a current that ends inside the step, is spread over it.
+    first += path.mean - first - 0.5 * rise - amplitude * phi1
+    square = first * (first + rise) + rise * rise / 3.0
+    square += 2.0 * amplitude * (first * phi1 + rise * (phi1 - phi2))
+    square += amplitude * amplitude * twice
+    return math.sqrt(max(square, 0.0) + path.switching.ripple)
+
+
+@compilable
+def peak(path: CurrentPath, step: float) -> float:
+    """The current [A] that is furthest from zero during the step, with its sign."""
+    furthest = path.start if abs(path.start) > abs(path.end) else path.end
+    if abs(path.amplitude) > _SEEN:
+        fall = path.decay * step
+        first = path.start - path.amplitude
+        rise = path.end - path.amplitude * math.exp(-fall) - first
+        turn = fall * path.amplitude / rise if rise != 0.0 else 0.0
+        if (
+            turn > 1.0
+        ):  # line and transient go against each other, and the step begins with the latter
+            share = math.log(turn) / fall
+            if share < 1.0:
+                between = first + rise * share + path.amplitude / turn
+                furthest = between if abs(between) > abs(furthest) else furthest
+    return furthest + path.switching.crest

@@ -1,0 +1,109 @@
+"""A bridge that switches: what pulse-width modulation does to the current beyond its mean voltage.
+
+One period T = 1/f of a motor at the back-EMF e, in the direction of the duty d:
+
+    on, for d T     L di/dt = U − R i − e
+    off             L di/dt = V − R i − e
+      slow          V = 0: shorted by a transistor, whichever way the current flows
+      diode         V = −U_d while it flows on, U + U_d where it flows back (e > U)
+      fast          V = −(U + 2 U_d) and U + 2 U_d: all switches off
+    no current      where a diode has let it die: until the next period
+
+The EMF is slow beside the period, so that the current settles to one periodic course. Its mean, mean square and
+peak have closed forms, also where it does not last through the period.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant.compiler import outlined
+
+SLOW, DIODE, FAST = 0.0, 1.0, 2.0
+FREEWHEELING = ("slow", "diode", "fast")
+
+
+class Chopper(NamedTuple):
+    """A switching bridge and what it drives."""
+
+    freewheeling: float  # SLOW, DIODE, FAST
+    period: float  # s
+    drop: float  # U_d, V
+    resistance: float  # Ω
+    inductance: float  # H
+
+
+class Course(NamedTuple):
+    """The periodic course of a motor's current; positive along the duty."""
+
+    mean: float  # A
+    by_emf: float  # how the mean changes with the back-EMF, A/V
+    by_supply: float  # and with the supply's voltage
+    ripple: float  # A², mean square about the mean
+    peak: float  # A, furthest from zero
+    drawn: float  # A, mean current from the source
+
+
+@outlined
+def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
+    """The course at a duty between 0 and 1, for a supply and a back-EMF [V] along it."""
+    resistance, period = chopper.resistance, chopper.period
+    tau = chopper.inductance / resistance
+    on, off = duty * period, (1.0 - duty) * period
+    drop, follows = 0.0, 0.0  # V = drop + follows U
+    against = emf > supply
+    if chopper.freewheeling == DIODE:
+        drop, follows = -chopper.drop, 0.0
+        if against:
+            drop, follows = chopper.drop, 1.0
+    elif chopper.freewheeling == FAST:
+        drop, follows = -2.0 * chopper.drop, -1.0
+        if against:
+            drop, follows = 2.0 * chopper.drop, 1.0
+    rest = drop + follows * supply
+    rising, falling = (supply - emf) / resistance, (rest - emf) / resistance
+    stays, kept = math.exp(-on / tau), math.exp(-off / tau)
+    gone = -math.expm1(-on / tau)
+    high = (rising * gone - falling * math.expm1(-off / tau) * stays) / -math.expm1(-period / tau)
+    low = falling + (high - falling) * kept
+    by_emf, by_supply = -1.0 / resistance, (duty + follows * (1.0 - duty)) / resistance
+    if chopper.freewheeling != SLOW and low * rising <= 0.0:
+        # It dies after `off`: high − falling of it is left by e^(−off/τ) = 1/(1 − high/falling).
+        low, high = 0.0, rising * gone
+        fraction = -high / falling
+        off = tau * math.log1p(fraction)
+        kept = 1.0 / (1.0 + fraction)
+        sooner = tau / (1.0 + fraction) / (resistance * falling)
+        off_by_emf = sooner * (gone - high / falling)
+        off_by_supply = -sooner * (gone - follows * high / falling)
+        by_emf = ((rest - emf) * off_by_emf - on - off) / (period * resistance)
+        by_supply = ((rest - emf) * off_by_supply + on + follows * off) / (period * resistance)
+    charge_on = rising * on - tau * (high - low)
+    charge_off = falling * off + tau * (high - low)
+    mean = (charge_on + charge_off) / period
+    square = _square(rising, low - rising, on, stays, tau)
+    square += _square(falling, high - falling, off, kept, tau)
+    drawn = charge_on - charge_off if chopper.freewheeling == FAST else charge_on
+    if chopper.freewheeling == DIODE and against:
+        drawn += charge_off
+    if chopper.freewheeling == FAST and against:
+        drawn = charge_on + charge_off
+    return Course(
+        mean=mean,
+        by_emf=by_emf,
+        by_supply=by_supply,
+        ripple=max(square / period - mean * mean, 0.0),
+        peak=high if abs(high) >= abs(low) else low,
+        drawn=drawn / period,
+    )
+
+
+@outlined
+def _square(final: float, rest: float, time: float, left: float, tau: float) -> float:
+    """∫ i² dt [A² s] of i = final + rest e^(−t/τ), of which `left` = e^(−time/τ) is left."""
+    return (
+        final * final * time
+        + 2.0 * final * rest * tau * (1.0 - left)
+        + 0.5 * rest * rest * tau * (1.0 - left * left)
+    )

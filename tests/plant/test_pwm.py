@@ -1,0 +1,198 @@
+"""Currents of a bridge that switches, against a simulation that follows every switch and diode."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from liftgate_hil import load_vehicle
+from liftgate_plant import current, integrate
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compiled
+from liftgate_plant.current import NO_SWITCHING, CurrentPath
+from liftgate_plant.dynamics import State, initial_state, outputs
+from liftgate_plant.pwm import Chopper, course
+from liftgate_plant.vehicle import Vehicle, plant_of
+from tests.plant.runs import inputs
+
+U, DROP = 12.0, 0.7
+R, L, C2 = 0.708, 4.37e-5, 0.0769
+
+
+class Switched(NamedTuple):
+    """What the simulation shows of its last period."""
+
+    mean: float
+    rms: float
+    peak: float
+    drawn: float
+
+
+def switched(mode: str, duty: float, frequency: float, emf: float, supply: float = U) -> Switched:
+    """Small steps of L di/dt = u − R i − e with ideal transistors, and diodes that let nothing back."""
+    period = 1.0 / frequency
+    count = 4_000  # steps in a period
+    h = period / count
+    along, emf = math.copysign(1.0, duty), emf * math.copysign(1.0, duty)
+    on = round(abs(duty) * count)
+    decay = math.exp(-R / L * h)
+    i, values, source = 0.0, np.empty(count), np.empty(count)
+    for _ in range(max(3, math.ceil(10.0 * L / R / period))):
+        for k in range(count):
+            if k < on:
+                u, share = supply, 1.0
+            elif mode == "slow":
+                u, share = 0.0, 0.0
+            elif mode == "diode":
+                u, share = (-DROP, 0.0) if i > 0.0 else (supply + DROP, 1.0)
+            else:
+                u = -(supply + 2 * DROP) if i > 0.0 else supply + 2 * DROP
+                share = -1.0 if i > 0.0 else 1.0
+            final = (u - emf) / R
+            after = final + (i - final) * decay
+            if k >= on and mode != "slow":
+                if i == 0.0:
+                    holds = emf if mode == "fast" else max(emf, 0.0)
+                    low = -DROP if mode == "diode" else -(supply + 2 * DROP)
+                    high = supply + (DROP if mode == "diode" else 2 * DROP)
+                    if low <= holds <= high:
+                        after = 0.0
+                elif after * i < 0.0:
+                    after = 0.0
+            values[k] = 0.5 * (i + after)
+            source[k] = share * values[k]
+            i = after
+    furthest = values[np.argmax(np.abs(values))]
+    return Switched(
+        along * values.mean(),
+        math.sqrt(np.mean(values**2)),
+        along * furthest,
+        source.mean(),
+    )
+
+
+POINTS = [
+    # freewheeling, duty, frequency [Hz], EMF [V]
+    ("slow", 0.5, 20e3, 5.0),
+    ("slow", 0.3, 10e3, 4.0),
+    ("slow", -0.8, 20e3, -8.0),
+    ("slow", 0.5, 5e3, 7.0),  # generates
+    ("diode", 0.6, 20e3, 5.0),
+    ("diode", 0.6, 5e3, 6.5),
+    ("diode", 0.4, 10e3, 5.0),  # discontinuous
+    ("diode", 0.2, 20e3, 4.0),  # discontinuous
+    ("diode", -0.3, 20e3, -6.0),  # discontinuous
+    ("diode", 0.5, 10e3, 12.3),  # driven beyond the supply
+    ("fast", 0.8, 20e3, 4.0),
+    ("fast", 0.6, 20e3, 5.0),  # discontinuous
+    ("fast", 0.9, 5e3, 9.0),  # discontinuous
+    ("fast", -0.3, 10e3, -6.0),  # discontinuous
+    ("fast", 0.5, 10e3, 13.0),  # driven beyond the supply
+    ("fast", 0.7, 20e3, -3.0),  # turned against the duty
+]
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Vehicle:
+    """Of a rotor so heavy that its speed is given."""
+    return load_vehicle("suv", ["motor.rotor_inertia=1.0", "bridge.diode_drop=0.7"], ideal=True)
+
+
+@pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
+@pytest.mark.parametrize("step", [1e-4, 1e-3])
+def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
+    heavy: Vehicle, mode: str, duty: float, frequency: float, emf: float, step: float
+):
+    own = heavy.left._replace(
+        bridge=heavy.left.bridge._replace(pwm_frequency=frequency, freewheeling=mode)
+    )
+    vehicle = heavy._replace(left=own, right=own)
+    plant = plant_of(vehicle)
+    state = initial_state(plant, 0.5)
+    turning = state.left._replace(speed=emf / C2)
+    state = state._replace(left=turning, right=turning)
+    given = inputs(vehicle, DriveInput(duty, 0.0, 0.0))
+    advance = compiled(integrate.advance)
+    for _ in range(math.ceil(2e-3 / step)):
+        state, flow = advance(plant, state, given, step)
+    expected = switched(mode, duty, frequency, C2 * state.left.speed)
+    path = flow.left
+    assert state.left.current == pytest.approx(expected.mean, rel=0.01, abs=2e-3)
+    assert path.mean == pytest.approx(expected.mean, rel=0.01, abs=2e-3)
+    assert current.effective(path, step) == pytest.approx(expected.rms, rel=0.01)
+    assert current.peak(path, step) == pytest.approx(expected.peak, rel=0.01)
+    drawn = path.switching.drawn * path.mean
+    assert drawn == pytest.approx(expected.drawn, rel=0.01, abs=2e-3)
+    shown = outputs(plant, state, given)
+    assert shown.left_voltage == pytest.approx(R * expected.mean + C2 * state.left.speed, abs=0.02)
+
+
+@pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)
+def test_the_slopes_of_the_mean_are_its_slopes(
+    mode: str, duty: float, frequency: float, emf: float
+):
+    kind = float(("slow", "diode", "fast").index(mode))
+    chopper = Chopper(kind, 1.0 / frequency, DROP, R, L)
+    duty, emf, d = abs(duty), emf * math.copysign(1.0, duty), 1e-5
+    now = course(chopper, duty, U, emf)
+    by_emf = course(chopper, duty, U, emf + d).mean - course(chopper, duty, U, emf - d).mean
+    by_supply = course(chopper, duty, U + d, emf).mean - course(chopper, duty, U - d, emf).mean
+    assert now.by_emf == pytest.approx(by_emf / (2 * d), rel=1e-4, abs=1e-9)
+    assert now.by_supply == pytest.approx(by_supply / (2 * d), rel=1e-4, abs=1e-9)
+
+
+def test_energy_closes_over_a_period():
+    """What the source gives less what diodes and winding lose turns the motor."""
+    for mode in (1.0, 2.0):
+        for emf in (1.0, 4.0, 7.0, 11.0):
+            chopper = Chopper(mode, 1e-4, 0.0, R, L)
+            now = course(chopper, 0.5, U, emf)
+            losses = R * (now.ripple + now.mean**2)
+            assert U * now.drawn == pytest.approx(emf * now.mean + losses, rel=1e-9, abs=1e-9)
+
+
+def test_ripple_warms_the_winding():
+    def warmed(frequency: float) -> float:
+        keys = ["thermal.enabled=1", f"bridge.pwm_frequency={frequency}", "gate.mass=28"]
+        vehicle = load_vehicle("suv", keys, ideal=True)
+        vehicle = load_vehicle("suv", [*keys, "thermal.enabled=1"], ideal=True)
+        plant = plant_of(vehicle)
+        state: State = initial_state(plant, 0.3)
+        step = compiled(integrate.step)
+        given = inputs(vehicle, DriveInput(0.5, 0.0, 0.0))
+        for _ in range(1500):
+            state = step(plant, state, given, 1e-3)
+        return state.left.winding_temperature
+
+    mean, slow, quick = warmed(0.0), warmed(2000.0), warmed(50_000.0)
+    ripple = course(Chopper(0.0, 1 / 2000.0, DROP, R, L), 0.5, U, 5.8).ripple
+    assert slow - mean == pytest.approx(R * ripple * 1.5 / 4.0, rel=0.2)
+    assert 0.0 < quick - mean < 0.01 * (slow - mean)
+
+
+def test_a_bridge_without_a_frequency_is_its_mean():
+    vehicle = load_vehicle("suv", ["bridge.freewheeling=diode"], ideal=True)
+    assert plant_of(vehicle).left.pwm_period == 0.0
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        CurrentPath(0.0, 14.0, 0.0, -16.0, 1.62e4, NO_SWITCHING),
+        CurrentPath(3.0, 1.0, 2.0, 0.0, 1.62e4, NO_SWITCHING),
+        CurrentPath(5.0, -2.0, 0.0, 4.0, 3e3, NO_SWITCHING),
+        CurrentPath(-5.0, 2.0, 0.0, -7.0, 900.0, NO_SWITCHING),
+    ],
+)
+def test_effective_value_and_peak_of_a_path_are_those_of_its_course(path: CurrentPath):
+    step = 1e-3
+    times = np.linspace(0.0, step, 200_001)
+    first = path.start - path.amplitude
+    last = path.end - path.amplitude * math.exp(-path.decay * step)
+    course_of = first + (last - first) * times / step + path.amplitude * np.exp(-path.decay * times)
+    path = path._replace(mean=float(np.trapezoid(course_of, times) / step))
+    rms = math.sqrt(np.trapezoid(course_of**2, times) / step)
+    assert current.effective(path, step) == pytest.approx(rms, rel=1e-6)
+    furthest = course_of[np.argmax(np.abs(course_of))]
+    assert current.peak(path, step) == pytest.approx(furthest, rel=1e-6)
