@@ -49,7 +49,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say_when_stamps_scatter(
     std = 0.0015
     found = many_seeds.of_scattered_stamps(std, range(16))
     assert np.mean(found.jitter) == pytest.approx(std, rel=0.2)
-    assert 0.65 < rms(found.known) < 0.95  # measured 0.79
+    assert 0.75 < rms(found.known) < 1.2  # measured 0.99
     assert np.abs(found.known).max() < 3.0
     assert rms(found.blind) > 2.0  # measured 3.2
 

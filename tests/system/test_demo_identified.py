@@ -15,7 +15,7 @@ from liftgate_hil.cli.main import main
 FOREIGN = Path(__file__).parent / "foreign" / "foreign.toml"
 TRUTH = {
     "motor.resistance": 0.95,
-    "motor.torque_constant": 0.0131,
+    "motor.torque_constant": 0.0113,
     "motor.rotor_inertia": 1.6e-5,
     "spring.preload": 345.0,
 }

@@ -21,6 +21,8 @@ from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
+_ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
+
 
 def load_vehicle(
     path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED
@@ -59,6 +61,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
         right=DriveTables(**{name: kind(**right[name]) for name, kind in DRIVE_TABLES.items()}),
         **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
     )
+    _check_motors(issues, vehicle)
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
     _check_encoder(issues, vehicle.sensors)
@@ -161,6 +164,20 @@ def _allowed(quantity: Quantity) -> str:
 def _unit(quantity: Quantity) -> str:
     """As a person reads it; none of a pure number."""
     return "" if quantity.unit == "1" else quantity.unit
+
+
+def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
+    """A motor's shaft gives c1Φ i ω for the c2Φ n i that its EMF takes: c1Φ of more than c2Φ/2π makes energy."""
+    limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
+    given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
+    for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
+        if value > limit * _ROUNDED:
+            key = "motor.torque_constant"
+            issues.add(
+                key if given[0] == given[1] and limits[0] == limits[1] else f"{side}.{key}",
+                f"{value:g} makes energy with speed_constant = {limit * 2.0 * math.pi:g}; "
+                f"allowed: up to speed_constant/2π = {limit:.4g} N m/A",
+            )
 
 
 def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:

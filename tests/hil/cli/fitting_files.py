@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from liftgate_hil.cli.main import main
 
 Floats = NDArray[np.float64]
-TRUTH = {"motor.resistance": 0.95, "motor.torque_constant": 0.0131, "motor.rotor_inertia": 1.6e-5}
+TRUTH = {"motor.resistance": 0.95, "motor.torque_constant": 0.0113, "motor.rotor_inertia": 1.6e-5}
 NAMES = ",".join(TRUTH)
 KEPT = ("time_s", "left_voltage_v", "right_voltage_v", "left_current_a", "left_hall_count")
 

@@ -146,9 +146,9 @@ def test_a_file_given_twice_is_refused(capsys: pytest.CaptureFixture[str], openi
 
 
 def test_the_result_tells_what_was_set(capsys: pytest.CaptureFixture[str], opening: Path) -> None:
-    given = ("--set", "motor.torque_constant=0.0131")
+    given = ("--set", "motor.torque_constant=0.0113")
     result = found(capsys, opening, "--estimate", "motor.resistance", *given)
-    assert "suv: with motor.torque_constant=0.0131" in result["notes"]
+    assert "suv: with motor.torque_constant=0.0113" in result["notes"]
 
 
 def test_unlike_drives_are_told_apart_by_their_own_columns(
@@ -567,7 +567,7 @@ def test_a_model_without_end_stops_sees_the_travel_alone(
     out = simulated(tmp_path, driven(6.5, 12.0), *settings(TRUTH))
     assert out["gate_angle_deg"].max() > 80.0
     path = write_columns(tmp_path / "whole.csv", noisy(out, (*KEPT, "gate_angle_deg")))
-    flags = ("--estimate", "motor.resistance", "--set", "motor.torque_constant=0.0131")
+    flags = ("--estimate", "motor.resistance", "--set", "motor.torque_constant=0.0113")
     result = found(
         capsys, path, *flags, "--set", "motor.rotor_inertia=1.6e-5", "--model", "third-order"
     )

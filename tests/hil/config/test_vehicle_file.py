@@ -151,6 +151,28 @@ def test_a_wrong_friction_over_the_travel_names_its_key(
         assert key in keys_of(faults_of(tmp_path, text))
 
 
+@pytest.mark.parametrize(
+    ("settings", "keys"),
+    [
+        (["motor.torque_constant=0.0125"], ["motor.torque_constant"]),
+        (["motor.speed_constant=0.07"], ["motor.torque_constant"]),
+        (["right.motor.torque_constant=0.02"], ["right.motor.torque_constant"]),
+        (["left.motor.speed_constant=0.06"], ["left.motor.torque_constant"]),
+    ],
+)
+def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[str]):
+    with pytest.raises(ConfigError) as refused:
+        session.vehicle_from("suv", settings)
+    (line,) = str(refused.value).splitlines()
+    assert keys[0] in line
+    assert "makes energy" in line
+    assert "allowed: up to speed_constant/2π" in line
+
+
+def test_constants_that_are_rounded_make_no_energy():
+    session.vehicle_from("suv", ["motor.torque_constant=0.01225"])
+
+
 def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
     far = re.sub(r"body_point = .*", "body_point = [-0.04, -9.0]", SUV)
     far = far.replace("gate_point = [0.085, -0.18]", "gate_point = [5.0, -0.18]")
