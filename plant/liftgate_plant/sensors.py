@@ -33,9 +33,18 @@ from liftgate_plant.hall import (
     read_hall,
 )
 from liftgate_plant.integrate import Flow
+from liftgate_plant.motor import Motor
 from liftgate_plant.noise import disturbance
 from liftgate_plant.quantity import Quantity
-from liftgate_plant.shunt import Turning, Window, commutated, low_passed, windowed
+from liftgate_plant.shunt import (
+    Commutation,
+    Turning,
+    Window,
+    commutated,
+    emf_ripple,
+    low_passed,
+    windowed,
+)
 from liftgate_plant.signals import Sensed
 
 _LEAST_FILTER = 1e-9  # s; a quicker low-pass is none
@@ -78,7 +87,12 @@ class Sensors(NamedTuple):
         float, Quantity("", "1", 0.0, 1.0, "1: that shunt is read while the PWM is on")
     ] = 0.0
     ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation, share of current")] = 0.0
-    ripple_order: Annotated[float, Quantity("", "1/rev", 0.0, 1e3, "commutations per turn")] = 14.0
+    ripple_emf: Annotated[
+        float, Quantity("", "1", 0.0, 0.2, "commutation, share of the EMF; of N a turn 2/(N² − 1)")
+    ] = 0.0
+    ripple_order: Annotated[
+        float, Quantity("N", "1/rev", 0.0, 1e3, "commutations a turn: lcm of segments and brushes")
+    ] = 14.0
     angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "potentiometer")] = 0.0
     angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "potentiometer")] = 0.0
     angle_resolution: Annotated[float, Quantity("", "deg", 0.0, 90.0, "potentiometer")] = 0.0
@@ -138,6 +152,7 @@ def encoder_of(sensors: Sensors) -> Encoder:
 @compilable
 def sensed_current(
     sensors: Sensors,
+    motor: Motor,
     path: CurrentPath,
     before: Shaft,
     now: Shaft,
@@ -149,22 +164,28 @@ def sensed_current(
     shaft turned from `before` to `now`.
     """
     step, gathered = when.length, 0.0
+    order, middle = sensors.ripple_order, 0.5 * (before.speed + now.speed)
+    amplitude = 0.0
+    if sensors.ripple_emf > 0.0:
+        amplitude = emf_ripple(sensors.ripple_emf, motor, order, middle)
+    ripple = Commutation(sensors.ripple, amplitude)
     if sensors.shunt_low_side > 0.0:
         switching = path.switching
-        path = scaled(path, switching.on if sensors.shunt_sampled_on > 0.0 else switching.drawn)
+        seen = switching.on if sensors.shunt_sampled_on > 0.0 else switching.drawn
+        path, ripple = scaled(path, seen), Commutation(ripple.share, seen * amplitude)
     current = path.end
-    turn = 2.0 * math.pi * sensors.ripple_order
+    turn = 2.0 * math.pi * order
     turning = Turning(
         turn * before.position, turn * now.position, turn * before.speed, turn * now.speed
     )
     constant = sensors.current_filter if sensors.current_filter > _LEAST_FILTER else 0.0
     if sensors.current_window > 0.0:
         length, end = sensors.current_window, when.begin + step
-        current, gathered = windowed(sensors.ripple, path, turning, length, memory, end, step)
+        current, gathered = windowed(ripple, path, turning, length, memory, end, step)
     elif constant > 0.0:
         current = low_passed(memory.mean, path, constant, step)
-    if sensors.ripple > 0.0 and sensors.current_window == 0.0:
-        current += commutated(sensors.ripple, path, turning, constant, step)
+    if (ripple.share > 0.0 or amplitude != 0.0) and sensors.current_window == 0.0:
+        current += commutated(ripple, path, turning, constant, step)
     reading = sensors.current_gain * current + sensors.current_offset
     reading += noise
     reading = quantised(reading, sensors.current_resolution)
@@ -206,15 +227,15 @@ def sense(
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
     currents, halls = memory.currents, memory.halls
     for drive in range(len(halls)):  # not unrolled, as each would be compiled anew
-        motor, path = state.left, flow.left
+        motor, shaft, path = plant.left.motor, state.left, flow.left
         if drive == RIGHT:
-            motor, path = state.right, flow.right
+            motor, shaft, path = plant.right.motor, state.right, flow.right
         before = Shaft(halls[drive].position, halls[drive].motor_speed)
-        after = Shaft(motor.position, motor.speed)
+        after = Shaft(shaft.position, shaft.speed)
         noise = disturbance(sensors.current_noise, seed, tick, drive)
         window = Window(currents[drive, 0], currents[drive, 2])
         window, currents[drive, 1] = sensed_current(
-            sensors, path, before, after, window, noise, when
+            sensors, motor, path, before, after, window, noise, when
         )
         currents[drive, 0], currents[drive, 2] = window
         read_hall(encoder, halls, after, when, drive, memory.edges)
@@ -257,6 +278,10 @@ def sense(
             left_winding_temperature_degc=state.left.winding_temperature
             + sensors.temperature_offset,
             right_winding_temperature_degc=state.right.winding_temperature
+            + sensors.temperature_offset,
+            left_housing_temperature_degc=state.left.housing_temperature
+            + sensors.temperature_offset,
+            right_housing_temperature_degc=state.right.housing_temperature
             + sensors.temperature_offset,
             road_slope_deg=slope * degrees,
             gate_acceleration_mps2=acceleration,

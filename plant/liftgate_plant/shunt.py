@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import CurrentPath, charge_at, part_of
-from liftgate_plant.motor import phi_functions
+from liftgate_plant.motor import Motor, phi_functions
 
 
 class Ripple(NamedTuple):
@@ -58,6 +58,23 @@ def rippled(ripple: Ripple, constant: float, step: float) -> float:
     return ripple.amplitude * (math.sin(ripple.end) - math.sin(ripple.start)) / way
 
 
+class Commutation(NamedTuple):
+    """How far a commutation ripple goes up and down: a share of the current and an amplitude [A]."""
+
+    share: float
+    amplitude: float
+
+
+@compilable
+def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
+    """The current [A] that a ripple of a share of the EMF drives through the winding, for `order` commutations a
+    turn: share c2Φ n / √(R² + (2π order n L)²).
+    """
+    reactance = 2.0 * math.pi * order * speed * motor.inductance
+    impedance = math.sqrt(motor.resistance * motor.resistance + reactance * reactance)
+    return share * motor.speed_constant * speed / impedance
+
+
 class Turning(NamedTuple):
     """The commutations' angle [rad] and its rate [rad/s] at both ends of a step."""
 
@@ -74,9 +91,9 @@ _PIECES = 8  # at most
 
 @compilable
 def commutated(
-    share: float, path: CurrentPath, turning: Turning, constant: float, step: float
+    ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float
 ) -> float:
-    """What a commutation ripple of a share of the current adds to the reading at the end of the step.
+    """What a commutation ripple adds to the reading at the end of the step.
 
     Where current or speed change much within the step it is taken in pieces.
     """
@@ -100,7 +117,9 @@ def commutated(
             until = turning.start + (way + drift / step) * time
             now = charge_at(path, time, step)
         mean = (now - charge) / part
-        piece = rippled(Ripple(share * mean, angle, until), constant, part)
+        piece = rippled(
+            Ripple(ripple.share * mean + ripple.amplitude, angle, until), constant, part
+        )
         total = total * e + piece if constant > 0.0 else total + piece / pieces
         angle, charge = until, now
     return total
@@ -122,16 +141,16 @@ def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
 
 @compilable
 def gathered_between(
-    share: float, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
+    ripple: Commutation, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
 ) -> float:
-    """What flows [A s] between two times of the step, a commutation ripple of a share of it included."""
+    """What flows [A s] between two times of the step, commutation ripple included."""
     if end <= begin:
         return 0.0
     part = part_of(path, begin, end, step)
-    ripple = 0.0
-    if share > 0.0:
-        ripple = commutated(share, part, turned(turning, begin, end, step), 0.0, end - begin)
-    return (end - begin) * (part.mean + ripple)
+    mean = part.mean
+    if ripple.share != 0.0 or ripple.amplitude != 0.0:
+        mean += commutated(ripple, part, turned(turning, begin, end, step), 0.0, end - begin)
+    return (end - begin) * mean
 
 
 _SLACK = 1e-9  # of a window, by which its end and a tick's may differ and be one
@@ -146,7 +165,7 @@ class Window(NamedTuple):
 
 @compilable
 def windowed(
-    share: float,
+    ripple: Commutation,
     path: CurrentPath,
     turning: Turning,
     length: float,
@@ -157,11 +176,11 @@ def windowed(
     """The windows of `length` [s] after a step that ends `now` [s]."""
     ended = math.floor(now / length + _SLACK)
     if ended == math.floor((now - step) / length + _SLACK):
-        more = gathered_between(share, path, turning, 0.0, step, step)
+        more = gathered_between(ripple, path, turning, 0.0, step, step)
         return Window(before.mean, before.gathered + more)
     end = min(max(ended * length - (now - step), 0.0), step)
     begin = end - length
-    total = gathered_between(share, path, turning, max(begin, 0.0), end, step)
+    total = gathered_between(ripple, path, turning, max(begin, 0.0), end, step)
     if begin < 0.0:
         total += before.gathered
-    return Window(total / length, gathered_between(share, path, turning, end, step, step))
+    return Window(total / length, gathered_between(ripple, path, turning, end, step, step))

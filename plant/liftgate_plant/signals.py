@@ -219,6 +219,8 @@ class Sensed(NamedTuple):
     right_winding_temperature_degc: Annotated[
         float, WINDING_TEMPERATURE._replace(bus_name="right_motor_temperature")
     ]
+    left_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
+    right_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
     road_slope_deg: Annotated[float, ROAD_SLOPE]
     gate_acceleration_mps2: Annotated[float, GATE_ACCELERATION]
 

@@ -399,7 +399,8 @@ def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0
     """The reading of a current that does not change in a motor that stands at 0 rev."""
     when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
     path = current.held(amperes)
-    after, reading = sensors.sensed_current(table, path, STILL, STILL, before, 0.0, when)
+    motor = suv().left.motor
+    after, reading = sensors.sensed_current(table, motor, path, STILL, STILL, before, 0.0, when)
     return after.mean, reading
 
 

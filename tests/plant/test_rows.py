@@ -124,6 +124,7 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
         expected |= {
             f"{side}_current_a": drive.current,
             f"{side}_winding_temperature_degc": drive.winding_temperature,
+            f"{side}_housing_temperature_degc": drive.housing_temperature,
             f"{side}_hall_count": at + 1000,
             f"{side}_hall_speed": began[side],
             f"{side}_hall_a": float(at % 4 in (1, 2)),
@@ -195,6 +196,8 @@ CURRENTS = {"left_current_a", "right_current_a"}
                 "ambient_temperature_degc",
                 "left_winding_temperature_degc",
                 "right_winding_temperature_degc",
+                "left_housing_temperature_degc",
+                "right_housing_temperature_degc",
             },
         ),
     ],

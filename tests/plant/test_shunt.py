@@ -17,7 +17,16 @@ from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, charge_at, held, part_of
 from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, initial_state, outputs
 from liftgate_plant.sensors import Sensors, SensorState
-from liftgate_plant.shunt import Ripple, Turning, Window, low_passed, rippled, windowed
+from liftgate_plant.shunt import (
+    Commutation,
+    Ripple,
+    Turning,
+    Window,
+    emf_ripple,
+    low_passed,
+    rippled,
+    windowed,
+)
 from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import load, suv
 
@@ -184,7 +193,7 @@ def test_a_window_gives_the_mean_of_the_last_one_that_has_ended(length: float, s
     values = np.concatenate(whole)
     window, still = Window(0.0, 0.0), Turning(0.0, 0.0, 0.0, 0.0)
     for k, path in enumerate(path_at, start=1):
-        window = windowed(0.0, path, still, length, window, k * step, step)
+        window = windowed(Commutation(0.0, 0.0), path, still, length, window, k * step, step)
         ended = math.floor(k * step / length + 1e-9)
         if ended:
             begin, end = (round(edge * length / step * fine) for edge in (ended - 1, ended))
@@ -200,7 +209,7 @@ def test_a_window_of_whole_commutations_has_no_ripple() -> None:
         window, seen = Window(0.0, 0.0), []
         for k in range(1, 200):
             turning = Turning(rate * (k - 1) * step, rate * k * step, rate, rate)
-            window = windowed(0.1, path, turning, length, window, k * step, step)
+            window = windowed(Commutation(0.1, 0.0), path, turning, length, window, k * step, step)
             seen.append(abs(window.mean - 3.0))
         return max(seen[5:])
 
@@ -241,3 +250,33 @@ def test_a_low_side_shunt_sees_what_the_source_gives(
         gate.step(0.03)
         assert abs(gate.truth["left_current_a"]) > 0.5
         assert gate.sensed["left_current_a"] == 0.0
+
+
+def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_winding() -> None:
+    """14 commutations a turn, rectified sines: the fundamental by its own Fourier integral, through R and L."""
+    order, speed = 14, 120.0
+    angles = np.linspace(0.0, 2.0 * math.pi / order, 200_001)
+    rectified = np.cos(angles - math.pi / order)
+    share = 2.0 * abs(np.trapezoid(rectified * np.exp(1j * order * angles), angles))
+    share /= np.trapezoid(rectified, angles)
+    assert share == pytest.approx(2.0 / (order**2 - 1), rel=1e-6)
+    motor = suv().left.motor
+    frequency = order * speed
+    emf = share * motor.speed_constant * speed
+    expected = emf / abs(motor.resistance + 2j * math.pi * frequency * motor.inductance)
+    assert emf_ripple(share, motor, order, speed) == pytest.approx(expected)
+    assert emf_ripple(share, motor, order, -speed) == pytest.approx(-expected)
+    # In the reading: what is read at 10 kHz swings by it.
+    keys = [f"sensors.ripple_emf={share}"]
+    with Gate(vehicle="suv", settings=keys, ideal=True, initial=30.0, rate=10e3) as gate:
+        gate.command(left_duty=70, right_duty=70, direction="open")
+        gate.step(0.6)
+        seen = []
+        for _ in range(2000):
+            gate.step(1e-4)
+            seen.append(gate.sensed["left_current_a"] - gate.truth["left_current_a"])
+        turning = gate.truth["left_speed_rps"]
+    level = emf_ripple(share, motor, order, turning)
+    # The mean over a tick of 100 µs leaves sin(π f T)/(π f T) of it.
+    left = np.sinc(order * turning * 1e-4)
+    assert math.sqrt(2.0) * np.std(seen) == pytest.approx(level * left, rel=0.03)
