@@ -89,14 +89,9 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
         drawn += charge_off
     if chopper.freewheeling == FAST and against:
         drawn = charge_on + charge_off
-    return Course(
-        mean=mean,
-        by_emf=by_emf,
-        by_supply=by_supply,
-        ripple=max(square / period - mean * mean, 0.0),
-        peak=high if abs(high) >= abs(low) else low,
-        drawn=drawn / period,
-    )
+    ripple = max(square / period - mean * mean, 0.0)
+    peak = high if abs(high) >= abs(low) else low
+    return Course(mean, by_emf, by_supply, ripple, peak, drawn / period)
 
 
 @outlined

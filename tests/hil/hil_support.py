@@ -136,7 +136,7 @@ def loop_config(
     seed: int = 0,
 ) -> LoopConfig:
     """The shipped vehicle, as a loop's constants."""
-    vehicle = session.vehicle_from("suv", settings)
+    vehicle = session.vehicle_from("suv", settings, ideal=True)
     return session.loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from liftgate_hil.config.settings import applied, settings_of
+from liftgate_hil.config.variant import Variant, settings_for
 from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -35,9 +36,9 @@ BRAKE, COAST = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
 
 
 def tables(*settings: str) -> dict[str, Any]:
-    """The reference SUV's file with `--set` style values (`motor.resistance=0.8`) laid over it."""
+    """The ideal reference SUV's file with `--set` style values (`motor.resistance=0.8`) laid over it."""
     raw = tomllib.loads(SUV.read_text(encoding="utf-8"))
-    applied(raw, settings_of(settings))
+    applied(raw, settings_for(raw, Variant(is_ideal=True), settings_of(settings), "suv"))
     return raw
 
 

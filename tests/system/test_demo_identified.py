@@ -27,7 +27,17 @@ COMMAND = " 120#"
 def recorded(folder: Path, *arguments: str) -> Path:
     """The bus log of a demo's first 18 s, up to before its gate meets the obstacle."""
     folder.mkdir()
-    fixed = ["demo", "--clock", "free", "--duration", "18", "--quiet", "--output", str(folder)]
+    fixed = [
+        "demo",
+        "--clock",
+        "free",
+        "--duration",
+        "18",
+        "--quiet",
+        "--ideal",
+        "--output",
+        str(folder),
+    ]
     assert main([*fixed, *SETTINGS, *arguments]) == 0
     return folder / "demo.log"
 

@@ -13,6 +13,8 @@ BUILT_IN: dict[tuple[Any, int], str] = {
     (math.sqrt, 1): "sqrt",
     (math.exp, 1): "exp",
     (math.log, 1): "log",
+    (math.expm1, 1): "expm1",
+    (math.log1p, 1): "log1p",
     (math.sin, 1): "sin",
     (math.cos, 1): "cos",
     (math.copysign, 2): "copysign",

@@ -104,7 +104,7 @@ def test_a_sample_holds_from_its_time_until_the_next(tmp_path: Path) -> None:
 def test_duty_takes_its_voltage_from_the_supply(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,left_duty,right_duty\n0,0.5,-0.25\n")
-    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.01")
+    columns = simulate(tmp_path, "--input", str(source), "--duration", "0.01", "--ideal")
     assert columns["left_voltage_v"][-1] == 6.0
     assert columns["right_voltage_v"][-1] == -3.0
 

@@ -41,7 +41,7 @@ cycle_ms = {cycle}
 
 
 def suv():
-    return session.vehicle_from("suv")
+    return session.vehicle_from("suv", ideal=True)
 
 
 @pytest.mark.parametrize("name", VEHICLES)

@@ -116,8 +116,8 @@ def test_what_is_set_holds_and_the_rest_is_spread_about_it(tmp_path: Path):
 def test_a_share_of_nothing_is_nothing(tmp_path: Path):
     path = vehicle_file(tmp_path, "[spread.spring]\nstiffness = { relative = 0.1 }\n")
     assert load_vehicle(path, ["spring.stiffness=0"], draw=1).left.spring.stiffness == 0.0
-    with_none = vehicle_file(tmp_path, "[spread.sensors]\nripple = { relative = 0.1 }\n")
-    assert load_vehicle(with_none, draw=1).sensors.ripple == 0.0
+    with_none = vehicle_file(tmp_path, "[spread.sensors]\nangle_noise_deg = { relative = 0.1 }\n")
+    assert load_vehicle(with_none, draw=1).sensors.angle_noise == 0.0
 
 
 def test_a_draw_stays_in_the_range_of_its_key(tmp_path: Path):
@@ -246,7 +246,8 @@ def test_a_gate_of_the_api_can_be_one_car(tmp_path: Path):
 
 
 def test_runs_differ_by_their_seed_and_simulate_has_what_the_loop_has(tmp_path: Path):
-    path = vehicle_file(tmp_path, "[friction]\nrun_deviation = 0.1\neccentricity = 0.2\n")
+    text = WITHOUT.replace("[friction]", "[friction]\nrun_deviation = 0.1\neccentricity = 0.2")
+    path = vehicle_file(tmp_path, "", text)
     duties = tmp_path / "duties.csv"
     duties.write_text("time_s,left_duty,right_duty\n0,0.6,0.6\n", encoding="utf-8")
     ends = []

@@ -136,13 +136,13 @@ def test_each_fault_names_its_key(tmp_path: Path, old: str, new: str, key: str):
         ("position_table = [[0.5, 1], [0.5, 1]]", "friction.position_table[1][0]"),
         ("position_table = [[0, 'a']]", "friction.position_table[0][1]"),
         ("position_deviation = 0.1\nposition_length = 0.0001", None),
-        ("eccentricity = 0.1\n[left.spindle]\nlead = 0.0001", None),
+        ("eccentricity = 0.1\n[left.spindle]\nlead = 0.0001\n[left.friction]", None),
     ],
 )
 def test_a_wrong_friction_over_the_travel_names_its_key(
     tmp_path: Path, friction: str, key: str | None
 ):
-    text = f"{SUV}\n[friction]\n{friction}\n"
+    text = SUV.replace("[friction]\n", f"[friction]\n{friction}\n")
     if key is None:  # fine enough for a gate of this size
         path = tmp_path / "suv.toml"
         path.write_text(text, encoding="utf-8")
@@ -176,7 +176,9 @@ def test_constants_that_are_rounded_make_no_energy():
 def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
     far = re.sub(r"body_point = .*", "body_point = [-0.04, -9.0]", SUV)
     far = far.replace("gate_point = [0.085, -0.18]", "gate_point = [5.0, -0.18]")
-    text = f"{far}\n[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n"
+    text = far.replace(
+        "[friction]\n", "[friction]\nposition_deviation = 0.1\nposition_length = 1e-4\n"
+    )
     assert "friction" in keys_of(faults_of(tmp_path, text))
 
 

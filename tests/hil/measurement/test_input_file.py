@@ -85,7 +85,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         "hand_force_n": -40.0, "external_torque_nm": 13.0, "latch_released": 1.0,
     }  # fmt: skip
     assert mild.keys() == INPUT_SIGNALS.keys()
-    vehicle = vehicle_from("suv")
+    vehicle = vehicle_from("suv", ideal=True)
     plant = plant_of(vehicle)
     offline = Offline(
         plant=plant,
