@@ -54,7 +54,7 @@ def identified(
 ) -> dict[str, Any]:
     """The result, within its own uncertainty of the truth."""
     names = ["--estimate", ",".join(TRUTH)]
-    assert main(["identify", *map(str, arguments), *names, "--json", "--quiet"]) == 0
+    assert main(["identify", *map(str, arguments), *names, "--ideal", "--json", "--quiet"]) == 0
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert {"measurement 1", "vehicle", "rig", "dbc"} == set(result["provenance"]["sources"])
     for name, value in TRUTH.items():
