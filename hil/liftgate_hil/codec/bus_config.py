@@ -103,7 +103,7 @@ def build_bus_config(
             quantity = quantities[wire.quantity]
             if not _is_usable(wire, signal, issues):
                 continue
-            pairs = _enumeration(wire, signal, quantity, issues, sending)
+            pairs = _enumeration(wire, signal, quantity)
             row = _signal_row(wire, signal, quantity)
             row["quantity"] = list(quantities).index(wire.quantity)
             row["place"] = tables.add_place(place_of(signal))
@@ -240,32 +240,16 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
 
 
 def _enumeration(
-    wire: SignalMapping,
-    signal: Signal,
-    quantity: signals.Signal,
-    issues: ConfigIssues,
-    sending: bool,
+    wire: SignalMapping, signal: Signal, quantity: signals.Signal
 ) -> list[tuple[float, float]]:
     """Pairs of our value and their physical value, where the wire names them."""
-    if wire.values is None:
-        return []
-    key = f"{wire.quantity}.values"
-    pairs = []
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
-    for name, value in wire.values.items():
-        if name not in quantity.values:
-            allowed = ", ".join(quantity.values) or "none, this is no enumeration"
-            issues.add(key, f"{name}: allowed: {allowed}")
-        elif isinstance(value, str) and value not in labels:
-            allowed = ", ".join(labels) or "numbers, the signal has no value table"
-            issues.add(key, f"{name} = {value!r}: allowed: {allowed}")
-        elif isinstance(value, str) or abs(value) <= 1e15:
+    pairs = []
+    for name, value in (wire.values or {}).items():
+        if name in quantity.values and (not isinstance(value, str) or value in labels):
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
             pairs.append((float(quantity.values.index(name)), physical))
-    missing = [name for name in quantity.values if name not in wire.values]
-    if sending and missing:
-        issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
     return pairs
 
 

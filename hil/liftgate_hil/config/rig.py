@@ -29,6 +29,7 @@ from liftgate_plant.signals import Signal
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+LONGEST_MS = 60_000.0  # a cycle
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
@@ -172,7 +173,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
                 f"messages.{name}.cycle_ms",
                 "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
             )
-        elif not 0 <= told <= 60_000:
+        elif not 0 <= told <= LONGEST_MS:
             issues.add(
                 f"messages.{name}.cycle_ms",
                 f"the database's GenMsgCycleTime is {show(rig.messages[name].cycle_time)}; "

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.config.units import (
     SAME,
@@ -82,6 +83,10 @@ def _mapping(
         by_unit = _by_unit(issues, key, name, _unit_of(issues, key, given, theirs), ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
+    if values is not None:
+        check_values(issues, f"{key}.values", name, values, theirs, ours)
+        if section == "outputs":
+            check_complete(issues, f"{key}.values", values, ours)
     if issues.count > before:
         basis = "unknown"
     return SignalMapping(
@@ -118,7 +123,9 @@ def _given_values(
     for other in ("unit", "scale", "offset"):
         if other in given:
             issues.add(f"{key}.{other}", "allowed: without values")
-    values = table(issues, f"{key}.values", given["values"])
+    values: dict[str, Any] = table(issues, f"{key}.values", given["values"])
+    if not isinstance(given["values"], dict):
+        return None
     for label, each in values.items():
         if not isinstance(each, str):
             number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
