@@ -6,7 +6,7 @@ a rig's inputs and sends its outputs, an ECU the other way round.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -97,7 +97,6 @@ def build_bus_config(
             continue
         start = start_payload(message)
         first = len(tables.signals)
-        chosen: set[Selector] = set()
         for wire in own:
             signal = message.get_signal_by_name(wire.signal)
             quantity = quantities[wire.quantity]
@@ -110,7 +109,6 @@ def build_bus_config(
             row |= {"names_first": len(tables.names), "names_count": len(pairs)}
             tables.names += pairs
             for chain in _selectors(message, signal):
-                chosen |= set(chain)
                 row |= {"selectors_first": len(tables.selectors), "selectors_count": len(chain)}
                 tables.selectors += [(tables.add_place(place), value) for place, value in chain]
                 tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
@@ -120,18 +118,15 @@ def build_bus_config(
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
         _check_overlap(name, own, options_of, issues, sending)
-        if sending and len({place for place, _ in chosen}) < len(chosen):
-            issues.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
-        for place, value in chosen:
-            write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
+        conflict = multiplexer_conflict(message, [wire.signal for wire in own])
+        if sending and conflict:
+            issues.add(f"outputs in {name}", conflict)
+        _select(start, message, own)
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
         tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
         tables.has_profiles |= options_of.e2e is not None
         tables.start.append(start)
     return tables.bus()
-
-
-Selector = tuple[Place, int]
 
 
 @dataclass
@@ -253,17 +248,54 @@ def _enumeration(
     return pairs
 
 
-def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
-    """Under which values of which multiplexers the signal is in the frame: alternatives, each a chain."""
-    if signal.multiplexer_signal is None or not signal.multiplexer_ids:
-        return [()]
-    multiplexer = message.get_signal_by_name(signal.multiplexer_signal)
-    place = place_of(multiplexer)
+def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
+    """Under which values of which multiplexers, by their names, a signal is in the frame: alternatives."""
+    found = message.get_signal_by_name(signal)
+    if found.multiplexer_signal is None or not found.multiplexer_ids:
+        return [{}]
     return [
-        ((place, int(value)), *above)
-        for value in signal.multiplexer_ids
-        for above in _selectors(message, multiplexer)
+        {found.multiplexer_signal: int(value), **above}
+        for value in found.multiplexer_ids
+        for above in multiplexer_values(message, found.multiplexer_signal)
     ]
+
+
+def multiplexer_conflict(message: Message, mapped: Iterable[str]) -> str:
+    """What is wrong with sending these signals of a message, which has one multiplexer value; "": nothing."""
+    places = {signal: multiplexer_values(message, signal) for signal in mapped}
+    chosen = {pair for chains in places.values() for chain in chains for pair in chain.items()}
+    if len({name for name, _ in chosen}) == len(chosen):
+        return ""
+    told = "; ".join(
+        f"{signal}: {' or '.join(map(pairs_of, chains))}"
+        for signal, chains in places.items()
+        if chains != [{}]
+    )
+    return (
+        f"multiplexed ({told}), and a message is sent with one multiplexer value; allowed: signals of one value, "
+        "the others not mapped or from messages of their own"
+    )
+
+
+def pairs_of(values: Mapping[str, int]) -> str:
+    """Values of multiplexers, as a person reads them."""
+    return " and ".join(f"{name} = {value}" for name, value in values.items())
+
+
+def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:
+    """The same by the multiplexers' places: alternatives, each a chain."""
+    return [
+        tuple((place_of(message.get_signal_by_name(name)), value) for name, value in chain.items())
+        for chain in multiplexer_values(message, signal.name)
+    ]
+
+
+def _select(start: NDArray[np.uint8], message: Message, mappings: Iterable[SignalMapping]) -> None:
+    """Set the multiplexers of a payload to the values of what is mapped."""
+    for wire in mappings:
+        for chain in _selectors(message, message.get_signal_by_name(wire.signal)):
+            for place, value in chain:
+                write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
 
 
 def _message_row(

@@ -242,7 +242,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (
             RIG + 'gate_angle = "Muxed.A"\nterminal_voltage = "Muxed.B"\n',
             "outputs in Muxed",
-            "one multiplexer value",
+            "multiplexed (A: Which = 1; B: Which = 2), and a message is sent with one multiplexer value",
         ),
     ],
 )
@@ -417,6 +417,15 @@ def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
         ReferenceEcu(rig_of(tmp_path, DATABASE, RIG), 2)
     keys = keys_of(caught.value.issues)
     assert keys == ["outputs.left_hall_count", "outputs.right_current", "outputs.right_hall_count"]
+
+
+def test_the_reference_ecu_sends_one_multiplexer_value_too(tmp_path: Path):
+    text = RIG.replace(
+        INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
+        'right_direction = { signal = "Muxed.B", scale = 1 }\n'
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="inputs in Muxed: multiplexed"):
+        ReferenceEcu(rig_of(tmp_path, DATABASE, text), 2)
 
 
 def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):
