@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
+LONGEST_MS = 60_000.0  # a cycle
+
+
 @dataclass(frozen=True)
 class SignalMapping:
     """One mapped signal: quantity = scale · physical value + offset, or a value each by name.
@@ -301,7 +304,7 @@ def _select(start: NDArray[np.uint8], message: Message, mappings: Iterable[Signa
 def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
-    cycle_ms = cycle_of(message, options)
+    cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
     row = protection_row(message, options, tables.add_place, issues)
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {

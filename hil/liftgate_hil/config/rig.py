@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import (
+    LONGEST_MS,
     SignalMapping,
     build_bus_config,
     cycle_of,
@@ -29,7 +30,6 @@ from liftgate_plant.signals import Signal
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-LONGEST_MS = 60_000.0  # a cycle
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
@@ -105,9 +105,10 @@ def rig_of_content(
     known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
     database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
+    before = issues.count
     if messages is None:
         messages = load_messages(issues, database) if database else {}
-    if not messages:
+    if not messages or issues.count > before:  # without a sound database nothing else can be said
         return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
@@ -124,9 +125,8 @@ def rig_of_content(
     )
     _check_whole(issues, rig)
     for make in (rig.input_config, rig.output_config):
-        if not issues.lines:
-            with _collecting(issues):
-                make()
+        with _collecting(issues):
+            make()
     return rig, issues
 
 

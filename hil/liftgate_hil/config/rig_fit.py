@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
+from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.enumerations import missing_values
-from liftgate_hil.config.rig import LONGEST_MS, Rig
+from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.units import conversion
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS

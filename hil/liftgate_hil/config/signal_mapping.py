@@ -60,6 +60,7 @@ def _mapping(
 ) -> SignalMapping | None:
     key = f"{section}.{quantity}"
     given: Table = value if isinstance(value, dict) else {"signal": value}
+    before = issues.count
     known_keys(issues, key, given, _KEYS)
     name = text(issues, f"{key}.signal", given.get("signal"))
     factors = _given_factors(issues, key, given)
@@ -73,7 +74,6 @@ def _mapping(
         return None
     message, _, signal = name.partition(".")
     basis = "rig"
-    before = issues.count
     if "values" in given:
         basis = "values"
     elif ours.values and factors is None:
@@ -88,7 +88,7 @@ def _mapping(
         if section == "outputs":
             check_complete(issues, f"{key}.values", values, ours)
     if issues.count > before:
-        basis = "unknown"
+        basis, factors, values = "unknown", None, None
     return SignalMapping(
         quantity,
         message,
