@@ -21,6 +21,7 @@ from liftgate_hil import session
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.arguments import number_of, seed_of
+from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
@@ -32,6 +33,7 @@ from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import initial_loop
 from liftgate_hil.signals import (
+    BUS_INPUTS,
     COLUMN_PLACE,
     DIRECTIONS,
     IN,
@@ -85,6 +87,7 @@ class Gate:
         self._memory = Memory(_ROWS, _FRAMES)
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
+        self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
         self._script = Script(
             timeline=no_timeline(),
             held=nothing_held(),
@@ -191,7 +194,18 @@ class Gate:
         if not isinstance(release, Real | np.bool_) or release not in (0, 1):
             raise ConfigError(f"`latch_release` {show(release)}: allowed: True, False")
         values[IN.latch_release] = float(release)
+        self._check_said(values)
         self._values = values
+
+    def _check_said(self, values: NDArray[np.float64]) -> None:
+        """Raises ConfigError where the rig has no value for one of an enumeration."""
+        for name, unsaid in self._unsaid.items():
+            number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
+            if not np.isnan(number) and labels and labels[int(number)] in unsaid:
+                allowed = ", ".join(each for each in labels if each not in unsaid)
+                raise ConfigError(
+                    f"`{name}` {labels[int(number)]}: the rig has no value for it; allowed: {allowed}"
+                )
 
     def send(self, message: can.Message) -> None:
         """A frame that the gate reads in the next tick. Raises ConfigError."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _MOST_ROWS = 100_000  # of the picture
 _USUAL_EVERY = 10  # of a run whose length nobody knows, every so many rows
-_FREE_DEG = 5.0  # a reversal opens the gate by more
+_FREE_DEG = 5.0  # what a reversal must free
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 
 
@@ -181,8 +181,13 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
         )
     if event is None:
         found.append("the gate never met the obstacle")
-    elif not event.back_deg > _FREE_DEG:
+    elif math.isnan(event.turn_s):
         found.append("the gate did not reverse")
+    elif event.back_deg <= _FREE_DEG:
+        found.append(
+            f"the gate reversed, but moved back by {event.back_deg:.1f} deg only; allowed: more than "
+            f"{_FREE_DEG:g} deg"
+        )
     for limit in LIMITS:
         if event is not None and limit.is_judged and event.over(limit):
             found.append(event.fault(limit))

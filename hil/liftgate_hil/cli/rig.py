@@ -59,13 +59,11 @@ def _check(args: argparse.Namespace) -> int:
     path = find_config("rigs", args.file, "FILE")
     vehicle = options.vehicle_of(args)
     rig, issues = read_rig(path)
-    notes = []
-    if not issues.count:
-        try:
-            notes = notes_on_fit(rig, vehicle, args.rate)
-            check_fit(rig, vehicle, args.rate)
-        except ConfigError as error:
-            issues.take(error.issues)
+    notes = notes_on_fit(rig, vehicle, args.rate)
+    try:
+        check_fit(rig, vehicle, args.rate)
+    except ConfigError as error:
+        issues.take(error.issues)
     messages = mapped_messages(rig)
     if args.json:
         answer = {

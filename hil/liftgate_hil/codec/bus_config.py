@@ -6,7 +6,7 @@ a rig's inputs and sends its outputs, an ECU the other way round.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,9 @@ from liftgate_plant import signals
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
+
+
+LONGEST_MS = 60_000.0  # a cycle
 
 
 @dataclass(frozen=True)
@@ -97,20 +100,18 @@ def build_bus_config(
             continue
         start = start_payload(message)
         first = len(tables.signals)
-        chosen: set[Selector] = set()
         for wire in own:
             signal = message.get_signal_by_name(wire.signal)
             quantity = quantities[wire.quantity]
             if not _is_usable(wire, signal, issues):
                 continue
-            pairs = _enumeration(wire, signal, quantity, issues, sending)
+            pairs = _enumeration(wire, signal, quantity)
             row = _signal_row(wire, signal, quantity)
             row["quantity"] = list(quantities).index(wire.quantity)
             row["place"] = tables.add_place(place_of(signal))
             row |= {"names_first": len(tables.names), "names_count": len(pairs)}
             tables.names += pairs
             for chain in _selectors(message, signal):
-                chosen |= set(chain)
                 row |= {"selectors_first": len(tables.selectors), "selectors_count": len(chain)}
                 tables.selectors += [(tables.add_place(place), value) for place, value in chain]
                 tables.signals.append(tuple(row[field] for field in SIGNAL.fields or ()))
@@ -120,18 +121,15 @@ def build_bus_config(
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
         _check_overlap(name, own, options_of, issues, sending)
-        if sending and len({place for place, _ in chosen}) < len(chosen):
-            issues.add(f"outputs in {name}", "allowed: signals of one multiplexer value only")
-        for place, value in chosen:
-            write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
+        conflict = multiplexer_conflict(message, [wire.signal for wire in own])
+        if sending and conflict:
+            issues.add(f"outputs in {name}", conflict)
+        _select(start, message, own)
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
         tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
         tables.has_profiles |= options_of.e2e is not None
         tables.start.append(start)
     return tables.bus()
-
-
-Selector = tuple[Place, int]
 
 
 @dataclass
@@ -240,52 +238,73 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
 
 
 def _enumeration(
-    wire: SignalMapping,
-    signal: Signal,
-    quantity: signals.Signal,
-    issues: ConfigIssues,
-    sending: bool,
+    wire: SignalMapping, signal: Signal, quantity: signals.Signal
 ) -> list[tuple[float, float]]:
     """Pairs of our value and their physical value, where the wire names them."""
-    if wire.values is None:
-        return []
-    key = f"{wire.quantity}.values"
-    pairs = []
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
-    for name, value in wire.values.items():
-        if name not in quantity.values:
-            allowed = ", ".join(quantity.values) or "none, this is no enumeration"
-            issues.add(key, f"{name}: allowed: {allowed}")
-        elif isinstance(value, str) and value not in labels:
-            allowed = ", ".join(labels) or "numbers, the signal has no value table"
-            issues.add(key, f"{name} = {value!r}: allowed: {allowed}")
-        elif isinstance(value, str) or abs(value) <= 1e15:
+    pairs = []
+    for name, value in (wire.values or {}).items():
+        if name in quantity.values and (not isinstance(value, str) or value in labels):
             physical = factor * labels[value] + offset if isinstance(value, str) else float(value)
             pairs.append((float(quantity.values.index(name)), physical))
-    missing = [name for name in quantity.values if name not in wire.values]
-    if sending and missing:
-        issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
     return pairs
 
 
-def _selectors(message: Message, signal: Signal) -> list[tuple[Selector, ...]]:
-    """Under which values of which multiplexers the signal is in the frame: alternatives, each a chain."""
-    if signal.multiplexer_signal is None or not signal.multiplexer_ids:
-        return [()]
-    multiplexer = message.get_signal_by_name(signal.multiplexer_signal)
-    place = place_of(multiplexer)
+def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
+    """Under which values of which multiplexers, by their names, a signal is in the frame: alternatives."""
+    found = message.get_signal_by_name(signal)
+    if found.multiplexer_signal is None or not found.multiplexer_ids:
+        return [{}]
     return [
-        ((place, int(value)), *above)
-        for value in signal.multiplexer_ids
-        for above in _selectors(message, multiplexer)
+        {found.multiplexer_signal: int(value), **above}
+        for value in found.multiplexer_ids
+        for above in multiplexer_values(message, found.multiplexer_signal)
     ]
+
+
+def multiplexer_conflict(message: Message, mapped: Iterable[str]) -> str:
+    """What is wrong with sending these signals of a message, which has one multiplexer value; "": nothing."""
+    places = {signal: multiplexer_values(message, signal) for signal in mapped}
+    chosen = {pair for chains in places.values() for chain in chains for pair in chain.items()}
+    if len({name for name, _ in chosen}) == len(chosen):
+        return ""
+    told = "; ".join(
+        f"{signal}: {' or '.join(map(pairs_of, chains))}"
+        for signal, chains in places.items()
+        if chains != [{}]
+    )
+    return (
+        f"multiplexed ({told}), and a message is sent with one multiplexer value; allowed: signals of one value, "
+        "the others not mapped or from messages of their own"
+    )
+
+
+def pairs_of(values: Mapping[str, int]) -> str:
+    """Values of multiplexers, as a person reads them."""
+    return " and ".join(f"{name} = {value}" for name, value in values.items())
+
+
+def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:
+    """The same by the multiplexers' places: alternatives, each a chain."""
+    return [
+        tuple((place_of(message.get_signal_by_name(name)), value) for name, value in chain.items())
+        for chain in multiplexer_values(message, signal.name)
+    ]
+
+
+def _select(start: NDArray[np.uint8], message: Message, mappings: Iterable[SignalMapping]) -> None:
+    """Set the multiplexers of a payload to the values of what is mapped."""
+    for wire in mappings:
+        for chain in _selectors(message, message.get_signal_by_name(wire.signal)):
+            for place, value in chain:
+                write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
 
 
 def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
-    cycle_ms = cycle_of(message, options)
+    cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
     row = protection_row(message, options, tables.add_place, issues)
     identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return {

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from liftgate_hil.codec.bus_config import LONGEST_MS
 from liftgate_hil.codec.checksum import KINDS, PROFILES
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
@@ -36,14 +38,12 @@ def message_options(
         given = table(issues, key, value)
         known_keys(issues, key, given, (*_OPTIONS, *_E2E))
         signals = [each.name for each in messages[name].signals]
-        cycle = given.get("cycle_ms")
         result[name] = MessageOptions(
-            cycle_ms=None
-            if cycle is None
-            else number(issues, f"{key}.cycle_ms", cycle, 0.1, 60_000.0, "ms"),
-            timeout_cycles=number(
-                issues, f"{key}.timeout_cycles", given.get("timeout_cycles", 3.0), 1.0, 1000.0
-            ),
+            cycle_ms=_number(issues, f"{key}.cycle_ms", given.get("cycle_ms"), 0.1, LONGEST_MS),
+            timeout_cycles=_number(
+                issues, f"{key}.timeout_cycles", given.get("timeout_cycles"), 1.0, 1000.0
+            )
+            or 3.0,
             counter=_own_signal(issues, f"{key}.counter", given.get("counter"), signals),
             checksum=_own_signal(issues, f"{key}.checksum", given.get("checksum"), signals),
             checksum_kind=text(
@@ -130,5 +130,22 @@ def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -
     return value
 
 
+def _number(issues: ConfigIssues, key: str, value: object, low: float, high: float) -> float | None:
+    """A number that may be left out; a fault of it is told once."""
+    if value is None:
+        return None
+    unit = "ms" if key.endswith("_ms") else ""
+    found = number(issues, key, value, low, high, unit)
+    if not math.isnan(found):
+        return found
+    issues.settle(key)
+    return None
+
+
 def _own_signal(issues: ConfigIssues, key: str, value: object, signals: list[str]) -> str | None:
-    return None if value is None else text(issues, key, value, signals) or None
+    if value is None:
+        return None
+    found = text(issues, key, value, signals)
+    if not found:
+        issues.settle(key)  # what uses it is not told that it is missing
+    return found or None

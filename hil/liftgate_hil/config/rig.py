@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import (
+    LONGEST_MS,
     SignalMapping,
     build_bus_config,
     cycle_of,
@@ -104,9 +105,10 @@ def rig_of_content(
     known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
     database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
+    before = issues.count
     if messages is None:
         messages = load_messages(issues, database) if database else {}
-    if not messages:
+    if not messages or issues.count > before:  # without a sound database nothing else can be said
         return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
@@ -123,9 +125,8 @@ def rig_of_content(
     )
     _check_whole(issues, rig)
     for make in (rig.input_config, rig.output_config):
-        if not issues.lines:
-            with _collecting(issues):
-                make()
+        with _collecting(issues):
+            make()
     return rig, issues
 
 
@@ -172,7 +173,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
                 f"messages.{name}.cycle_ms",
                 "missing, and the database has no GenMsgCycleTime; allowed: 0.1 to 60000 ms",
             )
-        elif not 0 <= told <= 60_000:
+        elif not 0 <= told <= LONGEST_MS:
             issues.add(
                 f"messages.{name}.cycle_ms",
                 f"the database's GenMsgCycleTime is {show(rig.messages[name].cycle_time)}; "

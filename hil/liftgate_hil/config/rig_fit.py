@@ -8,10 +8,12 @@ the like reaches is told.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.units import conversion
 from liftgate_hil.issues import ConfigIssues
@@ -95,8 +97,8 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
 
 
 def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
-    """Raises ConfigError where the rig cannot carry what this vehicle does in every motion, or a message is to be
-    sent more than once a tick at this rate [Hz].
+    """Raises ConfigError where the rig cannot carry what this vehicle does in every motion, or a message goes
+    more than once a tick at this rate [Hz].
     """
     issues = ConfigIssues(rig.source)
     for wire, expected, held in _ranged(rig, vehicle):
@@ -108,8 +110,8 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
                 f"needs {_span(expected.low, expected.high, unit)}; allowed: a signal that holds it "
                 "(signed, or with an offset), or saturates = true",
             )
-    for name, cycle_ns in _cycles(rig):
-        if cycle_ns < round(NS / rate):
+    for name, cycle_ns in _cycles(rig, (*rig.inputs, *rig.outputs)):
+        if 0 < cycle_ns < round(NS / rate):
             issues.add(
                 f"messages.{name}.cycle_ms",
                 f"{cycle_ns / 1e6:g}; allowed: {1e3 / rate:g} or more, a tick at `rate` {rate:g} Hz",
@@ -129,12 +131,19 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
                 f"{_span(*held, unit)} and stays there; this vehicle reaches "
                 f"{_span(expected.lowest, expected.highest, unit)}"
             )
-    for name, cycle_ns in _cycles(rig):
+    for name, cycle_ns in _cycles(rig, rig.outputs):
         ticks = cycle_ns * rate / NS
         if abs(ticks - round(ticks)) > 1e-6 * ticks:
             notes.append(
                 f"{rig.source}: messages.{name}.cycle_ms: {cycle_ns / 1e6:g} is no whole number of ticks of "
                 f"{1e3 / rate:g} ms: kept on average, each frame up to a tick late"
+            )
+    for wire in rig.inputs:
+        missing = missing_values(wire)
+        if missing and wire.basis != "unknown":
+            notes.append(
+                f"{rig.source}: inputs.{wire.quantity}.values: {', '.join(missing)} missing: no frame can say it, "
+                "and an ECU that needs to (the reference ECU does) cannot be used"
             )
     return [*notes, *_other_scales(rig)]
 
@@ -175,10 +184,12 @@ def _ranged(
         yield wire, wanted, (low - half, high + half)
 
 
-def _cycles(rig: Rig) -> Iterator[tuple[str, int]]:
-    """Messages that are sent, and their cycles [ns]."""
-    names = dict.fromkeys(wire.message for wire in rig.outputs)
-    return zip(names, rig.output_config().messages.cycle_ns.tolist(), strict=True)
+def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, int]]:
+    """The messages of these signals, and their cycles [ns]; 0: none."""
+    for name in dict.fromkeys(wire.message for wire in mappings):
+        cycle = cycle_of(rig.messages[name], rig.options.get(name, MessageOptions()))
+        if 0.0 <= cycle <= LONGEST_MS:  # else it is a fault of the rig
+            yield name, round(cycle * 1e6)
 
 
 def _holds(held: tuple[float, float], low: float, high: float) -> bool:

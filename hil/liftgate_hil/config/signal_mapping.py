@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
+from liftgate_hil.config.enumerations import check_complete, check_values
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.config.units import (
     SAME,
@@ -59,6 +60,7 @@ def _mapping(
 ) -> SignalMapping | None:
     key = f"{section}.{quantity}"
     given: Table = value if isinstance(value, dict) else {"signal": value}
+    before = issues.count
     known_keys(issues, key, given, _KEYS)
     name = text(issues, f"{key}.signal", given.get("signal"))
     factors = _given_factors(issues, key, given)
@@ -72,7 +74,6 @@ def _mapping(
         return None
     message, _, signal = name.partition(".")
     basis = "rig"
-    before = issues.count
     if "values" in given:
         basis = "values"
     elif ours.values and factors is None:
@@ -82,8 +83,12 @@ def _mapping(
         by_unit = _by_unit(issues, key, name, _unit_of(issues, key, given, theirs), ours)
         scale, offset = factors or SAME
         factors = by_unit[0] * scale, by_unit[0] * offset + by_unit[1]
+    if values is not None:
+        check_values(issues, f"{key}.values", name, values, theirs, ours)
+        if section == "outputs":
+            check_complete(issues, f"{key}.values", values, ours)
     if issues.count > before:
-        basis = "unknown"
+        basis, factors, values = "unknown", None, None
     return SignalMapping(
         quantity,
         message,
@@ -118,7 +123,9 @@ def _given_values(
     for other in ("unit", "scale", "offset"):
         if other in given:
             issues.add(f"{key}.{other}", "allowed: without values")
-    values = table(issues, f"{key}.values", given["values"])
+    values: dict[str, Any] = table(issues, f"{key}.values", given["values"])
+    if not isinstance(given["values"], dict):
+        return None
     for label, each in values.items():
         if not isinstance(each, str):
             number(issues, f"{key}.values.{label}", each, -1e15, 1e15)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.events import Event, events_since
+from liftgate_hil.ecu.needs import check_rig
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, Node, NodeState
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
 
@@ -70,6 +71,10 @@ class ReferenceEcu(Adapter):
     """Our own."""
 
     kind = REFERENCE
+
+    def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
+        check_rig(rig, drives)
+        super().__init__(rig, drives, shares_clock)
 
     def events(self, told: int = 0) -> list[Event]:
         """See Adapter."""

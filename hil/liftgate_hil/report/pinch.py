@@ -31,7 +31,7 @@ LIMITS = (
     Limit(100.0, 0.0, "UN R21 5.8, windows", False),
 )
 _MOVES = 0.5  # deg/s, the gate is on its way back
-_RESTS = 0.05  # deg/s
+_STOPS = 0.2  # of its highest speed on that way: it coasts to a stop, or creeps on as the springs have it
 
 
 class PinchEvent(NamedTuple):
@@ -45,7 +45,7 @@ class PinchEvent(NamedTuple):
     start_deg: float  # where the gate touched the obstacle
     turn_s: float  # when the gate turned; NaN: it did not
     turn_deg: float
-    back_deg: float  # how far the gate then moved away before it stood still or turned again
+    back_deg: float  # how far the gate then moved back, from the turn to where it stopped
     longest_s: tuple[float, ...]  # above each of LIMITS, in a row
 
     @property
@@ -118,12 +118,15 @@ class PinchEvent(NamedTuple):
                 f"{self.back_deg:.1f} deg"
             )
         else:
-            said.append(f"  did not reverse after the first touch at {self.start_deg:.2f} deg")
+            said.append(f"  did not reverse in the contact that began at {self.start_deg:.2f} deg")
         return said
 
 
 def pinch_event(columns: Columns) -> PinchEvent | None:
     """The contact with the largest pinch force in rows of a run; None where nothing was pinched.
+
+    The gate reversed where it moves back at the end of that contact: it left the obstacle by itself.
+    It turned where it was farthest within the contact, and moved back until it went on no longer.
 
     Times are as sharp as the rows are close. Needs time_s, gate_angle_deg, gate_rate_degps, pinch_force_n.
     """
@@ -135,20 +138,20 @@ def pinch_event(columns: Columns) -> PinchEvent | None:
     free = np.flatnonzero(forces <= 0.0)
     before, after = free[free < peak], free[free > peak]
     start = int(before[-1]) + 1 if len(before) else 0
-    end = int(after[0]) if len(after) else len(forces) - 1
+    stop = int(after[0]) if len(after) else len(forces)  # the first row without contact
     way = np.sign(rates[max(start - 1, 0)]) or -1.0
-    back = np.flatnonzero(-way * rates[start:] > _MOVES) + start
-    turn, far = -1, -1
-    if len(back):
-        turn = start + int(np.argmax(way * angles[start : back[0] + 1]))
-        still = np.flatnonzero(-way * rates[back[0] :] < _RESTS)
-        far = back[0] + int(still[0]) if len(still) else len(angles) - 1
+    turn = far = -1
+    if -way * rates[stop - 1] > _MOVES:
+        turn = start + int(np.argmax(way * angles[start:stop]))
+        away = -way * rates[stop:]
+        slow = np.flatnonzero(away < np.maximum(_MOVES, _STOPS * np.maximum.accumulate(away)))
+        far = min(stop + int(slow[0]) if len(slow) else len(angles), len(angles) - 1)
     return PinchEvent(
         force_n=float(forces[peak]),
         time_s=float(times[peak]),
         angle_deg=float(angles[peak]),
         start_s=float(times[start]),
-        end_s=float(times[end]),
+        end_s=float(times[min(stop, len(times) - 1)]),
         start_deg=float(angles[start]),
         turn_s=float(times[turn]) if turn >= 0 else np.nan,
         turn_deg=float(angles[turn]) if turn >= 0 else np.nan,

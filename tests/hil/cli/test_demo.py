@@ -98,6 +98,9 @@ def columns_with(**changed: Any) -> dict[str, Any]:
     return {**shown().trace, **changed}
 
 
+RATES = shown().trace["gate_rate_degps"]
+
+
 def faults(result: Result, tells: bool = True) -> list[str]:
     return failures(result, pinch_event(result.trace), tells)
 
@@ -129,6 +132,10 @@ def test_a_good_demo_has_no_failures() -> None:
             "the ECU did not detect the obstacle",
         ),
         ({"trace": columns_with(gate_rate_degps=np.full(4200, -1.0))}, "the gate did not reverse"),
+        (
+            {"trace": columns_with(gate_rate_degps=np.where(SHOWN_TIMES < 19.4, RATES, 0.0))},
+            "the gate reversed, but moved back by 4.4 deg only; allowed: more than 5 deg",
+        ),
         (
             {"trace": columns_with(latched=np.zeros(4200))},
             "the gate did not close and latch at the end (it stands at 0.0 deg)",

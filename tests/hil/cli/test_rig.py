@@ -141,3 +141,34 @@ def test_a_folder_without_a_name_is_no_database_to_draft_from(
 ):
     assert main(["rig", "draft", database]) == 2
     assert "is a folder; allowed: a file" in capsys.readouterr().err
+
+
+def test_no_fault_hides_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Of a name, a unit, the layout, the vehicle and the rate: none of them needs the others."""
+    content = f"""{RIG}left_current = "Fine.Nothing"
+gate_rate = {{ signal = "Fine.Angle", unit = "kg" }}
+gate_angle = {{ signal = "Out.Volt", scale = 0.0001 }}
+terminal_voltage = {{ signal = "Out.Volt" }}
+[messages.Fine]
+cycle_ms = 2
+counter = "Angel"
+[messages.Cmd]
+cycle_ms = 0
+checksum = "Duty"
+"""
+    path = write_rig(tmp_path, DATABASE, content)
+    assert main(["rig", "check", str(path), "--rate", "200"]) == 2
+    faults = capsys.readouterr().err
+    for said in (
+        "outputs.left_current: 'Fine.Nothing': no such signal",
+        "outputs.gate_rate: Fine.Angle is in 'kg'",
+        "messages.Fine.cycle_ms: 2; allowed: 5 or more",
+        "messages.Fine.counter: 'Angel'",
+        "messages.Cmd.cycle_ms: 0 is out of range",
+        "messages.Cmd.checksum: Duty: allowed: a signal that fills one byte",
+        "Out.Volt carries gate_angle too",
+        "outputs in Out: identifier 0x7E0",
+        "outputs.gate_angle: Out.Volt holds",
+    ):
+        assert faults.count(said) == 1, said
+    assert "Fine.counter: missing" not in faults

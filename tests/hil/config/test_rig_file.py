@@ -8,9 +8,12 @@ from pathlib import Path
 import pytest
 from hil_support import EXTENDED, rig_of, write_rig
 
+import liftgate_hil as lh
 from liftgate_hil import session
 from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.rig_fit import notes_on_fit
+from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.errors import ConfigError
 
 DATABASE = """VERSION ""
@@ -239,7 +242,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (
             RIG + 'gate_angle = "Muxed.A"\nterminal_voltage = "Muxed.B"\n',
             "outputs in Muxed",
-            "one multiplexer value",
+            "multiplexed (A: Which = 1; B: Which = 2), and a message is sent with one multiplexer value",
         ),
     ],
 )
@@ -342,6 +345,87 @@ def test_an_output_on_the_counter_or_checksum_is_a_fault(tmp_path: Path, option:
     )
     issues = faults_of(tmp_path, text, database)
     assert any("Eight" in fault for fault in issues)
+
+
+def direction(values: str) -> str:
+    return RIG.replace(
+        OUTPUTS, f'left_direction = {{ signal = "Cmd.Dir", values = {{ {values} }} }}\n' + OUTPUTS
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        (
+            direction('coast = 0, open = "Auf", close = "Auf", brake = 3'),
+            "inputs.left_direction.values",
+            "open and close are both 'Auf'; allowed: a value of its own for each",
+        ),
+        (
+            direction('coast = 0, open = "Auf", close = 1, brake = 3'),
+            "inputs.left_direction.values",
+            "open and close are both 1; allowed: a value of its own for each",
+        ),
+        (
+            direction("coast = 16, open = 1, close = 2, brake = 3"),
+            "inputs.left_direction.values",
+            "coast = 16: Cmd.Dir cannot hold it; allowed: 0 to 15 in steps of 1",
+        ),
+        (
+            direction("coast = 0, open = 1.5, close = 2, brake = 3"),
+            "inputs.left_direction.values",
+            "open = 1.5: Cmd.Dir cannot hold it",
+        ),
+        (
+            RIG + 'latch_state = { signal = "Out.Latch", values = { open = 1, latched = 7 } }\n',
+            "outputs.latch_state.values",
+            "latched = 7: Out.Latch cannot hold it; allowed: 0 to 3 in steps of 1",
+        ),
+        (
+            RIG + 'latch_state = { signal = "Out.Latch", values = { open = 1, latched = 1 } }\n',
+            "outputs.latch_state.values",
+            "open and latched are both 1",
+        ),
+    ],
+)
+def test_an_enumeration_that_its_signal_cannot_tell_apart_or_hold_is_a_fault(
+    tmp_path: Path, text: str, key: str, said: str
+):
+    (fault,) = faults_of(tmp_path, text)
+    assert f": {key}: {said}" in fault
+
+
+def test_an_ecu_may_have_fewer_directions_than_the_reference_ecu_sends(tmp_path: Path):
+    text = direction("open = 1, close = 2") + (
+        'left_hall_count = { signal = "Out.Count", scale = 1 }\n'
+    )
+    rig = rig_of(tmp_path, DATABASE, text)
+    (note,) = notes_on_fit(rig, session.vehicle_from("compact"), 1000.0)
+    assert "inputs.left_direction.values: coast, brake missing" in note
+    Adapter(rig, 1)
+    with pytest.raises(ConfigError, match="coast, brake missing, and the reference ECU sends it"):
+        ReferenceEcu(rig, 1)
+    with (
+        lh.Gate(vehicle="compact", rig=str(tmp_path / "their.toml")) as gate,
+        pytest.raises(ConfigError, match="`left_direction` coast: the rig has no value for it"),
+    ):
+        gate.command(left_duty=0)
+
+
+def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
+    with pytest.raises(ConfigError) as caught:
+        ReferenceEcu(rig_of(tmp_path, DATABASE, RIG), 2)
+    keys = keys_of(caught.value.issues)
+    assert keys == ["outputs.left_hall_count", "outputs.right_current", "outputs.right_hall_count"]
+
+
+def test_the_reference_ecu_sends_one_multiplexer_value_too(tmp_path: Path):
+    text = RIG.replace(
+        INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
+        'right_direction = { signal = "Muxed.B", scale = 1 }\n'
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="inputs in Muxed: multiplexed"):
+        ReferenceEcu(rig_of(tmp_path, DATABASE, text), 2)
 
 
 def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):

@@ -96,6 +96,12 @@ def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
         session.loop_config_of(suv(), rig, 200.0, 0)
 
 
+def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
+    rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current")
+    with pytest.raises(ConfigError, match=r"messages\.Cmd\.cycle_ms: 10; allowed: 20 or more"):
+        check_fit(rig, suv(), 50.0)
+
+
 def test_a_cycle_of_no_whole_number_of_ticks_is_told(tmp_path: Path):
     rig = rig_for(tmp_path, "0|16@1- (0.01,0) [0|0]", "A", "left_current", cycle=2.5)
     (note,) = notes_on_fit(rig, suv(), 1000.0)

@@ -64,6 +64,29 @@ def test_a_gate_that_presses_on_did_not_reverse() -> None:
     assert json.loads(json.dumps(event.as_dict(), allow_nan=False))["reversal_time_s"] is None
 
 
+def test_a_gate_that_an_obstacle_leaves_did_not_reverse() -> None:
+    """It bounces at the touch, presses on, and springs back when the rod is taken away."""
+    columns = rows()
+    rate = np.select([TIMES < 4.6, TIMES < 4.65, TIMES < 5.2, TIMES < 5.5], [-2.0, 2.0, 0.0, 3.0])
+    event = event_of(
+        {**columns, "gate_rate_degps": rate, "pinch_force_n": 100.0 * (abs(TIMES - 4.85) < 0.35)}
+    )
+    assert np.isnan([event.turn_s, event.back_deg]).all()
+
+
+def test_what_the_gate_does_after_its_way_back_is_no_reversal() -> None:
+    """It bounces before it goes on into the obstacle; it creeps on after it has stopped, then opens once more."""
+    columns = rows(back=1.0)
+    columns["gate_rate_degps"] *= 3.0
+    columns["gate_rate_degps"][6000:8000] = 1.0
+    columns["gate_rate_degps"][4600:4650] = 2.0
+    columns["gate_rate_degps"][8000:9000] = 2.0
+    columns["gate_angle_deg"][8000:] += 30.0
+    event = event_of(columns)
+    assert event.turn_s == pytest.approx(5.0, abs=0.0015)
+    assert event.back_deg == pytest.approx(2.0, abs=0.005)
+
+
 def test_nothing_pinched_is_no_event() -> None:
     columns = rows(peak=0.0)
     assert pinch_event(columns) is None

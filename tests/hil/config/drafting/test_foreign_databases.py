@@ -164,8 +164,11 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
     ),
     "multiplexed": (
         both("duty", ("GateDemand.DutyLeft", "GateDemand.DutyRight"), -40.0, -40.0)
-        | {"terminal_voltage": ("GateSupply.SupplyVoltage", 12.0, 12_000.0)},
-        {"outputs.left_current", "outputs.right_current", "outputs.gate_angle"},
+        | {
+            "terminal_voltage": ("GateSupply.SupplyVoltage", 12.0, 12_000.0),
+            "left_current": ("GateReport.MotorCurrentLeft", -2.5, -2.5),
+        },
+        {"outputs.right_current", "outputs.gate_angle"},
     ),
     "no_units": (
         {"left_hall_count": ("KlappeMesswerte.HallZaehlerLinks", -70.0, -70.0)},

@@ -1,0 +1,44 @@
+"""What the reference ECU needs of a rig: feedback of each drive, and a value for every command that it gives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.bus_config import multiplexer_conflict
+from liftgate_hil.config.enumerations import missing_values
+from liftgate_hil.config.rig import COMMANDS
+from liftgate_hil.issues import ConfigIssues
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+
+
+def check_rig(rig: Rig, drives: int) -> None:
+    """Raises ConfigError where the reference ECU could not drive a gate of so many drives through a rig."""
+    issues = ConfigIssues(rig.source)
+    heard = {mapping.quantity for mapping in rig.outputs}
+    sides = ("left", "right")[:drives]
+    for side in sides:
+        for quantity in (f"{side}_current", f"{side}_hall_count"):
+            if quantity not in heard:
+                issues.add(
+                    f"outputs.{quantity}",
+                    f"missing, and the reference ECU does not move without it; allowed: the signal with the "
+                    f"{side} drive's feedback, or another `ecu`",
+                )
+    said = {name for name in COMMANDS if name.startswith(sides)} | {"latch_release"}
+    for mapping in rig.inputs:
+        missing = missing_values(mapping)
+        if missing and mapping.quantity in said:
+            issues.add(
+                f"inputs.{mapping.quantity}.values",
+                f"{', '.join(missing)} missing, and the reference ECU sends it; allowed: a value for each, or "
+                "another `ecu`",
+            )
+    sent = [mapping for mapping in rig.inputs if mapping.quantity in said]
+    for name in dict.fromkeys(mapping.message for mapping in sent):
+        own = [mapping.signal for mapping in rig.inputs if mapping.message == name]
+        conflict = multiplexer_conflict(rig.messages[name], own)
+        if conflict:
+            issues.add(f"inputs in {name}", f"{conflict}, or another `ecu`")
+    issues.raise_if_any()
