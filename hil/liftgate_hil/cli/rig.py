@@ -93,6 +93,7 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
     lines = []
     for each in messages:
         cycle = f", every {each.cycle_ms:g} ms" if each.cycle_ms else ""
+        cycle += f", {each.pages} multiplexer values in turn" if each.pages > 1 else ""
         stale = f", stale after {each.timeout_ms:g} ms" if each.timeout_ms else ""
         digits = 8 if each.is_extended else 3
         lines.append(

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 LONGEST_MS = 60_000.0  # a cycle
 
+MAX_PAGES = 62  # bits of SIGNAL's `pages`
+
 
 @dataclass(frozen=True)
 class SignalMapping:
@@ -100,6 +102,12 @@ def build_bus_config(
             continue
         start = start_payload(message)
         first = len(tables.signals)
+        pages = pages_of(message, [wire.signal for wire in own])
+        if len(pages) > MAX_PAGES:
+            issues.add(
+                name, f"{len(pages)} values of its multiplexer; allowed: up to {MAX_PAGES} mapped"
+            )
+            continue
         for wire in own:
             signal = message.get_signal_by_name(wire.signal)
             quantity = quantities[wire.quantity]
@@ -109,6 +117,8 @@ def build_bus_config(
             row = _signal_row(wire, signal, quantity)
             row["quantity"] = list(quantities).index(wire.quantity)
             row["place"] = tables.add_place(place_of(signal))
+            chains = multiplexer_values(message, wire.signal)
+            row["pages"] = sum(is_on(page, chains) << k for k, page in enumerate(pages))
             row |= {"names_first": len(tables.names), "names_count": len(pairs)}
             tables.names += pairs
             for chain in _selectors(message, signal):
@@ -121,14 +131,11 @@ def build_bus_config(
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
         _check_overlap(name, own, options_of, issues, sending)
-        conflict = multiplexer_conflict(message, [wire.signal for wire in own])
-        if sending and conflict:
-            issues.add(f"outputs in {name}", conflict)
-        _select(start, message, own)
+        head |= {"pages": len(pages), "start": len(tables.start)}
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
         tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
         tables.has_profiles |= options_of.e2e is not None
-        tables.start.append(start)
+        tables.start += [_page(start, message, page) for page in pages]
     return tables.bus()
 
 
@@ -263,26 +270,31 @@ def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
     ]
 
 
-def multiplexer_conflict(message: Message, mapped: Iterable[str]) -> str:
-    """What is wrong with sending these signals of a message, which has one multiplexer value; "": nothing."""
-    places = {signal: multiplexer_values(message, signal) for signal in mapped}
-    chosen = {pair for chains in places.values() for chain in chains for pair in chain.items()}
-    if len({name for name, _ in chosen}) == len(chosen):
-        return ""
-    told = "; ".join(
-        f"{signal}: {' or '.join(map(pairs_of, chains))}"
-        for signal, chains in places.items()
-        if chains != [{}]
-    )
-    return (
-        f"multiplexed ({told}), and a message is sent with one multiplexer value; allowed: signals of one value, "
-        "the others not mapped or from messages of their own"
-    )
+def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
+    """The values of multiplexers with which a message is sent in turn; each signal is on one page or more."""
+    pages: list[dict[str, int]] = []
+    places = [multiplexer_values(message, signal) for signal in mapped]
+    for chains in sorted(places, key=len):  # what may be in one place only comes first
+        if any(is_on(page, chains) for page in pages):
+            continue
+        free = [
+            (page, chain) for chain in chains for page in pages if not _contradicts(page, chain)
+        ]
+        if free:
+            page, chain = free[0]
+            page |= chain
+        else:
+            pages.append(dict(chains[0]))
+    return sorted(pages, key=lambda page: sorted(page.items())) or [{}]
 
 
-def pairs_of(values: Mapping[str, int]) -> str:
-    """Values of multiplexers, as a person reads them."""
-    return " and ".join(f"{name} = {value}" for name, value in values.items())
+def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
+    """Whether a signal that is in the frame under `chains` is on a page."""
+    return any(page.items() >= chain.items() for chain in chains)
+
+
+def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
+    return any(page.get(name, value) != value for name, value in chain.items())
 
 
 def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:
@@ -293,12 +305,13 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int]
     ]
 
 
-def _select(start: NDArray[np.uint8], message: Message, mappings: Iterable[SignalMapping]) -> None:
-    """Set the multiplexers of a payload to the values of what is mapped."""
-    for wire in mappings:
-        for chain in _selectors(message, message.get_signal_by_name(wire.signal)):
-            for place, value in chain:
-                write_number(start.reshape(1, MAX_BYTES), 0, place, float(value))
+def _page(start: NDArray[np.uint8], message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:
+    """A payload with the multiplexers of a page."""
+    payload = start.copy()
+    for name, value in page.items():
+        place = place_of(message.get_signal_by_name(name))
+        write_number(payload.reshape(1, MAX_BYTES), 0, place, float(value))
+    return payload
 
 
 def _message_row(

@@ -24,6 +24,7 @@ SIGNAL = np.dtype(
         ("place", "i8"),  # row in `places`
         ("selectors_first", "i8"),  # rows in `selectors`, all of which must hold
         ("selectors_count", "i8"),
+        ("pages", "i8"),  # on which pages of a message that is sent: a bit each
         ("names_first", "i8"),  # rows in `names`
         ("names_count", "i8"),
         ("factor", "f8"),  # physical = factor raw + offset
@@ -50,6 +51,8 @@ MESSAGE = np.dtype(
         ("identifier", "i8"),  # with the EXTENDED flag
         ("fd", "i8"),  # FD or 0
         ("length", "i8"),  # bytes
+        ("pages", "i8"),  # sent in turn, one for each set of multiplexers' values
+        ("start", "i8"),  # row in `start` of the first of them
         ("first", "i8"),  # rows in `signals`
         ("count", "i8"),
         ("cycle_ns", "i8"),  # 0: not cyclic
@@ -95,5 +98,5 @@ class BusConfig(NamedTuple):
     places: Any  # PLACE
     selectors: Any  # SELECTOR
     names: Any  # NAME
-    start: NDArray[np.uint8]  # (m, 64) payloads with start values
+    start: NDArray[np.uint8]  # (pages of all messages, 64) payloads with start values
     end_to_end: Any  # (m,) END_TO_END; None: no message has a profile, and none is compiled

@@ -38,16 +38,19 @@ def encode(
     frames: Frames,
     row: int,
 ) -> None:
-    """Write one message into a row of `frames`; a quantity that is NaN keeps its start value."""
+    """Write one message into a row of `frames`, with the page whose turn it is after `counter` frames; a quantity
+    that is NaN keeps its start value.
+    """
     table = bus.messages[message]
+    page = counter % table.pages
     frames.identifiers[row] = table.identifier | table.fd
     frames.lengths[row] = table.length
     for i in range(table.length):
-        frames.data[row, i] = bus.start[message, i]
+        frames.data[row, i] = bus.start[table.start + page, i]
     for index in range(table.first, table.first + table.count):
         signal = bus.signals[index]
         value = values[signal.quantity]
-        if not np.isnan(value):
+        if (signal.pages >> page) & 1 and not np.isnan(value):
             place = place_at(bus.places, signal.place)
             write_number(frames.data, row, place, raw_of(bus, index, value))
     turn = counter % table.modulus
@@ -101,7 +104,7 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
         np.array(cycles, dtype=np.int64),
         np.array([min(cycles, default=_NEVER)], dtype=np.int64),
         np.full(quantities, np.nan),
-        empty_frames(len(cycles)),
+        empty_frames(sum(int(each["pages"]) for each in bus.messages)),
     )
 
 
@@ -112,14 +115,23 @@ def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything:
 
 
 @compilable
-def sent_of(transmission: Transmission, message: int) -> int:
-    """How many frames of a message were sent; of none (−1) none."""
-    return int(transmission.sent[message]) if message >= 0 else 0
+def told_of(bus: BusConfig, transmission: Transmission, message: int, quantity: int) -> int:
+    """How many frames with a quantity of a message were sent; of none (−1) none."""
+    if message < 0:
+        return 0
+    table, pages, told = bus.messages[message], 0, 0
+    for row in range(table.first, table.first + table.count):
+        if bus.signals[row].quantity == quantity:
+            pages = bus.signals[row].pages
+    for page in range(table.pages):
+        if (pages >> page) & 1:
+            told += (transmission.sent[message] + table.pages - 1 - page) // table.pages
+    return int(told)
 
 
 @compilable
 def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
-    """The messages that are due by `now_ns` (or all), each once; good until the next call.
+    """The messages that are due by `now_ns`, each once, or all with all their pages; good until the next call.
 
     A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
     of which no quantity is there is not sent.
@@ -134,9 +146,10 @@ def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything
             transmission.due_ns[message] = (now_ns // cycle + 1) * cycle
         next_ns = min(next_ns, transmission.due_ns[message])
         if (is_now or everything) and is_there(bus, message, values):
-            encode(bus, message, values, int(transmission.sent[message]), frames, count)
-            transmission.sent[message] += 1
-            count += 1
+            for _ in range(bus.messages[message].pages if everything else 1):
+                encode(bus, message, values, int(transmission.sent[message]), frames, count)
+                transmission.sent[message] += 1
+                count += 1
     transmission.next_ns[0] = next_ns
     return Frames(count, frames.identifiers, frames.lengths, frames.data)
 

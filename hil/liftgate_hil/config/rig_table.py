@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from liftgate_hil.codec.bus_config import SignalMapping, cycle_of
+from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, pages_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
@@ -36,6 +36,7 @@ class MappedMessage(NamedTuple):
     direction: str  # "received" or "sent" by the gate
     length: int  # bytes
     cycle_ms: float  # 0: none
+    pages: int  # multiplexer values with which it is sent in turn
     timeout_ms: float  # 0: it never goes stale
     protection: str
     signals: Sequence[MappedSignal]
@@ -64,6 +65,9 @@ def _messages(
             direction=direction,
             length=message.length,
             cycle_ms=cycle,
+            pages=len(pages_of(message, [wire.signal for wire in own]))
+            if direction == "sent"
+            else 1,
             timeout_ms=options.timeout_cycles * cycle if is_stale else 0.0,
             protection=_protection(options),
             signals=[_signal(rig, wire, quantities[wire.quantity]) for wire in own],

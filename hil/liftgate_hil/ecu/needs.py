@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import multiplexer_conflict
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS
 from liftgate_hil.issues import ConfigIssues
@@ -35,10 +34,4 @@ def check_rig(rig: Rig, drives: int) -> None:
                 f"{', '.join(missing)} missing, and the reference ECU sends it; allowed: a value for each, or "
                 "another `ecu`",
             )
-    sent = [mapping for mapping in rig.inputs if mapping.quantity in said]
-    for name in dict.fromkeys(mapping.message for mapping in sent):
-        own = [mapping.signal for mapping in rig.inputs if mapping.message == name]
-        conflict = multiplexer_conflict(rig.messages[name], own)
-        if conflict:
-            issues.add(f"inputs in {name}", f"{conflict}, or another `ecu`")
     issues.raise_if_any()

@@ -75,12 +75,13 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) ->
 
 def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     """Just switched on; see `memory.new_memory`."""
+    pages = max((int(config.outputs.messages[each].pages) for each in config.commands), default=1)
     return EcuState(
         reception=nothing_received(config.inputs, OUTPUT_COUNT),
         counts=NO_COUNTS,
         memory=new_memory(config.drives, shares_clock),
         values=np.full(INPUT_COUNT, np.nan),
-        frames=empty_frames(len(config.commands)),
+        frames=empty_frames(len(config.commands) * pages),
     )
 
 
@@ -133,8 +134,10 @@ def percent_of(duty: float, signed: int) -> float:
 
 
 @compilable
-def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand) -> Frames:
-    """The frames that carry a command; good until the next ones."""
+def command_frames(
+    config: EcuConfig, state: EcuState, command: DriveCommand, everything: bool
+) -> Frames:
+    """The frames that carry a command, of a multiplexed one the next page or all; good until the next ones."""
     values, frames, control = state.values, state.frames, state.memory.control[0]
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)
     values[IN.left_direction] = direction_of(command.left_duty)
@@ -142,10 +145,15 @@ def command_frames(config: EcuConfig, state: EcuState, command: DriveCommand) ->
         values[IN.right_duty] = percent_of(command.right_duty, config.signed)
         values[IN.right_direction] = direction_of(command.right_duty)
     values[IN.latch_release] = 1.0 if command.latch_release else 0.0
-    count = len(config.commands)
-    for row in range(count):
-        encode(config.outputs, config.commands[row], values, control.sent, frames, row)
-    control.sent += 1
+    count, pages = 0, 1
+    if everything:
+        for message in config.commands:
+            pages = max(pages, config.outputs.messages[message].pages)
+    for _ in range(pages):
+        for message in config.commands:
+            encode(config.outputs, message, values, control.sent, frames, count)
+            count += 1
+        control.sent += 1
     return Frames(count, frames.identifiers, frames.lengths, frames.data)
 
 
@@ -173,10 +181,10 @@ def step(
             control.began_ns = now_ns
         now = (now_ns - control.began_ns) * 1e-9
         command = update(config.constants, state.memory, now, feedback)
-    return after, command_frames(config, state, command)
+    return after, command_frames(config, state, command, False)
 
 
 @compilable
 def last_frames(config: EcuConfig, state: EcuState) -> Frames:
     """What says that the motors are off."""
-    return command_frames(config, state, COASTING)
+    return command_frames(config, state, COASTING, True)

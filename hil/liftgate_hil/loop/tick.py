@@ -32,13 +32,14 @@ from liftgate_hil.codec.transmit import (
     Transmission,
     first_transmission,
     is_due,
-    sent_of,
+    told_of,
     transmit,
 )
 from liftgate_hil.signals import (
     IN,
     IN_SURROUNDINGS,
     INPUT_COUNT,
+    OUT,
     OUT_ROWS,
     OUTPUT_COUNT,
     Status,
@@ -262,9 +263,10 @@ def tick(
             pinch_force_max=hold,
         )
         line_up(transmission.values, sensed, truth, status, outside)
-        told = sent_of(transmission, config.hold_message)
+        hold_message, outputs = config.hold_message, config.outputs
+        told = told_of(outputs, transmission, hold_message, OUT.pinch_force_max)
         replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)
-        if sent_of(transmission, config.hold_message) > told:
+        if told_of(outputs, transmission, hold_message, OUT.pinch_force_max) > told:
             hold = shown.pinch_force
     after = LoopState(
         plant=plant_state,

@@ -15,12 +15,12 @@ from hil_support import CALM, FREE, bus_config_of, frames_of, j1850, taken, tran
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from liftgate_hil.codec.bus_config import SignalMapping, raw_range
+from liftgate_hil.codec.bus_config import SignalMapping, pages_of, raw_range
 from liftgate_hil.codec.frames import EXTENDED, FD, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.codec.transmit import encode, transmit
+from liftgate_hil.codec.transmit import encode, first_transmission, told_of, transmit
 from liftgate_plant import signals as catalogue
 from liftgate_plant.compiler import compiled
 
@@ -417,6 +417,64 @@ def test_a_multiplexed_signal_is_sent_with_its_multiplexer(codec: Codec, name: s
     decoded = message.decode(payload)
     assert decoded["Mux"] == 3
     assert decoded[name] == value
+
+
+def test_signals_under_several_multiplexer_values_are_sent_in_turn(codec: Codec):
+    """And everything at once, at the end; what the bus is told so comes back by the same tables."""
+    message, names = multiplexed(), ("A", "B", "C")
+    mappings = [SignalMapping(name, "M", name) for name in names]
+    options = {"M": MessageOptions(cycle_ms=10.0)}
+    bus = bus_config_of({"M": message}, mappings, options, sending=True)
+    values = np.array([1234.0, -77.0, 4000.0])
+    transmission = first_transmission(bus, len(values))
+    transmission.values[:] = values
+    cycle, seen = 10**7, []
+    for k in range(1, 6):
+        transmission.due_ns[0] = transmission.next_ns[0] = k * cycle
+        frames = codec.transmit(bus, transmission, k * cycle, False)
+        assert frames.count == 1
+        seen.append(message.decode(frames.data[0, :8].tobytes()))
+    assert seen[:2] == [{"Mux": 2, "A": 1234, "C": 4000}, {"Mux": 3, "B": -77, "C": 4000}]
+    assert seen[2:] == [seen[0], seen[1], seen[0]]
+    frames = codec.transmit(bus, transmission, 7 * cycle, True)
+    payloads = [frames.data[k, :8].tobytes() for k in range(frames.count)]
+    assert [message.decode(each)["Mux"] for each in payloads] == [3, 2]
+    heard = bus_config_of({"M": message}, mappings)
+    reception = nothing_received(heard, len(names))
+    for k, payload in enumerate(payloads):
+        rows = frames_of([(identifier_of(message), payload)])
+        reception, _ = taken(heard, reception, NO_COUNTS, rows, k, codec.receive)
+    assert reception.values.tolist() == values.tolist()
+
+
+@given(st.lists(st.sets(st.integers(0, 5), min_size=1, max_size=3), min_size=1, max_size=6))
+def test_each_signal_is_on_a_page_and_no_page_is_for_nothing(places: list[set[int]]):
+    """Whichever values signals stand under."""
+    own = [
+        Signal(f"S{k}", 8 + 8 * k, 8, multiplexer_ids=sorted(ids), multiplexer_signal="Mux")
+        for k, ids in enumerate(places)
+    ]
+    mux = Signal("Mux", 0, 8, is_multiplexer=True)
+    message = Message(1, "M", 64, [mux, *own], is_fd=True, strict=False)
+    pages = pages_of(message, [each.name for each in own])
+    values = [page["Mux"] for page in pages]
+    assert values == sorted(set(values))
+    assert all(ids & set(values) for ids in places)
+    assert all(any(value in ids for ids in places) for value in values)
+
+
+@pytest.mark.parametrize("page", [0, 1])
+def test_what_is_held_until_it_is_told_waits_for_its_page(page: int):
+    message = multiplexed()
+    mappings = [SignalMapping(name, "M", name) for name in ("A", "B", "C")]
+    bus = bus_config_of({"M": message}, mappings, sending=True)
+    transmission, told = first_transmission(bus, 3), []
+    for sent in range(6):
+        transmission.sent[0] = sent
+        told.append(told_of(bus, transmission, 0, page))
+    assert told == ([0, 1, 1, 2, 2, 3] if page == 0 else [0, 0, 1, 1, 2, 2])
+    assert told_of(bus, transmission, 0, 2) == 5
+    assert told_of(bus, transmission, -1, 2) == 0
 
 
 NESTED = """VERSION ""

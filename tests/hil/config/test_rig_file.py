@@ -10,10 +10,11 @@ from hil_support import EXTENDED, rig_of, write_rig
 
 import liftgate_hil as lh
 from liftgate_hil import session
-from liftgate_hil.codec.frames import FD
+from liftgate_hil.codec.frames import FD, Frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu, step
 from liftgate_hil.errors import ConfigError
 
 DATABASE = """VERSION ""
@@ -239,11 +240,6 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
             "latch_state.values",
             "inf",
         ),
-        (
-            RIG + 'gate_angle = "Muxed.A"\nterminal_voltage = "Muxed.B"\n',
-            "outputs in Muxed",
-            "multiplexed (A: Which = 1; B: Which = 2), and a message is sent with one multiplexer value",
-        ),
     ],
 )
 def test_each_fault_names_its_key_and_what_is_allowed(
@@ -419,13 +415,28 @@ def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
     assert keys == ["outputs.left_hall_count", "outputs.right_current", "outputs.right_hall_count"]
 
 
-def test_the_reference_ecu_sends_one_multiplexer_value_too(tmp_path: Path):
+def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(
+    tmp_path: Path,
+):
     text = RIG.replace(
         INPUTS, INPUTS + 'left_direction = { signal = "Muxed.A", scale = 1 }\n'
         'right_direction = { signal = "Muxed.B", scale = 1 }\n'
     )  # fmt: skip
-    with pytest.raises(ConfigError, match="inputs in Muxed: multiplexed"):
-        ReferenceEcu(rig_of(tmp_path, DATABASE, text), 2)
+    rig = rig_of(tmp_path, DATABASE, text)
+    config = ecu_config(rig, 2)
+    state = new_ecu(config)
+    muxed = rig.messages["Muxed"]
+
+    def pages(frames: Frames) -> list[int]:
+        own = [k for k in range(frames.count) if frames.identifiers[k] == muxed.frame_id]
+        return [int(muxed.decode(frames.data[k, : muxed.length].tobytes())["Which"]) for k in own]
+
+    sent = []
+    for k in range(4):
+        state, frames = step(config, state, config.nothing, k * config.cycle_ns)
+        sent += pages(frames)
+    assert sent == [1, 2, 1, 2]
+    assert sorted(pages(last_frames(config, state))) == [1, 2]
 
 
 def test_an_enumeration_that_is_sent_must_name_every_value(tmp_path: Path):

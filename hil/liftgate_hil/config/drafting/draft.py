@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from liftgate_hil.codec.bus_config import multiplexer_values, pairs_of
 from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
@@ -47,7 +46,6 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for section, each in found.items()
     }
     _one_quantity_a_signal(lines)
-    _one_multiplexer_value(lines["outputs"])
     dbc = os.path.relpath(database.resolve(), target.resolve().parent)
     head = [
         f"# A first rig for {printable(database.name)}, drafted from names, units and senders: to be tried.",
@@ -141,22 +139,6 @@ def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
             if line.is_sure and len(set(others)) > 1:
                 names = ", ".join(name for name in others if name != line.quantity)
                 lines[section][i] = line.withdrawn(f"may also be {names}")
-
-
-def _one_multiplexer_value(lines: list[Line]) -> None:
-    """A message is sent with one multiplexer value: that of most of its sure lines, of these the first."""
-    for name in dict.fromkeys(line.message.name for line in lines):
-        groups: dict[str, list[int]] = {}
-        for i, line in enumerate(lines):
-            if line.is_sure and line.message.name == name:
-                chains = multiplexer_values(line.message, line.signal.partition(".")[2])
-                if chains != [{}]:
-                    groups.setdefault(" or ".join(map(pairs_of, chains)), []).append(i)
-        kept = max(groups, key=lambda each: len(groups[each]), default="")
-        for said, places in groups.items():
-            for i in places if said != kept else ():
-                reason = f"multiplexed, {said}, and {name} is sent with one value: {kept}"
-                lines[i] = lines[i].withdrawn(reason)
 
 
 def _text(

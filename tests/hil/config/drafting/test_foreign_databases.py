@@ -167,8 +167,10 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         | {
             "terminal_voltage": ("GateSupply.SupplyVoltage", 12.0, 12_000.0),
             "left_current": ("GateReport.MotorCurrentLeft", -2.5, -2.5),
+            "right_current": ("GateReport.MotorCurrentRight", -1.5, -1.5),
+            "gate_angle": ("GateReport.GateAngle", 80.0, 80.0),
         },
-        {"outputs.right_current", "outputs.gate_angle"},
+        set(),
     ),
     "no_units": (
         {"left_hall_count": ("KlappeMesswerte.HallZaehlerLinks", -70.0, -70.0)},
@@ -369,14 +371,13 @@ def theirs(rig: Rig, name: str) -> dict[str, Any]:
             values[getattr(OUT, quantity)] = ours
     _, frames = transmitted(rig.output_config(), values)
     found = {}
-    payloads = {identifier & ~FD: payload for identifier, payload in rows_of(frames)}
     for message in {wire.message for wire in rig.outputs}:
         described = rig.messages[message]
         flag = EXTENDED if described.is_extended_frame else 0
-        payload = payloads.get(described.frame_id | flag)
-        if payload is not None:
-            row: Any = described.decode(payload, decode_choices=False, allow_excess=False)
-            found |= {f"{message}.{signal}": value for signal, value in row.items()}
+        for identifier, payload in rows_of(frames):
+            if identifier & ~FD == described.frame_id | flag:
+                row: Any = described.decode(payload, decode_choices=False, allow_excess=False)
+                found |= {f"{message}.{signal}": value for signal, value in row.items()}
     return found
 
 
