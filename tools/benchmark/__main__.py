@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import told
-from tools.benchmark import costs, episodes, identification, lateness, processes, tables
+from tools.benchmark import costs, episodes, identification, lateness, parts, processes, tables
 from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import load_line, machine_lines
@@ -136,6 +136,26 @@ def episode_section() -> list[str]:
     lines += [
         f"| {name} | **{pace.wall:.0f}** | {pace.cpu:.0f} |"
         for name, pace in processes.paces().items()
+    ]
+    return [*lines, ""]
+
+
+def parts_section() -> list[str]:
+    """What is optional, part by part."""
+    lines = [
+        "## What each part costs",
+        "",
+        paragraph(
+            """A step of the moving SUV with its sensors: of the ideal gate, with one part more each, and as
+            shipped, in turns. CPU time, medians of rounds; the ratio is the median of each round's own."""
+        ),
+        "",
+        "| | tick | to the ideal gate's | least |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| {name} | {shown(each.tick)} | **{each.ratio:.2f}** | {shown(each.least)} |"
+        for name, each in parts.measure().items()
     ]
     return [*lines, ""]
 
@@ -266,7 +286,12 @@ def main() -> None:
         )
     hot = figures[costs.HOT]
     text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
-    text += start_section(roots) + table_section(roots) + identification_section(against)
+    text += (
+        parts_section()
+        + start_section(roots)
+        + table_section(roots)
+        + identification_section(against)
+    )
     if lateness.available():
         text += lateness_section(args.output, args.rounds, args.seconds)
     else:

@@ -1,0 +1,115 @@
+"""What each optional part of the plant and its sensors adds to a tick, in turns with the ideal gate."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil import session
+from liftgate_plant import dynamics, integrate, sensors
+from liftgate_plant.bridge import DriveInput
+from liftgate_plant.compiler import compilable, compiled, fill
+from liftgate_plant.dynamics import Inputs, Load, Plant, initial_state
+from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
+from liftgate_plant.sensors import Sensors, SensorState, initial_sensors
+from liftgate_plant.signals import Sensed
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+ROUNDS = 9
+TICKS = 2000  # 2 s of opening at 60 % and 12 V, all of it in motion
+STEP = 1e-3
+
+PARTS: dict[str, Sequence[str]] = {
+    "a gate that twists": ["gate.torsional_stiffness=2000", "gate.torsional_damping=20"],
+    "source resistance": ["supply.internal_resistance=0.038"],
+    "static and Stribeck friction": ["friction.static_ratio=1.2", "friction.stribeck_speed=5"],
+    "friction over the travel": ["friction.position_deviation=0.05"],
+    "motors that warm up": ["thermal.enabled=1"],
+    "PWM, slow": ["bridge.pwm_frequency=20000"],
+    "PWM, diode": ["bridge.pwm_frequency=20000", "bridge.freewheeling=diode"],
+    "low-pass of the current": ["sensors.current_filter=0.002"],
+    "mean over a window": ["sensors.current_window=0.0005"],
+    "commutation ripple of the current": ["sensors.ripple=0.1"],
+    "commutation ripple of the EMF": ["sensors.ripple_emf=0.01"],
+    "noise of the currents": ["sensors.current_noise=0.03"],
+    "errors of the encoders": ["sensors.hall_pitch_error=0.02", "sensors.hall_jitter_deg=1"],
+}
+
+
+class Case(NamedTuple):
+    """A gate, ready to run."""
+
+    plant: Plant
+    sensors: Sensors
+    friction: FrictionProfile
+    load: Load
+
+
+class Cost(NamedTuple):
+    """CPU seconds a tick: median, least, and the median of its ratios to the ideal gate's."""
+
+    tick: float
+    least: float
+    ratio: float
+
+
+@compilable
+def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int) -> float:
+    """`count` steps with their sensors; where the gate is in the end [rad]."""
+    state = dynamics.initial_state(case.plant, 0.1, 0.0)
+    drive = DriveInput(0.6, 0.0, 0.0)
+    for k in range(count):
+        frictions = frictions_in(case.friction, case.plant, state, STEP)
+        inputs = Inputs(drive, drive, case.load, frictions)
+        state, flow = integrate.advance(case.plant, state, inputs, STEP)
+        shown = dynamics.outputs(case.plant, state, inputs)
+        memory, sensed = sensors.sense(
+            case.sensors, case.plant, state, inputs, shown, flow, memory, 1, k + 1, STEP
+        )
+        fill(seen[k % 2], 0, sensed)
+    return state.gate_angle
+
+
+def case_of(vehicle: Vehicle) -> Case:
+    """A vehicle with its latch released."""
+    plant, load = plant_of(vehicle), load_of(vehicle)._replace(latch_released=1.0)
+    return Case(plant, vehicle.sensors, friction_profile(vehicle, plant, 1), load)
+
+
+def seconds_of(case: Case) -> float:
+    """A tick's CPU time, mean of a run."""
+    memory = initial_sensors(case.sensors, initial_state(case.plant, 0.1))
+    seen, run = np.empty((2, len(Sensed._fields))), compiled(many)
+    start = time.thread_time()
+    run(case, memory, seen, TICKS)
+    return (time.thread_time() - start) / TICKS
+
+
+def measure(rounds: int = ROUNDS) -> dict[str, Cost]:
+    """By part, the ideal gate first and the shipped one last."""
+    cases = {"ideal": case_of(session.vehicle_from("suv", ideal=True))}
+    cases |= {
+        name: case_of(session.vehicle_from("suv", settings, ideal=True))
+        for name, settings in PARTS.items()
+    }
+    cases["suv as shipped"] = case_of(session.vehicle_from("suv"))
+    times: dict[str, list[float]] = {name: [] for name in cases}
+    seconds_of(cases["ideal"])
+    for number in range(rounds):
+        order = list(cases) if number % 2 else list(cases)[::-1]
+        for name in order:
+            times[name].append(min(seconds_of(cases[name]) for _ in range(3)))
+    base = times["ideal"]
+    return {
+        name: Cost(
+            statistics.median(each),
+            min(each),
+            statistics.median(a / b for a, b in zip(each, base, strict=True)),
+        )
+        for name, each in times.items()
+    }
