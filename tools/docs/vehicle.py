@@ -42,28 +42,30 @@ scenario's `[set]` gives holds.
 Normal distributions end at 3 σ, and each at its key's range. A car depends on its seed and on each key by itself,
 so that another key in the table leaves the rest of it as it was.
 
-`--ideal` (`ideal=True`) is the opposite: the thesis's plant, without any error of `[sensors]`, without torsion, source
-resistance and heating, and with a friction that neither temperature, place, run nor age changes. What `--set` gives
-still holds.
+`--ideal` (`ideal=True`) is the opposite: the thesis's plant, without any error of `[sensors]`, without torsion,
+source resistance and heating, and with a friction that neither temperature, place, run nor age changes. What
+`--set` gives still holds.
 
 ## Friction over the travel and over life
 
-The friction of the gear and the spindle is that of the law (3.3, 3.8, 3.11) times
-`(1 + run_in e^(−cycles/run_in_cycles) + wear cycles/1000) (1 + run_deviation v) (t(x) + eccentricity cos(2π x/lead + ψ) +
-position_deviation g(x))`: `t` is `position_table`, pairs of a share of the travel and a factor
-(`[[0, 1.2], [0.5, 0.9], [1, 1]]`), `g` a random profile of unit variance whose autocorrelation is 1/e after
-`position_length`, ψ an angle, both those of `position_profile` and of the drive; `v` is a normal number of the run's `--seed`.
+The friction of the gear and the spindle is that of the law (3.3, 3.8, 3.11) times `(1 + run_in
+e^(−cycles/run_in_cycles) + wear cycles/1000) (1 + run_deviation v) (t(x) + eccentricity cos(2π x/lead + ψ) +
+position_deviation g(x))`: `t` is `position_table`, pairs of a share of the travel and a factor (`[[0, 1.2],
+[0.5, 0.9], [1, 1]]`), `g` a random profile of unit variance whose autocorrelation is 1/e after
+`position_length`, ψ an angle, both those of `position_profile` and of the drive; `v` is a normal number of the
+run's `--seed`.
 
 ## The bridge's PWM, and where the shunt is
 
 With `pwm_frequency = 0` a motor sees the mean of its PWM. With a frequency its current has the ripple of the
-`freewheeling` while the PWM is off: `slow` (shorted by a transistor), `diode` (through one diode), `fast` (all switches off);
-with diodes it may end within each period, which lowers its mean. Recordings have the effective value and the peak of each
-tick (`left_current_rms_a`, `left_current_peak_a`); the ripple warms the winding.
+`freewheeling` while the PWM is off: `slow` (shorted by a transistor), `diode` (through one diode), `fast` (all
+switches off); with diodes it may end within each period, which lowers its mean. Recordings have the effective
+value and the peak of each tick (`left_current_rms_a`, `left_current_peak_a`); the ripple warms the winding.
 
-`shunt_low_side = 1` puts the shunt into the bridge's ground: it sees what the source gives, so the duty's share of the
-current and nothing while the motor brakes; with `shunt_sampled_on = 1` it is read while the PWM is on. `current_window` is the
-length of the windows whose mean is read, a multiple of the PWM's period for one that is in step with it.
+`shunt_low_side = 1` puts the shunt into the bridge's ground: it sees what the source gives, so the duty's share
+of the current and nothing while the motor brakes; with `shunt_sampled_on = 1` it is read while the PWM is on.
+`current_window` is the length of the windows whose mean is read, a multiple of the PWM's period for one that is
+in step with it.
 
 The column `suv` has the reference vehicle's value where its file gives one."""
 
