@@ -20,6 +20,7 @@ from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
+from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
@@ -163,7 +164,28 @@ def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
 def test_all_failures_are_told_at_once() -> None:
     nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
     nothing["pinch_force_n"] = np.zeros(4200)
-    assert len(faults(shown(events=[], trace=nothing))) == 3
+    assert len(faults(shown(events=[], trace=nothing))) == 4
+
+
+@pytest.mark.parametrize(
+    ("received", "cause"),
+    [
+        ({}, "no command came: the ECU sent nothing"),
+        ({"accepted": 5}, "5 commands were accepted, and none of them moved a drive"),
+        ({"checksum": 4, "foreign": 3}, "no command was accepted, 4 were rejected"),
+        (
+            {"foreign": 3},
+            "no command was accepted, 3 frames have identifiers that the rig does not receive",
+        ),
+    ],
+)
+def test_a_gate_that_never_moved_names_the_cause_first(
+    received: dict[str, int], cause: str
+) -> None:
+    still = columns_with(gate_angle_deg=np.zeros(4200), pinch_force_n=np.zeros(4200))
+    summary = Summary(ticks=42_001, received=NO_COUNTS._replace(**received))
+    found = faults(shown(trace=still, summary=summary), tells=False)
+    assert found == [cause, "the gate never met the obstacle"]
 
 
 # The whole of it.
