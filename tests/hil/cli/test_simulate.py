@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.cli.main import main
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.signals import INPUT_SIGNALS
 from liftgate_plant.signals import Sensed
 
@@ -223,10 +226,33 @@ def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == ""
+    assert re.fullmatch(
+        r"liftgate-hil simulate: \S+long.csv incomplete, stopped at [\d.]+ s of 1e\+06 s\n", errors
+    )
     rows = target.read_text().splitlines()
     assert len(rows) > 20
     assert len({row.count(",") for row in rows}) == 1
+
+
+@pytest.mark.parametrize("is_stopped", [True, False])
+@pytest.mark.parametrize("suffix", [".mf4", ".parquet"])
+def test_a_file_of_what_was_stopped_says_that_it_is_incomplete(
+    tmp_path: Path, suffix: str, is_stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped after the first block, of 2000 steps."""
+    looks = itertools.count()
+    monkeypatch.setattr(StopSignals, "__call__", lambda self: is_stopped and next(looks) > 0)
+    monkeypatch.setattr(StopSignals, "exit_code", 130)
+    path = tmp_path / f"out{suffix}"
+    code = main(["simulate", "--voltage", "12", "--duration", "6", "--output", str(path)])
+    assert code == (130 if is_stopped else 0)
+    if suffix == ".mf4":
+        with pytest.importorskip("asammdf").MDF(path) as content:
+            said = content.header.comment
+    else:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        said = (parquet.read_metadata(path).metadata or {}).get(b"remark", b"").decode()
+    assert ("incomplete, stopped at 1.999 s of 6 s" in said) == is_stopped
 
 
 @pytest.mark.parametrize(
