@@ -444,3 +444,33 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     child.wait(60.0)
     assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--record-limit", "5MB"], "--record-limit 5000000: allowed: together with --record"),
+        (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .log"),
+        (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
+        (["--rig", "their.dbc"], "their.dbc: a database, no rig; allowed: a rig in TOML, as "),
+        (
+            ["--ecu", f"{__name__}:NoStep"],
+            f"--ecu an object of {__name__}.NoStep: allowed: an object with step(",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_as_a_user_would(
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("their.dbc").write_text('VERSION ""\n')
+    assert demo("--no-record", *arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+class NoStep:
+    """What is no ECU."""
