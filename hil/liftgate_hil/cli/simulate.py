@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.simulation import Block
     from liftgate_hil.recording.content import Content
     from liftgate_hil.recording.edge_file import EdgeFile
+    from liftgate_hil.stimuli.samples import Samples
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
@@ -110,8 +111,9 @@ def run(args: argparse.Namespace) -> int:
     duration = args.duration if args.duration is not None else scenario.duration
     if duration is None:
         duration = _length_of(args, samples.times)
+    notes = (*notes, *_undriven(args, samples, vehicle.drives))
     for note in notes:
-        print(f"{args.input}: {note}", file=sys.stderr)
+        print(f"{args.input or 'liftgate-hil simulate'}: {note}", file=sys.stderr)
     plant = plant_of(vehicle)
     offline = Offline(
         plant=plant,
@@ -171,6 +173,17 @@ class _Progress:
         if self.is_complete:
             return ""
         return f"incomplete, stopped at {self._time:.3f} s of {self._duration:g} s"
+
+
+def _undriven(args: argparse.Namespace, samples: Samples, drives: int) -> Iterator[str]:
+    """What is worth knowing of motors that nothing drives."""
+    if not args.input:
+        if args.voltage is None:
+            yield "no --voltage and no --input: 0 V, which brakes the motors"
+        return
+    for side in ("left", "right")[:drives]:
+        if not any(f"{side}_{what}" in samples.columns for what in ("voltage_v", "duty", "coast")):
+            yield f"no {side}_voltage_v or {side}_duty: 0 V, which brakes the {side} motor"
 
 
 def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:

@@ -276,6 +276,21 @@ def test_an_input_that_would_run_for_hours_wants_a_duration(
     assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
 
 
+def test_motors_that_nothing_drives_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    simulate(tmp_path, "--duration", "0.01")
+    assert "no --voltage and no --input: 0 V, which brakes the motors" in capsys.readouterr().err
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,left_voltage_v\n0,12\n0.01,12\n")
+    simulate(tmp_path, "--input", str(source))
+    note = f"{source}: no right_voltage_v or right_duty: 0 V, which brakes the right motor\n"
+    assert capsys.readouterr().err == note
+    simulate(tmp_path, "--input", str(source), "--vehicle", "compact")
+    simulate(tmp_path, "--voltage", "0", "--duration", "0.01")
+    assert capsys.readouterr().err == ""
+
+
 def test_an_input_of_no_length_is_one_row(tmp_path: Path) -> None:
     source = tmp_path / "in.csv"
     source.write_text("time_s,voltage_v\n0,1\n5e-324,2\n")
