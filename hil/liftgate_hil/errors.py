@@ -94,6 +94,9 @@ def words_of(error: BaseException) -> str:
 
 def shown(value: object) -> str:
     """A foreign object as it may stand in a message."""
+    kind = type(value)
+    if kind.__repr__ is object.__repr__:  # which says where in memory it is
+        return f"an object of {kind.__module__}.{kind.__qualname__}"
     try:
         return repr(value)
     except Exception as error:

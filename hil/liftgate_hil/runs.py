@@ -71,7 +71,7 @@ class Result:
     events: Sequence[Event]  # what the ECU told, where it is the reference ECU
     summary: Summary
     recording: tuple[Path, ...] = ()
-    pinch_time_s: float = 0.0  # of the largest pinch force
+    pinch_time_s: float = math.nan  # of the largest pinch force; NaN: nothing was pinched
     expectations: Mapping[str, Any] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
     trace: Mapping[str, NDArray[np.float64]] = field(

@@ -261,6 +261,10 @@ class RunOptions:
         for name, least in (("record_limit", LEAST_LIMIT), ("record_keep", 2)):
             if (value := getattr(self, name)) is not None:
                 whole_of(name, value, least)
+        if self.record_limit is not None and not self.records:
+            raise ConfigError(
+                f"`record_limit` {self.record_limit}: allowed: together with `record`"
+            )
         if self.record_keep is not None and self.record_limit is None:
             raise ConfigError(
                 f"`record_keep` {self.record_keep}: allowed: together with `record_limit`"

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _MOST_ROWS = 100_000  # of the picture
 _USUAL_EVERY = 10  # of a run whose length nobody knows, every so many rows
 _FREE_DEG = 5.0  # what a reversal must free
+_MOVED_DEG = 1.0  # more than a gate settles by
 _MOST_MISSED = 0.01  # share of ticks; more makes a machine unfit (see doctor)
 
 
@@ -172,13 +173,8 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
     """What a whole demo did not do as it should; an ECU of ours `tells` that it reverses."""
     from liftgate_hil.report.pinch import LIMITS
 
-    found = []
+    found = _standstill(shown)
     columns, summary = shown.trace, shown.summary
-    received = summary.received
-    if not received.accepted and received.foreign:
-        found.append(
-            f"no command was accepted, {received.foreign} frames have identifiers that the rig does not receive"
-        )
     if event is None:
         found.append("the gate never met the obstacle")
     elif math.isnan(event.turn_s):
@@ -205,3 +201,21 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
             "(liftgate-hil doctor says what to do)"
         )
     return found
+
+
+def _standstill(shown: Result) -> list[str]:
+    """Why a gate never moved, as far as the commands tell it."""
+    from liftgate_hil.codec.receive import rejected
+
+    received, angles = shown.summary.received, shown.trace["gate_angle_deg"]
+    if received.accepted and angles.max() - angles.min() < _MOVED_DEG:
+        return [f"{received.accepted} commands were accepted, and none of them moved a drive"]
+    if received.accepted or angles.max() - angles.min() >= _MOVED_DEG:
+        return []
+    if rejected(received):
+        return [f"no command was accepted, {rejected(received)} were rejected"]
+    if received.foreign:
+        return [
+            f"no command was accepted, {received.foreign} frames have identifiers that the rig does not receive"
+        ]
+    return ["no command came: the ECU sent nothing"]

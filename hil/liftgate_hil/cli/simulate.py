@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.simulation import Block
     from liftgate_hil.recording.content import Content
     from liftgate_hil.recording.edge_file import EdgeFile
+    from liftgate_hil.stimuli.samples import Samples
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
 
@@ -111,8 +111,9 @@ def run(args: argparse.Namespace) -> int:
     duration = args.duration if args.duration is not None else scenario.duration
     if duration is None:
         duration = _length_of(args, samples.times)
+    notes = (*notes, *_undriven(args, samples, vehicle.drives))
     for note in notes:
-        print(f"{args.input}: {note}", file=sys.stderr)
+        print(f"{args.input or 'liftgate-hil simulate'}: {note}", file=sys.stderr)
     plant = plant_of(vehicle)
     offline = Offline(
         plant=plant,
@@ -126,8 +127,12 @@ def run(args: argparse.Namespace) -> int:
     )
     state = initial_state(plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
-    whole = itertools.takewhile(lambda _: not stopped(), blocks)
-    content = Content(columns_of(vehicle.drives, offline=True), title="liftgate-hil simulate")
+    progress = _Progress(round(duration / args.step) * args.step)
+    content = Content(
+        columns_of(vehicle.drives, offline=True),
+        title="liftgate-hil simulate",
+        remark=progress.remark,
+    )
     with (
         told_of_compiling(Teller(is_quiet=False), stopped),
         contextlib.suppress(GivenUpError),
@@ -135,8 +140,50 @@ def run(args: argparse.Namespace) -> int:
         if edges is None
         else contextlib.closing(EdgeFile("edges", edges)) as edge_file,
     ):
-        _write(output, content, _rows_of(whole, edge_file))
-    return stopped.exit_code if stopped() else 0
+        _write(output, content, _rows_of(progress.over(blocks, stopped), edge_file))
+    if progress.is_complete:
+        return 0
+    names = " and ".join(name for name in (args.output, args.edges) if name)
+    print(f"liftgate-hil simulate: {names} {progress.remark()}", file=sys.stderr)
+    return stopped.exit_code
+
+
+class _Progress:
+    """How far a simulation has come."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._time = 0.0
+        self.is_complete = False
+
+    def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
+        """The same blocks, until it is stopped."""
+        from liftgate_hil.signals import COLUMN_PLACE
+
+        for block in blocks:
+            if stopped():
+                return
+            if len(block.rows):
+                self._time = float(block.rows[-1, COLUMN_PLACE["time_s"]])
+            yield block
+        self.is_complete = True
+
+    def remark(self) -> str:
+        """What is to be said of the file; nothing where it is complete."""
+        if self.is_complete:
+            return ""
+        return f"incomplete, stopped at {self._time:.3f} s of {self._duration:g} s"
+
+
+def _undriven(args: argparse.Namespace, samples: Samples, drives: int) -> Iterator[str]:
+    """What is worth knowing of motors that nothing drives."""
+    if not args.input:
+        if args.voltage is None:
+            yield "no --voltage and no --input: 0 V, which brakes the motors"
+        return
+    for side in ("left", "right")[:drives]:
+        if not any(f"{side}_{what}" in samples.columns for what in ("voltage_v", "duty", "coast")):
+            yield f"no {side}_voltage_v or {side}_duty: 0 V, which brakes the {side} motor"
 
 
 def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:

@@ -40,7 +40,7 @@ class Teller(Listener):
 
     def status(self, status: Status) -> None:
         """See Listener."""
-        self._draw(line_of(status))
+        self._draw(line_of(status, _columns()))
 
     def compiles(self, name: str, seconds: float) -> None:
         """See Listener."""
@@ -90,8 +90,8 @@ class Teller(Listener):
         return Teller, (self._is_quiet, self._is_json, self._how)
 
 
-def line_of(status: Status) -> str:
-    """A status in a line."""
+def line_of(status: Status, width: int) -> str:
+    """A status in a line of at most so many characters; what has no room is left out whole, the last first."""
     age = status.command_age_s
     parts = [
         f"{status.time_s:8.1f} s",
@@ -106,7 +106,10 @@ def line_of(status: Status) -> str:
     ):
         if count:
             parts.append(f"{name} {count}")
-    return "  ".join([*parts, f"accepted {status.accepted}", f"sent {status.sent}"])
+    parts += [f"accepted {status.accepted}", f"sent {status.sent}"]
+    while len("  ".join(parts)) > width:
+        parts.pop()
+    return "  ".join(parts)
 
 
 def _columns() -> int:

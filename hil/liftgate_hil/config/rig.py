@@ -18,7 +18,7 @@ from liftgate_hil.codec.bus_config import (
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.config.database import find_database, load_messages
+from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
@@ -90,8 +90,12 @@ def load_rig(path: Path) -> Rig:
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
     """The rig of a file, as far as it can be made out, and what is wrong with it.
 
-    Raises ConfigError where the file is not TOML.
+    Raises ConfigError where the file is no TOML, a database perhaps.
     """
+    if path.suffix.lower() in KINDS:
+        raise ConfigError(
+            f"{path}: a database, no rig; allowed: a rig in TOML, as liftgate-hil rig draft {path.name} begins one"
+        )
     return rig_of_content(read_toml(path), path)
 
 

@@ -122,7 +122,7 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
     if origin is Points:
         return _points(issues, key, value, quantity)
     if not isinstance(value, list) or len(value) != 2:
-        issues.add(key, f"{show(value)} is not a point; allowed: [x, y], {_allowed(quantity)}")
+        issues.add(key, f"{show(value)} is not a point; {_allowed(quantity, '[x, y], each of ')}")
         return (0.0, 0.0)
     return tuple(
         number(issues, f"{key}[{i}]", each, quantity.low, quantity.high, _unit(quantity))
@@ -154,11 +154,11 @@ def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -
     return result
 
 
-def _allowed(quantity: Quantity) -> str:
+def _allowed(quantity: Quantity, form: str = "") -> str:
     if quantity.options:
         return f"allowed: {', '.join(quantity.options)}"
     unit = _unit(quantity)
-    return f"allowed: {quantity.low:g} to {quantity.high:g}{' ' + unit if unit else ''}"
+    return f"allowed: {form}{quantity.low:g} to {quantity.high:g}{' ' + unit if unit else ''}"
 
 
 def _unit(quantity: Quantity) -> str:

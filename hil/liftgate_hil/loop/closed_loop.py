@@ -157,7 +157,7 @@ class Extremes:
     def __init__(self) -> None:
         self.high: NDArray[np.float64] | None = None
         self.low: NDArray[np.float64] | None = None
-        self.pinch_time = 0.0
+        self.pinch_time = np.nan  # nothing was pinched
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""
@@ -165,7 +165,7 @@ class Extremes:
             return
         high, low = rows.max(axis=0), rows.min(axis=0)
         force = COLUMN_PLACE["pinch_force_n"]
-        if self.high is None or high[force] > self.high[force]:
+        if high[force] > (0.0 if self.high is None else self.high[force]):
             peak = int(np.argmax(rows[:, force]))
             self.pinch_time = float(rows[peak, COLUMN_PLACE["time_s"]])
         self.high = high if self.high is None else np.maximum(self.high, high)

@@ -64,6 +64,7 @@ class Timing(NamedTuple):
 
 
 NO_TIMING = Timing()
+_CYCLES_S = 0.1  # in which every message of a rig has been sent, usually
 # Of a link, told with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
 
@@ -87,11 +88,15 @@ class Summary:
     recording_lost_rows: int = 0  # that the recorder was too slow for
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
+    def _load(self) -> float:
+        """The bus load [%] where there is one: NaN of a run that is shorter than a cycle."""
+        return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
+
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
         figures = asdict(self)
         del figures["timing"]
-        if math.isnan(self.bus_load_percent):
+        if math.isnan(self._load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
             prefix = "command_delay" if name == "delay" else name
@@ -117,7 +122,7 @@ class Summary:
             "remote": received.remote,
         }
         why = ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
-        percent = self.bus_load_percent
+        percent = self._load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [
             f"ticks {self.ticks}, model time {self.model_time_s:.3f} s, clock {self.clock}",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 _MOST_BUSES = 254  # a byte, of which some formats count from 1
 
 
+def no_remark() -> str:
+    """That of a recording of which nothing is to be said."""
+    return ""
+
+
 @dataclass(frozen=True)
 class Content:
     """What a recording is to hold, as far as its format can."""
@@ -20,6 +25,7 @@ class Content:
     columns: Sequence[str]  # of signals.COLUMNS, the time first
     channel: str = "can0"  # what frames' bus is called
     title: str = "liftgate-hil"
+    remark: Callable[[], str] = no_remark  # on the whole, asked for when it is closed
 
     @property
     def bus_number(self) -> int:

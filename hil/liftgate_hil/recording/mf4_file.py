@@ -67,6 +67,8 @@ class Mf4Recorder:
         try:
             self._extend_rows(self._rows.take())
             self._extend_frames(self._frames.take())
+            if remark := self._content.remark():
+                self._mdf.header.comment = remark
             self._mdf.save(self._stream)
         finally:
             self._mdf.close()

@@ -78,6 +78,9 @@ TABLES = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
 def check_file(argument: str, name: str, allowed: tuple[str, ...] = tuple(FORMATS)) -> Path:
     """The path of a file to write that an argument names. Raises ConfigError."""
     path, what = Path(name), f"`{argument}` {name}"
+    with contextlib.suppress(OSError, ValueError):  # told below
+        if path.is_dir():
+            raise ConfigError(f"{what}: is a folder; allowed: a file of {', '.join(allowed)}")
     if path.suffix not in allowed:
         raise ConfigError(
             f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
@@ -86,8 +89,6 @@ def check_file(argument: str, name: str, allowed: tuple[str, ...] = tuple(FORMAT
     try:
         if not path.parent.is_dir():
             raise ConfigError(f"{what}: no folder {path.parent}; allowed: one that exists")
-        if path.is_dir():
-            raise ConfigError(f"{what}: is a folder; allowed: a file")
         if is_special(path) and not form.is_text:
             raise ConfigError(f"{what}: a pipe or a device; allowed: a file")
     except OSError as error:

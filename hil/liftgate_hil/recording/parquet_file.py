@@ -22,6 +22,7 @@ class ParquetRecorder:
 
         self._arrow = pyarrow
         self._stream = stream
+        self._remark = content.remark
         whole = [name for name in content.columns if COLUMNS[name].is_whole]
         self._schema = pyarrow.schema(
             [
@@ -60,6 +61,8 @@ class ParquetRecorder:
     def close(self) -> None:
         """See Recorder."""
         self._write(self._batch.take())
+        if remark := self._remark():
+            self._writer.add_key_value_metadata({"remark": remark})
         self._writer.close()
         self._stream.close()
 

@@ -31,7 +31,7 @@ LIMITS = (
     Limit(100.0, 0.0, "UN R21 5.8, windows", False),
 )
 _MOVES = 0.5  # deg/s, the gate is on its way back
-_STOPS = 0.2  # of its highest speed on that way: it coasts to a stop, or creeps on as the springs have it
+_STOPS = 0.1  # of its highest speed on that way: it coasts to a stop, or creeps on as the springs have it
 
 
 class PinchEvent(NamedTuple):

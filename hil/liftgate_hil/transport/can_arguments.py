@@ -13,7 +13,8 @@ from liftgate_hil.errors import ConfigError, words_of
 _NO_BITRATE = ("socketcan", "virtual", "udp_multicast")
 _MISSING = (
     "`bus`: missing; allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, or python-can's own "
-    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT"
+    "-i and -c, can.conf, or CAN_INTERFACE and CAN_CHANNEL; or `serial` PORT; "
+    "virtual:any where an `ecu` in this process is all there is on it"
 )
 
 

@@ -20,6 +20,7 @@ from liftgate_hil.cli.demo import failures
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
+from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
@@ -163,7 +164,28 @@ def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
 def test_all_failures_are_told_at_once() -> None:
     nothing = columns_with(gate_angle_deg=np.zeros(4200), latched=np.zeros(4200))
     nothing["pinch_force_n"] = np.zeros(4200)
-    assert len(faults(shown(events=[], trace=nothing))) == 3
+    assert len(faults(shown(events=[], trace=nothing))) == 4
+
+
+@pytest.mark.parametrize(
+    ("received", "cause"),
+    [
+        ({}, "no command came: the ECU sent nothing"),
+        ({"accepted": 5}, "5 commands were accepted, and none of them moved a drive"),
+        ({"checksum": 4, "foreign": 3}, "no command was accepted, 4 were rejected"),
+        (
+            {"foreign": 3},
+            "no command was accepted, 3 frames have identifiers that the rig does not receive",
+        ),
+    ],
+)
+def test_a_gate_that_never_moved_names_the_cause_first(
+    received: dict[str, int], cause: str
+) -> None:
+    still = columns_with(gate_angle_deg=np.zeros(4200), pinch_force_n=np.zeros(4200))
+    summary = Summary(ticks=42_001, received=NO_COUNTS._replace(**received))
+    found = faults(shown(trace=still, summary=summary), tells=False)
+    assert found == [cause, "the gate never met the obstacle"]
 
 
 # The whole of it.
@@ -422,3 +444,33 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     child.wait(60.0)
     assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--record-limit", "5MB"], "--record-limit 5000000: allowed: together with --record"),
+        (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .log"),
+        (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
+        (["--rig", "their.dbc"], "their.dbc: a database, no rig; allowed: a rig in TOML, as "),
+        (
+            ["--ecu", f"{__name__}:NoStep"],
+            f"--ecu an object of {__name__}.NoStep: allowed: an object with step(",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_as_a_user_would(
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("their.dbc").write_text('VERSION ""\n')
+    assert demo("--no-record", *arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+class NoStep:
+    """What is no ECU."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 from liftgate_hil.cli.main import main
+from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.signals import INPUT_SIGNALS
 from liftgate_plant.signals import Sensed
 
@@ -223,10 +226,33 @@ def test_an_interrupt_ends_it_with_the_rows_so_far(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == ""
+    assert re.fullmatch(
+        r"liftgate-hil simulate: \S+long.csv incomplete, stopped at [\d.]+ s of 1e\+06 s\n", errors
+    )
     rows = target.read_text().splitlines()
     assert len(rows) > 20
     assert len({row.count(",") for row in rows}) == 1
+
+
+@pytest.mark.parametrize("is_stopped", [True, False])
+@pytest.mark.parametrize("suffix", [".mf4", ".parquet"])
+def test_a_file_of_what_was_stopped_says_that_it_is_incomplete(
+    tmp_path: Path, suffix: str, is_stopped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped after the first block, of 2000 steps."""
+    looks = itertools.count()
+    monkeypatch.setattr(StopSignals, "__call__", lambda self: is_stopped and next(looks) > 0)
+    monkeypatch.setattr(StopSignals, "exit_code", 130)
+    path = tmp_path / f"out{suffix}"
+    code = main(["simulate", "--voltage", "12", "--duration", "6", "--output", str(path)])
+    assert code == (130 if is_stopped else 0)
+    if suffix == ".mf4":
+        with pytest.importorskip("asammdf").MDF(path) as content:
+            said = content.header.comment
+    else:
+        parquet = pytest.importorskip("pyarrow.parquet")
+        said = (parquet.read_metadata(path).metadata or {}).get(b"remark", b"").decode()
+    assert ("incomplete, stopped at 1.999 s of 6 s" in said) == is_stopped
 
 
 @pytest.mark.parametrize(
@@ -248,6 +274,21 @@ def test_an_input_that_would_run_for_hours_wants_a_duration(
     assert "or as long as --duration says" in capsys.readouterr().err
     assert not target.exists()
     assert len(simulate(tmp_path, "--input", str(source), "--duration", "0.1")["time_s"]) == 101
+
+
+def test_motors_that_nothing_drives_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    simulate(tmp_path, "--duration", "0.01")
+    assert "no --voltage and no --input: 0 V, which brakes the motors" in capsys.readouterr().err
+    source = tmp_path / "in.csv"
+    source.write_text("time_s,left_voltage_v\n0,12\n0.01,12\n")
+    simulate(tmp_path, "--input", str(source))
+    note = f"{source}: no right_voltage_v or right_duty: 0 V, which brakes the right motor\n"
+    assert capsys.readouterr().err == note
+    simulate(tmp_path, "--input", str(source), "--vehicle", "compact")
+    simulate(tmp_path, "--voltage", "0", "--duration", "0.01")
+    assert capsys.readouterr().err == ""
 
 
 def test_an_input_of_no_length_is_one_row(tmp_path: Path) -> None:

@@ -29,20 +29,29 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
 
 
 def test_a_line_says_where_the_run_is():
-    assert line_of(STATUS) == (
+    assert line_of(STATUS, 100) == (
         "     1.2 s   12.50 deg    1.50 A  -0.25 A  command 12 ms  accepted 12  sent 30"
     )
     worse = STATUS._replace(command_age_s=None, rejected=2, foreign=9, overruns=7)
-    assert line_of(worse).endswith(
+    assert line_of(worse, 200).endswith(
         "no command  overruns 7  rejected 2  foreign 9  accepted 12  sent 30"
     )
+
+
+def test_what_has_no_room_is_left_out_whole():
+    worse = STATUS._replace(overruns=123456)
+    whole = line_of(worse, 200)
+    for width in range(len(whole) + 1):
+        shorter = line_of(worse, width)
+        assert len(shorter) <= width
+        assert whole == shorter or not shorter or whole.startswith(f"{shorter}  ")
 
 
 def test_the_line_is_rewritten_and_makes_room_for_what_is_said(terminal: Terminal):
     teller = Teller(is_quiet=False)
     teller.status(STATUS)
     teller.status(STATUS)
-    line = line_of(STATUS)[:77]
+    line = line_of(STATUS, 77)
     assert terminal.getvalue() == f"\r{line}\x1b[K"
     teller.say("`record` run.log: full")
     assert terminal.getvalue() == f"\r{line}\x1b[K\r\x1b[K--record run.log: full\n\r{line}\x1b[K"
@@ -54,9 +63,9 @@ def test_the_line_never_fills_a_narrow_terminal(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(terminal, "fileno", lambda: 2)
-    monkeypatch.setattr("os.get_terminal_size", lambda _: SimpleNamespace(columns=10))
+    monkeypatch.setattr("os.get_terminal_size", lambda _: SimpleNamespace(columns=30))
     Teller(is_quiet=False).status(STATUS)
-    assert terminal.getvalue() == f"\r{line_of(STATUS)[:7]}\x1b[K"
+    assert terminal.getvalue() == "\r     1.2 s   12.50 deg\x1b[K"
 
 
 def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):

@@ -248,3 +248,12 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     assert told["received"]["wrong_length"] == 5
     assert told["link"]["send_failures"] == 11
     assert told["link"]["receive_failures"] == 12
+
+
+def test_the_bus_load_of_a_run_shorter_than_a_cycle_is_not_told():
+    short = Summary(ticks=1, model_time_s=0.001, bus_load_percent=104.6)
+    assert short.as_dict()["bus_load_percent"] is None
+    assert "bus load" not in "".join(short.lines())
+    long = Summary(ticks=1000, model_time_s=1.0, bus_load_percent=13.3)
+    assert long.as_dict()["bus_load_percent"] == 13.3
+    assert "bus load 13.3 %" in "".join(long.lines())

@@ -273,6 +273,9 @@ def test_extremes_and_trace_agree_however_the_rows_come() -> None:
 
 def test_nothing_seen_is_no_extreme() -> None:
     assert Extremes().high is None
+    extremes = Extremes()
+    extremes.take(np.zeros((3, ROW_WIDTH)), ())
+    assert np.isnan([Extremes().pinch_time, extremes.pinch_time]).all()
     assert Trace().rows().shape == (0, ROW_WIDTH)
     assert len(Trace().columns()["time_s"]) == 0
 

@@ -78,7 +78,7 @@ def test_what_the_gate_does_after_its_way_back_is_no_reversal() -> None:
     """It bounces before it goes on into the obstacle; it creeps on after it has stopped, then opens once more."""
     columns = rows(back=1.0)
     columns["gate_rate_degps"] *= 3.0
-    columns["gate_rate_degps"][6000:8000] = 1.0
+    columns["gate_rate_degps"][6000:8000] = 0.55
     columns["gate_rate_degps"][4600:4650] = 2.0
     columns["gate_rate_degps"][8000:9000] = 2.0
     columns["gate_angle_deg"][8000:] += 30.0

@@ -93,7 +93,7 @@ def test_no_bus_at_all_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(can.util, "CONFIG_FILES", [])
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(ConfigError, match="`bus`: missing"):
+    with pytest.raises(ConfigError, match=r"`bus`: missing.*virtual:any where an `ecu`"):
         bus_arguments(WireChoice(), rig)
 
 
