@@ -197,8 +197,8 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert demo() == 0
     told = capsys.readouterr()
     assert "reversing" in told.out
-    assert "limit 400 N (EN 12453, building doors; borrowed): 258.3 N left" in told.out
-    assert "reversed 137 ms after the first touch" in told.out
+    assert "limit 400 N (EN 12453, building doors; borrowed): 260.1 N left" in told.out
+    assert "reversed 136 ms after the first touch" in told.out
     assert "closed and latched" in told.out
     assert "failed" not in told.err
     assert sorted(path.name for path in folder.iterdir()) == ["demo.csv", "demo.log", "demo.png"]
