@@ -93,13 +93,13 @@ class PythonEcu(Adapter):
             self._error = error
             return wire.BAD_COUNT
 
-    def _send(self, answer: Sequence[can.Message], capacity: int) -> int:
+    def _send(self, answer: Sequence[can.Message] | None, capacity: int) -> int:
         from liftgate_hil.transport.messages import NotAFrameError, fields_of
 
+        if answer is None:
+            return 0
         if not isinstance(answer, list | tuple):
-            self._reason = (
-                f"its step gave {shown(answer)}; allowed: a list of can.Message, [] for nothing"
-            )
+            self._reason = f"its step gave {shown(answer)}; allowed: a list of can.Message, or None"
             return wire.BAD_COUNT
         if len(answer) > capacity:
             self._reason = f"its step gave {len(answer)} frames; allowed: up to {capacity}"

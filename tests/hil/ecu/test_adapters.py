@@ -270,7 +270,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
 
 
 def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
-    for answer in ([], ()):
+    for answer in (None, [], ()):
         result, _ = run_kept(Scenario(no_timeline(), (), 0.05), Told(lambda turn, a=answer: a))
         assert result.verdict == "pass"
         assert result.summary.received == NO_COUNTS
