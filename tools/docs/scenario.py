@@ -22,7 +22,7 @@ TOP = {
     "duration": ("until stopped", "", "the end of the run"),
     "vehicle": ("suv", "a shipped name or a file", "looked for beside the scenario first"),
     "rig": ("liftgate", "a shipped name or a file", "looked for beside the scenario first"),
-    "seed": ("0", "", "of the sensors' noise"),
+    "seed": ("0", "", "of noise and of what differs from run to run"),
     "initial": ("closed", "", "where the gate starts, at rest; closed it is latched"),
     "parameters": ("", "a table of numbers", "names and values, which `parameters` of `lh.run` replaces"),
     "set": ("", "a table", "keys of the vehicle file and their values: `\"environment.road_slope_deg\" = 5`"),

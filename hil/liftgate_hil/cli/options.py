@@ -119,7 +119,7 @@ def add_setup(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed",
         type=whole(0, 2**32 - 1),
-        help="of the sensors' noise; default: the scenario's, else 0",
+        help="of noise and of what differs from run to run; default: the scenario's, else 0",
     )
 
 
