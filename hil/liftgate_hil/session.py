@@ -269,7 +269,7 @@ class RunOptions:
             raise ConfigError(
                 f"`record_keep` {self.record_keep}: allowed: together with `record_limit`"
             )
-        if len({path.resolve() for path in self.records}) < len(self.records):
+        if len({os.path.realpath(path) for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
             raise ConfigError(f"`record` {names}: allowed: a file once")
         if self.cpu is None:

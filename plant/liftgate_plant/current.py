@@ -15,12 +15,15 @@ class Switching(NamedTuple):
     """What the bridge's switching does to a motor's current beside its mean."""
 
     ripple: float  # A², mean square
-    crest: float  # A, where the current is furthest from zero
-    drawn: float  # share of the current that comes from the source
-    on: float  # 1 or −1: the way in which the bridge is switched on, at least for a part of the time; 0: never
+    above: float  # A, its highest value
+    below: float  # A, its lowest, negative
+    drawn: float  # the source's mean current by the motor's
+    while_on: (
+        float  # the source's current while the PWM is on, by the motor's mean; 0: it is never on
+    )
 
 
-NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0)
+NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CurrentPath(NamedTuple):
@@ -110,7 +113,7 @@ def effective(path: CurrentPath, step: float) -> float:
 @compilable
 def peak(path: CurrentPath, step: float) -> float:
     """The current [A] that is furthest from zero during the step, with its sign."""
-    furthest = path.start if abs(path.start) > abs(path.end) else path.end
+    most, least = max(path.start, path.end), min(path.start, path.end)
     if abs(path.amplitude) > _SEEN:
         fall = path.decay * step
         first = path.start - path.amplitude
@@ -122,5 +125,7 @@ def peak(path: CurrentPath, step: float) -> float:
             share = math.log(turn) / fall
             if share < 1.0:
                 between = first + rise * share + path.amplitude / turn
-                furthest = between if abs(between) > abs(furthest) else furthest
-    return furthest + path.switching.crest
+                most, least = max(most, between), min(least, between)
+    most += path.switching.above
+    least += path.switching.below
+    return most if abs(most) > abs(least) else least

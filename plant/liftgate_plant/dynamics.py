@@ -40,7 +40,7 @@ from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
 from liftgate_plant.motor import Motor
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.pwm import FAST, SLOW
+from liftgate_plant.pwm import SLOW, Chopper, course
 from liftgate_plant.seal import Seal
 from liftgate_plant.spring import Spring
 from liftgate_plant.thermal import Thermal, flux_factor, resistance_factor
@@ -358,11 +358,30 @@ def is_switched(drive: Drive, duty: float) -> bool:
 
 
 @compilable
-def source_share(drive: Drive, duty: float) -> float:
-    """What the source gives of a motor's current, while that does not end within a period of the PWM."""
-    if drive.freewheeling == FAST and is_switched(drive, duty):
-        return duty - math.copysign(1.0 - abs(duty), duty)
-    return duty
+def chopper_of(drive: Drive, resistance: float) -> Chopper:
+    """A drive's bridge on its winding of that resistance [Ω]."""
+    return Chopper(
+        drive.freewheeling,
+        drive.pwm_period,
+        drive.diode_drop,
+        resistance,
+        drive.motor.inductance,
+    )
+
+
+@compilable
+def source_share(drive: Drive, state: DriveState, duty: float, supply_voltage: float) -> float:
+    """The source's current by the motor's: the duty, but where diodes take a part of each period."""
+    if not is_switched(drive, duty):
+        return duty
+    along = math.copysign(1.0, duty)
+    flux = flux_factor(drive.thermal, state.housing_temperature)
+    emf = drive.motor.speed_constant * flux * state.speed
+    resistance = drive.motor.resistance
+    resistance *= resistance_factor(drive.thermal, state.winding_temperature)
+    chopper = chopper_of(drive, resistance)
+    now = course(chopper, abs(duty), supply_voltage, along * emf)
+    return duty if now.mean == 0.0 else along * now.drawn / now.mean
 
 
 @compilable
@@ -394,9 +413,9 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,
         plant.source_resistance,
-        source_share(plant.left, inputs.left.duty),
+        source_share(plant.left, state.left, inputs.left.duty, inputs.load.supply_voltage),
         state.left.current,
-        source_share(plant.right, inputs.right.duty),
+        source_share(plant.right, state.right, inputs.right.duty, inputs.load.supply_voltage),
         state.right.current,
     )
     acceleration = 0.0

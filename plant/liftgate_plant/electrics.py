@@ -9,7 +9,15 @@ from liftgate_plant import bridge, supply, thermal
 from liftgate_plant.bridge import Coasting, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
-from liftgate_plant.dynamics import Drive, DriveState, Inputs, Plant, State, source_share
+from liftgate_plant.dynamics import (
+    Drive,
+    DriveState,
+    Inputs,
+    Plant,
+    State,
+    chopper_of,
+    source_share,
+)
 from liftgate_plant.motor import (
     Phi,
     Response,
@@ -22,7 +30,7 @@ from liftgate_plant.motor import (
     solve_windings,
     transient_of,
 )
-from liftgate_plant.pwm import SLOW, Chopper, course
+from liftgate_plant.pwm import SLOW, course
 
 
 class Electric(NamedTuple):
@@ -67,7 +75,7 @@ def winding_of(
         winding = Winding(
             resistance, motor.inductance, emf_constant, duty, drive_input.voltage, duty * rise
         )
-        switching = Switching(0.0, 0.0, duty, math.copysign(1.0, duty) if duty != 0.0 else 0.0)
+        switching = directly_on(drive_input)
         if drive.pwm_period > 0.0 and 0.0 < abs(duty) < 1.0:
             winding, switching = chopped(drive, winding, state.speed, terminal)
         return winding, Coasting(1.0, 0.0, 0.0, step), switching
@@ -77,7 +85,18 @@ def winding_of(
     more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
     voltage = coast.voltage + 0.5 * more
     winding = Winding(resistance, motor.inductance, emf_constant, 0.0, voltage, more)
-    return winding, coast, Switching(0.0, 0.0, coasting_share(coast), 0.0)
+    return winding, coast, Switching(0.0, 0.0, 0.0, coasting_share(coast), 0.0)
+
+
+@compilable
+def directly_on(drive_input: DriveInput) -> Switching:
+    """Of a bridge that is taken as its mean, or of a voltage that is applied without one: all of it is seen."""
+    duty, voltage = drive_input.duty, drive_input.voltage
+    if duty != 0.0:
+        return Switching(0.0, 0.0, 0.0, duty, math.copysign(1.0, duty))
+    if voltage != 0.0:
+        return Switching(0.0, 0.0, 0.0, math.copysign(1.0, voltage), math.copysign(1.0, voltage))
+    return NO_SWITCHING
 
 
 @compilable
@@ -93,20 +112,19 @@ def chopped(
     """A winding whose bridge switches, at the speed [rev/s] and terminal voltage of the step's start.
 
     What diodes let through is not linear in either, so that its mean is that of the course there and of its
-    slopes. While a course is left for another one, the current is taken to follow as in one that does not end.
+    slopes. From one course to another the mean goes with the winding's L/R, as where the current does not end.
     """
     along = math.copysign(1.0, winding.duty)
-    chopper = Chopper(
-        drive.freewheeling,
-        drive.pwm_period,
-        drive.diode_drop,
-        winding.resistance,
-        winding.inductance,
-    )
     emf = winding.speed_constant * speed
+    chopper = chopper_of(drive, winding.resistance)
     now = course(chopper, abs(winding.duty), terminal, along * emf)
-    drawn = winding.duty if now.mean == 0.0 else along * now.drawn / now.mean
-    switching = Switching(now.ripple, along * (now.peak - now.mean), drawn, along)
+    drawn, on = winding.duty, along
+    if now.mean != 0.0:
+        drawn, on = along * now.drawn / now.mean, along * now.on / now.mean
+    above, below = now.high - now.mean, now.low - now.mean
+    if along < 0.0:
+        above, below = -below, -above
+    switching = Switching(now.ripple, above, below, drawn, on)
     if drive.freewheeling == SLOW:
         return winding, switching
     duty = along * winding.resistance * now.by_supply
@@ -174,12 +192,13 @@ def electrics_of(
     """Both drives' electrical sides during a step of `step` seconds."""
     load = inputs.load
     rise = load.supply_rise
+    source = load.supply_voltage - 0.5 * rise
     terminal = supply.terminal_voltage(
-        load.supply_voltage - 0.5 * rise,
+        source,
         plant.source_resistance,
-        source_share(plant.left, inputs.left.duty),
+        source_share(plant.left, state.left, inputs.left.duty, source),
         state.left.current,
-        source_share(plant.right, inputs.right.duty),
+        source_share(plant.right, state.right, inputs.right.duty, source),
         state.right.current,
     )
     winding_l, coast_l, switching_l = winding_of(

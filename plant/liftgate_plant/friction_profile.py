@@ -75,6 +75,17 @@ def places_of(vehicle: Vehicle, travel: float) -> int:
     return 1 if spacing == math.inf else math.ceil((1.0 + 2.0 * _BEYOND) * travel / spacing) + 1
 
 
+def is_the_law(vehicle: Vehicle) -> bool:
+    """Whether friction is that of the law everywhere, in every run and at every age."""
+    laws = (vehicle.left.friction, vehicle.right.friction)
+    return all(
+        not each.position_table
+        and each.position_deviation == each.eccentricity == each.run_deviation == 0.0
+        and _life(each) == 1.0
+        for each in laws
+    )
+
+
 def friction_profile(vehicle: Vehicle, plant: Plant, seed: int) -> FrictionProfile:
     """The profiles of both drives in the run of that seed. Pure."""
     stroke = plant.link.stroke

@@ -41,8 +41,10 @@ class Course(NamedTuple):
     by_emf: float  # how the mean changes with the back-EMF, A/V
     by_supply: float  # and with the supply's voltage
     ripple: float  # A², mean square about the mean
-    peak: float  # A, furthest from zero
+    high: float  # A
+    low: float  # A
     drawn: float  # A, mean current from the source
+    on: float  # A, mean of the current while the PWM is on
 
 
 @outlined
@@ -68,7 +70,8 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
     high = (rising * gone - falling * math.expm1(-off / tau) * stays) / -math.expm1(-period / tau)
     low = falling + (high - falling) * kept
     by_emf, by_supply = -1.0 / resistance, (duty + follows * (1.0 - duty)) / resistance
-    if chopper.freewheeling != SLOW and low * rising <= 0.0:
+    dies = falling * rising < 0.0 or (rising == 0.0 and falling != 0.0)
+    if chopper.freewheeling != SLOW and dies and low * rising <= 0.0:
         # It dies after `off`: high − falling of it is left by e^(−off/τ) = 1/(1 − high/falling).
         low, high = 0.0, rising * gone
         fraction = -high / falling
@@ -90,8 +93,10 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
     if chopper.freewheeling == FAST and against:
         drawn = charge_on + charge_off
     ripple = max(square / period - mean * mean, 0.0)
-    peak = high if abs(high) >= abs(low) else low
-    return Course(mean, by_emf, by_supply, ripple, peak, drawn / period)
+    on_mean = charge_on / on
+    return Course(
+        mean, by_emf, by_supply, ripple, max(high, low), min(high, low), drawn / period, on_mean
+    )
 
 
 @outlined

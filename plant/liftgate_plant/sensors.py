@@ -171,7 +171,7 @@ def sensed_current(
     ripple = Commutation(sensors.ripple, amplitude)
     if sensors.shunt_low_side > 0.0:
         switching = path.switching
-        seen = switching.on if sensors.shunt_sampled_on > 0.0 else switching.drawn
+        seen = switching.while_on if sensors.shunt_sampled_on > 0.0 else switching.drawn
         path, ripple = scaled(path, seen), Commutation(ripple.share, seen * amplitude)
     current = path.end
     turn = 2.0 * math.pi * order

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from liftgate_hil import load_vehicle
+from liftgate_hil import Gate, load_vehicle
 from liftgate_plant import current, integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
@@ -154,9 +154,8 @@ def test_energy_closes_over_a_period():
 
 def test_ripple_warms_the_winding():
     def warmed(frequency: float) -> float:
-        keys = ["thermal.enabled=1", f"bridge.pwm_frequency={frequency}", "gate.mass=28"]
+        keys = ["thermal.enabled=1", f"bridge.pwm_frequency={frequency}"]
         vehicle = load_vehicle("suv", keys, ideal=True)
-        vehicle = load_vehicle("suv", [*keys, "thermal.enabled=1"], ideal=True)
         plant = plant_of(vehicle)
         state: State = initial_state(plant, 0.3)
         step = compiled(integrate.step)
@@ -171,9 +170,66 @@ def test_ripple_warms_the_winding():
     assert 0.0 < quick - mean < 0.01 * (slow - mean)
 
 
-def test_a_bridge_without_a_frequency_is_its_mean():
-    vehicle = load_vehicle("suv", ["bridge.freewheeling=diode"], ideal=True)
-    assert plant_of(vehicle).left.pwm_period == 0.0
+def test_no_peak_is_below_the_effective_value_whatever_the_bridge_does():
+    """Duties that change their sign each tick leave current and ripple on both sides of zero."""
+    for mode in ("slow", "diode", "fast"):
+        keys = ["bridge.pwm_frequency=10000", f"bridge.freewheeling={mode}"]
+        vehicle = load_vehicle("suv", keys, ideal=True)
+        plant, advance = plant_of(vehicle), compiled(integrate.advance)
+        for step in (1e-3, 1e-4):
+            state = initial_state(plant, 0.5)
+            for k in range(300):
+                given = inputs(vehicle, DriveInput(0.6 * (-1.0) ** k, 0.0, 0.0))
+                state, flow = advance(plant, state, given, step)
+                rms = current.effective(flow.left, step)
+                assert abs(current.peak(flow.left, step)) >= rms * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize(("mode", "duty"), [("fast", 0.4), ("diode", 0.4), ("fast", 0.8)])
+def test_the_source_gives_what_the_shunt_in_the_ground_sees(mode: str, duty: float):
+    keys = ["bridge.pwm_frequency=20000", f"bridge.freewheeling={mode}"]
+    keys += ["supply.internal_resistance=0.1", "sensors.shunt_low_side=1"]
+    with Gate(vehicle="suv", settings=keys, ideal=True, initial=20.0) as gate:
+        gate.command(left_duty=100 * duty, right_duty=100 * duty, direction="open")
+        gate.step(1.0)
+        seen = gate.sensed["left_current_a"] + gate.sensed["right_current_a"]
+        assert seen > 0.0
+        fall = 12.0 - gate.truth["terminal_voltage_v"]
+        assert fall == pytest.approx(0.1 * seen, rel=0.02, abs=1e-4)
+
+
+def test_a_shunt_that_is_read_while_the_pwm_is_on_shows_that_time():
+    keys = ["bridge.pwm_frequency=20000", "bridge.freewheeling=diode"]
+    keys += ["sensors.shunt_low_side=1", "sensors.shunt_sampled_on=1"]
+    with Gate(vehicle="suv", settings=keys, ideal=True, initial=20.0) as gate:
+        gate.command(left_duty=30, right_duty=30, direction="open")
+        gate.step(1.5)
+        emf = C2 * gate.truth["left_speed_rps"]
+        now = course(Chopper(1.0, 5e-5, DROP, R, L), 0.3, 12.0, emf)
+        assert now.low == 0.0  # discontinuous
+        assert gate.sensed["left_current_a"] == pytest.approx(now.on, rel=0.01)
+        assert now.on * 0.3 == pytest.approx(now.drawn)
+
+
+def test_a_motor_on_a_voltage_of_its_own_is_seen_whole():
+    vehicle = load_vehicle("suv", ideal=True)
+    plant = plant_of(vehicle)
+    state = initial_state(plant, 0.5)
+    _, flow = compiled(integrate.advance)(
+        plant, state, inputs(vehicle, DriveInput(0.0, -6.0, 0.0)), 1e-3
+    )
+    assert flow.left.switching.drawn == flow.left.switching.while_on == -1.0
+
+
+@pytest.mark.parametrize("emf", [0.0, 12.0, -0.7])
+def test_a_course_without_a_driving_voltage_is_finite(emf: float):
+    for supply in (0.0, 12.0):
+        for drop in (0.0, 0.7):
+            for period in (1e-6, 1e-3, 0.077):
+                for mode in (0.0, 1.0, 2.0):
+                    for duty in (1e-6, 0.4, 1.0 - 1e-6):
+                        now = course(Chopper(mode, period, drop, R, L), duty, supply, emf)
+                        assert all(math.isfinite(each) for each in now)
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,9 @@ With `pwm_frequency = 0` a motor sees the mean of its PWM. With a frequency its 
 switches off); with diodes it may end within each period, which lowers its mean. Recordings have the effective
 value and the peak of each tick (`left_current_rms_a`, `left_current_peak_a`); the ripple warms the winding.
 
+After a step of the duty the mean goes to its new course with the winding's L/R; the source's resistance carries
+the mean over a period, as a buffer capacitor makes it.
+
 `shunt_low_side = 1` puts the shunt into the bridge's ground: it sees what the source gives, so the duty's share
 of the current and nothing while the motor brakes; with `shunt_sampled_on = 1` it is read while the PWM is on.
 `current_window` is the length of the windows whose mean is read, a multiple of the PWM's period for one that is

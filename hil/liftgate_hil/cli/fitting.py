@@ -87,6 +87,7 @@ def problem_of(
     """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
     from liftgate_hil.identify.problem import Problem
+    from liftgate_plant.friction_profile import is_the_law
 
     measurements = measurements_from(args, vehicle, model != "full")
     angles, pauses = beginnings_of(args.initial, vehicle, len(measurements))
@@ -112,6 +113,10 @@ def problem_of(
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error
     notes = [f"{args.vehicle}: with {setting}" for setting in args.settings]
+    if not is_the_law(vehicle):
+        notes.append(
+            f"{args.vehicle}: what [friction] says of travel, runs and age is left out of the model"
+        )
     for measurement, each in zip(measurements, data, strict=True):
         notes += [f"{measurement.source}: {options.as_flags(note)}" for note in measurement.notes]
         if each.decimation is not None:

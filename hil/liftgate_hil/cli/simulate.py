@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -231,7 +232,7 @@ def _edges_of(args: argparse.Namespace) -> Path | None:
 
 
 def _check_apart(flag: str, name: str, other_flag: str, other: str) -> None:
-    if Path(name).resolve() == Path(other).resolve():
+    if os.path.realpath(name) == os.path.realpath(other):
         raise ConfigError(f"`{flag}` {name}: allowed: another file than `{other_flag}`")
 
 

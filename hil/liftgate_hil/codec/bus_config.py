@@ -130,7 +130,7 @@ def build_bus_config(
         if all(wire.quantity in PANEL for wire in own):
             head["timeout_ns"] = 0  # a panel speaks when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
-        _check_overlap(name, own, options_of, issues, sending)
+        _check_overlap(name, own, options_of, pages[0], issues, sending)
         head |= {"pages": len(pages), "start": len(tables.start)}
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
         tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
@@ -194,11 +194,12 @@ def _check_overlap(
     name: str,
     mappings: Sequence[SignalMapping],
     own: MessageOptions,
+    multiplexers: Iterable[str],
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
     """A signal carries one part of the protection or a quantity; two quantities only where they are received."""
-    taken: dict[str, str] = {}
+    taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),
         (own.checksum, "the checksum"),

@@ -33,6 +33,7 @@ _TABLES = {**DRIVE_TABLES, **BODY_TABLES}
 IDEAL = {
     "friction": tuple(key for key in keys_of(DRIVE_TABLES["friction"]) if key not in _LAW),
     "thermal": ("enabled",),
+    "bridge": ("pwm_frequency", "freewheeling"),
     "sensors": tuple(key for key in keys_of(BODY_TABLES["sensors"]) if key not in _BUILD),
     "gate": ("torsional_stiffness", "torsional_damping", "torsional_inertia"),
     "supply": ("internal_resistance",),
@@ -82,7 +83,10 @@ def _ideal(raw: Table) -> list[Setting]:
         for key, about in keys_of(_TABLES[path[-1]]).items():
             if key in IDEAL[path[-1]] and key in given:
                 value = about.default
-                value = [] if about.kind is Points else value / about.quantity.scale
+                if about.kind is Points:
+                    value = []
+                elif about.kind is float:
+                    value /= about.quantity.scale
                 result.append(Setting((*path, key), value, "`ideal` "))
     return result
 

@@ -21,6 +21,7 @@ from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
+_LEAST_PWM = 1000.0  # Hz
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
 
@@ -66,6 +67,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     _check_inertia(issues, vehicle.gate)
     _check_encoder(issues, vehicle.sensors)
     _check_shunt(issues, vehicle.sensors)
+    _check_bridges(issues, vehicle)
     issues.raise_if_any()
     _check_friction(issues, vehicle)
     issues.raise_if_any()
@@ -209,6 +211,9 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
 
 def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
     """What goes together."""
+    for key in ("shunt_low_side", "shunt_sampled_on"):
+        if getattr(sensors, key) not in (0.0, 1.0):
+            issues.add(f"sensors.{key}", f"{getattr(sensors, key):g}; allowed: 0 or 1")
     if sensors.current_window > 0.0 and sensors.current_filter > 0.0:
         issues.add(
             "sensors.current_window",
@@ -216,6 +221,23 @@ def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
         )
     if sensors.shunt_sampled_on > 0.0 and sensors.shunt_low_side == 0.0:
         issues.add("sensors.shunt_sampled_on", "without shunt_low_side; allowed: together")
+
+
+def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
+    """A PWM's period is short beside what the motor does, and freewheeling goes with one."""
+    for side, own in zip(SIDES[: vehicle.drives], (vehicle.left, vehicle.right), strict=False):
+        frequency, freewheeling = own.bridge.pwm_frequency, own.bridge.freewheeling
+        prefix = "bridge" if vehicle.left.bridge == vehicle.right.bridge else f"{side}.bridge"
+        if 0.0 < frequency < _LEAST_PWM:
+            issues.add(
+                f"{prefix}.pwm_frequency", f"{frequency:g}; allowed: 0, or {_LEAST_PWM:g} to 1e6 Hz"
+            )
+        if frequency == 0.0 and freewheeling != "slow":
+            issues.add(
+                f"{prefix}.freewheeling", f"{freewheeling} without pwm_frequency; allowed: together"
+            )
+        if prefix == "bridge":
+            break
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:

@@ -41,6 +41,10 @@ def find_parameter(vehicle: Vehicle, name: str) -> FreeParameter:
     return known[name]
 
 
+# Of `[friction]`; the model has none of what changes over the travel, from run to run or over a drive's life.
+_LAW = ("static_ratio", "stribeck_speed", "viscous", "temperature_coefficient")
+
+
 @functools.cache
 def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
     """All parameters of a vehicle with so many drives."""
@@ -65,6 +69,8 @@ def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
 def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParameter]:
     for field, hint in get_type_hints(kind, include_extras=True).items():
         quantity: Quantity = hint.__metadata__[0]
+        if table == "friction" and field not in _LAW:
+            continue
         key = f"{table}.{field}{quantity.suffix}"
         if hint.__origin__ is float:
             yield FreeParameter(key, sides, table, field, -1, quantity)

@@ -436,3 +436,16 @@ def test_a_file_that_cannot_take_edges_is_refused(
     arguments = ["simulate", "--voltage", "12", "--duration", "0.01", "--edges", target]
     assert main(arguments) == 2
     assert f"--edges {target}" in capsys.readouterr().err
+
+
+def test_an_input_that_is_a_link_to_itself_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loop = tmp_path / "in.csv"
+    loop.symlink_to(loop)
+    with pytest.raises(SystemExit) as left:
+        raise SystemExit(
+            main(["simulate", "--input", str(loop), "--output", str(tmp_path / "o.csv")])
+        )
+    assert left.value.code == 2
+    assert "Too many levels of symbolic links" in capsys.readouterr().err

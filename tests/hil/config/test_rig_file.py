@@ -415,6 +415,15 @@ def test_the_reference_ecu_names_the_feedback_that_a_rig_lacks(tmp_path: Path):
     assert keys == ["outputs.left_hall_count", "outputs.right_current", "outputs.right_hall_count"]
 
 
+def test_a_multiplexer_is_no_place_for_a_quantity_or_a_counter(tmp_path: Path):
+    wired = 'gate_angle = "Muxed.A"\nleft_hall_speed = { signal = "Muxed.Which", scale = 1 }\n'
+    (issue,) = [each for each in faults_of(tmp_path, RIG + wired) if "Which" in each]
+    assert "Muxed.Which carries the multiplexer too; allowed: one per signal" in issue
+    counted = RIG + 'gate_angle = "Muxed.A"\n[messages.Muxed]\ncounter = "Which"\n'
+    (issue,) = [each for each in faults_of(tmp_path, counted) if "Which" in each]
+    assert "Which is the multiplexer and the counter; allowed: one per signal" in issue
+
+
 def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_all_at_the_end(
     tmp_path: Path,
 ):

@@ -17,6 +17,7 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.variant import IDEAL
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, keys_of
+from liftgate_plant.bridge import Bridge
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.transmission import Friction
 from liftgate_plant.vehicle import Vehicle
@@ -206,6 +207,7 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
         friction: Any = owner.setdefault("friction", {})
         friction.update(WORN)
         owner.setdefault("thermal", {})["enabled"] = 1
+        owner["bridge"] = {"pwm_frequency": 20000, "freewheeling": "diode"}
     path = vehicle_file(tmp_path, "", tomlkit.dumps(document))
     assert load_vehicle(path).sensors.current_noise > 0.0
     car = load_vehicle(path, ideal=True)
@@ -218,6 +220,7 @@ def test_an_ideal_car_has_none_of_its_errors(tmp_path: Path):
     law = {"static_ratio": 1.3}  # over speed
     assert car.left.friction == car.right.friction == Friction(**law)
     assert car.left.thermal.enabled == car.right.thermal.enabled == 0.0
+    assert car.left.bridge == car.right.bridge == Bridge()
     # What is set still holds.
     car = load_vehicle(path, ["sensors.ripple=0.1", "supply.internal_resistance=0.05"], ideal=True)
     assert (car.sensors.ripple, car.supply.internal_resistance) == (0.1, 0.05)

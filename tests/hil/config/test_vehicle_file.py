@@ -169,6 +169,29 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
     assert "allowed: up to speed_constant/2π" in line
 
 
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (
+            ["bridge.pwm_frequency=20000", "bridge.freewheeling=quick"],
+            "allowed: one of slow, diode, fast",
+        ),
+        (["bridge.freewheeling=3"], "bridge.freewheeling: 3; allowed: one of slow"),
+        (["bridge.freewheeling=fast"], "fast without pwm_frequency; allowed: together"),
+        (["bridge.pwm_frequency=50"], "bridge.pwm_frequency: 50; allowed: 0, or 1000 to 1e6 Hz"),
+        (["right.bridge.pwm_frequency=50"], "right.bridge.pwm_frequency: 50; allowed: 0, or 1000"),
+        (["sensors.shunt_low_side=0.5"], "sensors.shunt_low_side: 0.5; allowed: 0 or 1"),
+        (["sensors.shunt_sampled_on=1"], "without shunt_low_side; allowed: together"),
+        (["sensors.current_window=0.001", "sensors.current_filter=0.01"], "allowed: one of them"),
+    ],
+)
+def test_what_bridge_and_shunt_cannot_be_is_told(settings: list[str], said: str):
+    with pytest.raises(ConfigError) as refused:
+        session.vehicle_from("suv", settings)
+    assert said in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
 def test_constants_that_are_rounded_make_no_energy():
     session.vehicle_from("suv", ["motor.torque_constant=0.01225"])
 

@@ -46,7 +46,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
         for section, each in found.items()
     }
     _one_quantity_a_signal(lines)
-    dbc = os.path.relpath(database.resolve(), target.resolve().parent)
+    dbc = os.path.relpath(os.path.realpath(database), Path(os.path.realpath(target)).parent)
     head = [
         f"# A first rig for {printable(database.name)}, drafted from names, units and senders: to be tried.",
         "# What is not sure is commented out, below the reason. `liftgate-hil rig check` shows what it means.",
