@@ -23,19 +23,13 @@ class Row(NamedTuple):
     note: str = ""
 
 
-_BODIES, _OPTIONS, _THESIS = (
-    "plant/test_bodies.py",
-    "plant/test_options.py",
-    "reference/test_thesis.py",
-)
-WINDINGS = f"{_BODIES}::test_coupled_windings_are_solved_as_the_matrix_exponential_does"
+_BODIES, _THESIS = "plant/test_bodies.py", "reference/test_thesis.py"
 FRICTION = f"{_BODIES}::test_dry_friction_never_drives"
 LOSSES = f"{_BODIES}::test_friction_referred_to_the_motor_is_the_hand_check"
 COIL = f"{_BODIES}::test_a_lost_spring_gives_its_share"
 SEAL = f"{_BODIES}::test_the_seal_ends_where_its_force_does"
 INVERSE = f"{_BODIES}::test_kinematics_invert_and_the_lever_is_the_slope"
 HAND_CHECK = f"{_BODIES}::test_the_linkage_is_the_hand_check_wherever_the_hinge_is"
-STEADY = f"{_OPTIONS}::test_the_steady_torques_add_up"
 LINKAGE = f"{_THESIS}::test_length_and_lever_of_the_actuator_are_those_of_the_vectors"
 WEIGHT = f"{_THESIS}::test_the_weight_s_torque_is_a_cross_product"
 SPRING = f"{_THESIS}::test_the_spring_lifts_by_a_cross_product"
@@ -55,7 +49,7 @@ TABLE = (
     # Motor.
     Row("3.1", "L di/dt + R i + c2Φ n − u = 0", "motor.solve_windings",
         "left.duty * supply_voltage - left.speed_constant", "left.duty * supply_voltage + left.speed_constant",
-        WINDINGS),
+        MOTOR),
     Row("3.2", "2πJ dn/dt = c1Φ i − M_L − M_L0", "integrate.balance",
         "inertia = 2.0 * math.pi * drive.inertia / step", "inertia = drive.inertia / step", MOTOR),
     Row("3.3", "M_L0 = (1 − η_M) M_0 sgn(n)", "transmission.coulomb_torque",
@@ -192,7 +186,7 @@ TABLE = (
     Row("4.9", "F_F = F_F0 + k l_max − k l_S − F", "spring.force",
         "compression = stroke - extension", "compression = stroke + extension", SPRING),
     Row("4.10", "M_W = r_GP F_W", "dynamics.body_torque",
-        ") - gate.weight_torque(plant", ") + gate.weight_torque(plant", STEADY),
+        ") - gate.weight_torque(plant", ") + gate.weight_torque(plant", SPRING),
     Row("4.11", "J_tot ẋ2 = c1Φ x1 + s_rev/2πi F_F − s_rev/4πi r_GP/r_AP m g − M_tot", "integrate.new_speeds",
         "constant = carry + dynamics.body_torque", "constant = carry - dynamics.body_torque", RIGID,
         f"{BODIES}; this is their limit"),
