@@ -209,7 +209,7 @@ def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
 
 @compilable
 def place_at(link: Linkage, angle: float, rate: float) -> Place:
-    """The linkage at an angle [rad] that changes at that rate."""
+    """The linkage at an angle [rad] that changes at that rate; its lever stands for the direction of (3.43)."""
     return Place(rate, gate.extension(link, angle), gate.lever(link, angle))
 
 
@@ -229,7 +229,9 @@ def places_of(plant: Plant, state: State) -> Places:
 
 @compilable
 def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
-    """F_d [N], the drive's force on the gate."""
+    """F_d [N], the drive's force on the gate, from the spindle's way p ρ (3.13) and its speed along the actuator,
+    less those of the gate, where (3.41) hands over an acceleration.
+    """
     if drive.active == 0.0:
         return 0.0
     return transmission.mechanism_force(
@@ -243,7 +245,7 @@ def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
 
 @compilable
 def total_inertia(plant: Plant, load: Load) -> float:
-    """The gate's inertia with the snow on it [kg m²]."""
+    """The gate's inertia with the snow on it [kg m²]; rigidly joined with the drives it is that of (4.13)."""
     return plant.gate_inertia + environment.snow_inertia(plant.environment, load.snow_mass)
 
 
@@ -257,7 +259,7 @@ def spring_force(drive: Drive, link: Linkage, extended: float, ambient: float) -
 
 @compilable
 def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
-    """Torque [N m] on the gate from weight, snow, wind, hand."""
+    """Torque [N m] on the gate from weight (4.10), snow, wind, hand."""
     link, around = plant.link, plant.environment
     torque = environment.steady_torque(
         around, load.wind_pressure, load.hand_force, load.external_torque
@@ -282,7 +284,9 @@ def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> flo
 
 @compilable
 def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
-    """Torque [N m] on a gate without twist from springs, weight, snow, wind, hand: all that has no kink in φ."""
+    """Torque [N m] on a gate without twist from springs (3.36, 4.8), weight, snow, wind, hand: all that has no
+    kink in φ.
+    """
     link, ambient = plant.link, load.ambient_temperature
     extended = gate.extension(link, angle)
     springs = spring_force(plant.left, link, extended, ambient)
@@ -292,7 +296,7 @@ def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
 
 @compilable
 def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
-    """Torque [N m] of one drive's end stops on the gate."""
+    """Torque [N m] of one drive's end stops on the gate (3.14)."""
     if drive.active == 0.0:
         return 0.0
     k, c = drive.spring.stop_stiffness, drive.spring.stop_damping
@@ -306,7 +310,7 @@ def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
 def side_torque(
     drive: Drive, link: Linkage, state: DriveState, place: Place, ambient: float
 ) -> float:
-    """Torque [N m] of one drive, its spring and its stops on its side of the gate."""
+    """Torque [N m] of one drive (3.16), its spring (3.31) and its stops on its side of the gate."""
     force = drive_force(drive, state, place)
     force += spring_force(drive, link, place.extension, ambient)
     return force * place.lever + stop_torque(drive, link, place)
@@ -339,7 +343,7 @@ def gate_torque(plant: Plant, state: State, load: Load) -> float:
 
 @compilable
 def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
-    """The same, with the linkage at hand."""
+    """The right side of (3.15), with the linkage at hand."""
     ambient = load.ambient_temperature
     rubber = seal.depth(plant.seal, places.middle.extension)
     return (
@@ -408,7 +412,7 @@ def motor_voltage(
 
 @compilable
 def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
-    """What the state shows under these inputs."""
+    """What the state shows under these inputs; φ̈ is that of (3.15), where (3.44) takes it from the spindle's."""
     places, rate = places_of(plant, state), state.gate_rate
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,

@@ -57,8 +57,8 @@ def winding_of(
     rise: float,
     step: float,
 ) -> tuple[Winding, Coasting, Switching]:
-    """The winding at its present temperature with what is applied to it, how it coasts, and how it is switched;
-    `terminal` voltage of the step's start, `rise` of the source over the step.
+    """The winding of (4.1) at its present temperature with what is applied to it, how it coasts, and how it is
+    switched; `terminal` voltage of the step's start, `rise` of the source over the step.
     """
     motor = drive.motor
     resistance = motor.resistance * thermal.resistance_factor(

@@ -36,7 +36,10 @@ def level(law: DryFriction, speed: float) -> float:
 
 @compilable
 def soft_threshold(drive: float, limit: float) -> float:
-    """What is left of a driving torque after dry friction of that limit: exactly 0 within it."""
+    """What is left of a driving torque after dry friction of that limit: exactly 0 within it.
+
+    Departure: (3.4) has sgn(0) = 0, no friction at rest; here it is all of −1 to 1.
+    """
     if -limit <= drive <= limit:
         return 0.0
     return drive - math.copysign(limit, drive)  # NaN stays NaN

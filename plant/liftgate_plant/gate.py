@@ -69,7 +69,9 @@ class Linkage(NamedTuple):
 
 @compilable
 def linkage(gate: Gate) -> Linkage:
-    """The constant geometry; the hinge is the origin of the rest."""
+    """The constant geometry: lengths and angles of the vectors to AP and GP (3.22, 3.23, 3.27–3.29); the hinge is
+    the origin of the rest (3.38).
+    """
     hx, hy = gate.hinge
     ax, ay = gate.gate_point[0] - hx, gate.gate_point[1] - hy
     cx, cy = gate.body_point[0] - hx, gate.body_point[1] - hy
@@ -92,7 +94,7 @@ def linkage(gate: Gate) -> Linkage:
 
 @compilable
 def length(s: float, r: float, theta: float, angle: float) -> float:
-    """l(φ) [m], hinge to hinge of the actuator (3.19)."""
+    """l(φ) [m], hinge to hinge of the actuator, by the law of cosines (3.19) for (3.37, 3.39)."""
     return math.sqrt(s * s + r * r - 2.0 * s * r * math.cos(angle + theta))
 
 
@@ -104,7 +106,7 @@ def extension(link: Linkage, angle: float) -> float:
 
 @compilable
 def lever(link: Linkage, angle: float) -> float:
-    """r_AP(φ) = dl/dφ [m] (3.35)."""
+    """r_AP(φ) = dl/dφ [m] (3.35, 3.40), the size of (3.33) by the spring's force: r_AP × d̂ of (3.30)."""
     s, r = link.body_radius, link.gate_radius
     return s * r * math.sin(angle + link.offset) / length(s, r, link.offset, angle)
 
@@ -128,5 +130,7 @@ def inertia(gate: Gate, link: Linkage) -> float:
 
 @compilable
 def weight_torque(moment: float, link: Linkage, angle: float, slope: float) -> float:
-    """M_W [N m] (3.26): `moment` = m g r_GP0, road `slope` γ positive with the rear raised."""
+    """M_W [N m], the size of (3.24): (3.26) with (3.21). `moment` = m g r_GP0, road `slope` γ positive with the
+    rear raised.
+    """
     return moment * math.cos(angle + link.gravity_angle + slope)

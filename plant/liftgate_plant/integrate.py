@@ -117,8 +117,9 @@ def balance(
     nominal: float,
     step: float,
 ) -> MomentumEquation:
-    """One drive's momentum balance, for a guess of its own, the other drive's and the gate's speed; `nominal` is
-    its friction by that of the law.
+    """One drive's momentum balance (3.2, 4.2, 4.5), for a guess of its own, the other drive's and the gate's
+    speed; `nominal` is its friction by that of the law. The gate has a speed of its own, where (4.7) gives it the
+    drive's.
     """
     response, torque_constant = electric.response, electric.torque_constant
     kappa, rho = drive.torque_per_force, drive.travel
@@ -266,7 +267,7 @@ def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """The drive's mean force on the gate."""
+    """The drive's mean force on the gate, which goes along the actuator with dl_S/dt = r_AP ω (3.42)."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     return transmission.mechanism_push(
@@ -291,8 +292,8 @@ def side_torque(
     stops: LinearizedForce,
     ambient: float,
 ) -> LinearizedForce:
-    """Mean torque of drive, spring and stops on one side of the gate, linear in its rate at the end; what the
-    drive's own new speed adds is in its equation.
+    """Mean torque of drive, spring and stops on one side of the gate (3.32, 3.34), linear in its rate at the end;
+    what the drive's own new speed adds is in its equation.
     """
     r = middle.lever
     force = push.constant + dynamics.spring_force(drive, link, middle.halfway, ambient)
@@ -310,7 +311,10 @@ def new_speeds(
     held: bool,
     step: float,
 ) -> Speeds:
-    """One pass: linearise about the guess, solve."""
+    """One pass: linearise about the guess, solve.
+
+    The gate takes each drive's own force, where (4.6) and (4.11) halve one and the same for both.
+    """
     link, torsion, ambient = plant.link, plant.torsion, load.ambient_temperature
     electric_l, electric_r = windings
     inertia = dynamics.total_inertia(plant, load)
@@ -389,7 +393,7 @@ def next_drive(
     ambient: float,
     step: float,
 ) -> DriveState:
-    """One drive's state at the end of the step."""
+    """One drive's state at the end of the step; its position by (4.3)."""
     if drive.active == 0.0:
         return state
     mean = mean_current(electric.response, speed, other)

@@ -122,8 +122,8 @@ def solve_windings(
     source_resistance: float,
     step: float,
 ) -> tuple[Response, Response, Phi, Phi]:
-    """Both currents over a step, exact for speeds and voltages that change linearly in time, and the φ functions
-    of both modes; `supply_voltage` is the source's mean.
+    """Both currents over a step (3.1), exact for speeds and voltages that change linearly in time, and the φ
+    functions of both modes; `supply_voltage` is the source's mean.
 
     With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h:
     y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean of y is φ1 y0 + h φ2 g0 + h φ3 g1.

@@ -18,7 +18,7 @@ class Seal(NamedTuple):
 
 @compilable
 def depth(seal: Seal, extension: float) -> float:
-    """How far [m of spindle stroke] the seal is compressed at l_S = `extension`; 0 or less is free."""
+    """How far [m of spindle stroke] the seal is compressed at l_S = `extension` (3.17); 0 or less is free."""
     if seal.stiffness == 0.0:
         return 0.0
     return seal.force / seal.stiffness - extension

@@ -34,7 +34,7 @@ class Spring(NamedTuple):
 
 @compilable
 def force(spring: Spring, extension: float, stroke: float, ambient: float) -> float:
-    """The spring's force [N] at l_S = `extension`, without stops; `stroke` = l_max, `ambient` in °C."""
+    """The spring's force [N] at l_S = `extension` (3.12, 4.9), without stops; `stroke` = l_max, `ambient` °C."""
     compression = stroke - extension
     coil = spring.preload + spring.stiffness * compression
     if spring.gas_force == 0.0:

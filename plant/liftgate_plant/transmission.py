@@ -84,7 +84,7 @@ class Friction(NamedTuple):
 
 @compilable
 def total_inertia(motor: Motor, gear: Gear) -> float:
-    """J_d = J + J_G/r² [kg m²], on the motor shaft."""
+    """J_d = J + J_G/r² [kg m²], on the motor shaft (3.7)."""
     return motor.rotor_inertia + gear.inertia / (gear.ratio * gear.ratio)
 
 

@@ -49,7 +49,9 @@ class Vehicle(NamedTuple):
 
 
 def drive_of(tables: DriveTables, active: bool) -> Drive:
-    """The constants of one drive."""
+    """The constants of one drive: play (3.5), travel and torque by the gear and the spindle (3.6, 3.9, 3.10), and
+    the inertia of all that turns (4.4).
+    """
     travel = tables.spindle.lead / tables.gear.ratio
     return Drive(
         active=1.0 if active else 0.0,
@@ -76,7 +78,7 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """The plant's constants. Pure: the same vehicle gives the same plant."""
+    """The plant's constants, with the weight m g (3.25). Pure: the same vehicle gives the same plant."""
     link = gate.linkage(vehicle.gate)
     inertia = gate.inertia(vehicle.gate, link)
     return Plant(

@@ -1,24 +1,88 @@
-"""The index of equations is whole."""
+"""The index of equations is whole, and what it says of tests is so."""
 
-from tools import equations
-from tools.equations import EQUATIONS, implementations, numbers
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.equations import NUMBERS, ROOT, numbers, problems, source_of
+from tools.equations.mutants import PASSED, copied, outcome, survived
+from tools.equations.table import TABLE, Row
+
+ROWS = {row.number: row for row in TABLE}
+# Geometry, a law of the drive and a term of the solver; `python -m tools.equations --mutate` takes all of them.
+SPREAD = ("3.26", "3.11", "4.11")
 
 
-def test_every_equation_of_the_model_is_implemented_somewhere() -> None:
-    assert [number for number, names in implementations().items() if not names] == []
+def test_every_equation_stands_in_the_table_once_and_in_order() -> None:
+    assert tuple(row.number for row in TABLE) == NUMBERS
+    assert len(NUMBERS) == 44 + 13
 
 
-def test_every_module_that_implements_an_equation_is_tested() -> None:
-    used_by = equations.tests()
-    modules = {
-        ".".join(name.split(".")[:2]) for names in implementations().values() for name in names
-    }
-    assert sorted(module for module in modules if not used_by.get(module)) == []
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.number)
+def test_place_text_and_test_of_an_equation_are_there(row: Row) -> None:
+    assert problems(row) == []
+    assert row.mutant != row.text
+
+
+def test_no_two_equations_are_changed_alike() -> None:
+    changes = {(source_of(row), row.text, row.mutant) for row in TABLE}
+    assert len(changes) == len(TABLE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"where": "nowhere.linkage"}, "no file"),
+        ({"where": "gate.nothing"}, "no gate.nothing"),
+        ({"where": "gate.lever"}, "the docstring of gate.lever does not name it"),
+        ({"where": "gate.length"}, "not in gate.length"),
+        ({"text": "hx"}, "times in"),
+        ({"text": "no such text"}, "0 times in"),
+        ({"test": "plant/test_bodies.py::test_nothing"}, "no test"),
+        ({"test": "plant/test_none.py::test_nothing"}, "no test"),
+    ],
+)
+def test_what_is_missing_is_told(changes: dict[str, str], said: str) -> None:
+    assert said in "; ".join(problems(ROWS["3.23"]._replace(**changes)))
 
 
 def test_ranges_are_written_out() -> None:
     assert numbers("(3.5–3.11, 4.12)") == {
         "3.5", "3.6", "3.7", "3.8", "3.9", "3.10", "3.11", "4.12",
     }  # fmt: skip
-    assert numbers("(4.11) to (4.13)") == {"4.12", "4.13"}
-    assert len(EQUATIONS) == 29
+    assert numbers("(4.11) to (4.13)") == {"4.11", "4.12", "4.13"}
+    assert numbers("1.3.4, 13.2, (5.1), 293.15") == set()
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob("*.py")}
+
+
+def test_a_changed_equation_fails_its_test_and_an_unchanged_one_does_not() -> None:
+    before = bytes_of(ROOT / "plant/liftgate_plant")
+    with copied() as folder:
+        for number in SPREAD:
+            row = ROWS[number]
+            assert outcome(folder, row.test) == PASSED
+            assert survived(folder, row) == ""
+        assert bytes_of(folder / "plant/liftgate_plant") == before
+        same = ROWS[SPREAD[0]]._replace(mutant=ROWS[SPREAD[0]].text)
+        assert survived(folder, same) == "its test passes"
+        spoilt = same._replace(mutant="!")
+        assert "does not run" in survived(folder, spoilt)
+    assert bytes_of(ROOT / "plant/liftgate_plant") == before
+
+
+def test_the_index_is_printed() -> None:
+    command = [sys.executable, "-m", "tools.equations"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert all(f"({number})  " in done.stdout for number in NUMBERS)
+    wrong = subprocess.run(
+        [*command, "--mutate", "3.99"], cwd=ROOT, capture_output=True, check=False
+    )
+    assert wrong.returncode == 2
