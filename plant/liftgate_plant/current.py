@@ -18,9 +18,7 @@ class Switching(NamedTuple):
     above: float  # A, its highest value
     below: float  # A, its lowest, negative
     drawn: float  # the source's mean current by the motor's
-    while_on: (
-        float  # the source's current while the PWM is on, by the motor's mean; 0: it is never on
-    )
+    while_on: float  # the source's current while the PWM is on, by the motor's mean; 0: never on
 
 
 NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -47,10 +45,16 @@ def held(current: float) -> CurrentPath:
 
 
 @compilable
+def line_of(path: CurrentPath, step: float) -> tuple[float, float]:
+    """The straight line's ends [A]."""
+    last = path.end - path.amplitude * math.exp(-path.decay * step)
+    return path.start - path.amplitude, last
+
+
+@compilable
 def charge_at(path: CurrentPath, time: float, step: float) -> float:
     """What has flowed [A s] a time [s] into the step."""
-    first = path.start - path.amplitude
-    last = path.end - path.amplitude * math.exp(-path.decay * step)
+    first, last = line_of(path, step)
     line = time * (first + 0.5 * (last - first) * time / step)
     return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
 
@@ -71,8 +75,8 @@ def scaled(path: CurrentPath, factor: float) -> CurrentPath:
 @compilable
 def part_of(path: CurrentPath, begin: float, end: float, step: float) -> CurrentPath:
     """The current between two times [s] within the step."""
-    first = path.start - path.amplitude
-    slope = (path.end - path.amplitude * math.exp(-path.decay * step) - first) / step
+    first, last = line_of(path, step)
+    slope = (last - first) / step
     at_begin = path.amplitude * math.exp(-path.decay * begin)
     at_end = path.amplitude * math.exp(-path.decay * end)
     charge = charge_at(path, end, step) - charge_at(path, begin, step)
@@ -116,12 +120,11 @@ def peak(path: CurrentPath, step: float) -> float:
     most, least = max(path.start, path.end), min(path.start, path.end)
     if abs(path.amplitude) > _SEEN:
         fall = path.decay * step
-        first = path.start - path.amplitude
-        rise = path.end - path.amplitude * math.exp(-fall) - first
+        first, last = line_of(path, step)
+        rise = last - first
         turn = fall * path.amplitude / rise if rise != 0.0 else 0.0
-        if (
-            turn > 1.0
-        ):  # line and transient go against each other, and the step begins with the latter
+        # Line and transient go against each other, and the step begins with the latter:
+        if turn > 1.0:
             share = math.log(turn) / fall
             if share < 1.0:
                 between = first + rise * share + path.amplitude / turn

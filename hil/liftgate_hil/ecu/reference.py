@@ -40,6 +40,7 @@ class EcuConfig(NamedTuple):
     inputs: BusConfig  # what it receives: the rig's outputs
     outputs: BusConfig  # what it sends: the rig's inputs
     commands: NDArray[np.int64]  # rows of `outputs` that are its own
+    pages: int  # of the one with the most
     has_latch: int  # 0: the angle says when the gate is home
     signed: int  # 1: the duty's sign is the direction
     cycle_ns: int
@@ -58,14 +59,15 @@ class EcuState(NamedTuple):
 
 def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) -> EcuConfig:
     """The ECU of a rig; its control cycle is that of the rig's command."""
-    outputs = rig.input_config()
+    outputs, commands = rig.input_config(), _command_rows(rig)
     cycle = rig.command_cycle_ms() * 1e-3
     return EcuConfig(
         constants=constants_of(calibration or Calibration(), cycle),
         drives=drives,
         inputs=rig.output_config(sending=False),
         outputs=outputs,
-        commands=np.array(_command_rows(rig), dtype=np.int64),
+        commands=np.array(commands, dtype=np.int64),
+        pages=max((int(outputs.messages[each].pages) for each in commands), default=1),
         has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
         cycle_ns=round(cycle * 1e9),
@@ -75,13 +77,12 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) ->
 
 def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     """Just switched on; see `memory.new_memory`."""
-    pages = max((int(config.outputs.messages[each].pages) for each in config.commands), default=1)
     return EcuState(
         reception=nothing_received(config.inputs, OUTPUT_COUNT),
         counts=NO_COUNTS,
         memory=new_memory(config.drives, shares_clock),
         values=np.full(INPUT_COUNT, np.nan),
-        frames=empty_frames(len(config.commands) * pages),
+        frames=empty_frames(len(config.commands) * config.pages),
     )
 
 
@@ -145,11 +146,8 @@ def command_frames(
         values[IN.right_duty] = percent_of(command.right_duty, config.signed)
         values[IN.right_direction] = direction_of(command.right_duty)
     values[IN.latch_release] = 1.0 if command.latch_release else 0.0
-    count, pages = 0, 1
-    if everything:
-        for message in config.commands:
-            pages = max(pages, config.outputs.messages[message].pages)
-    for _ in range(pages):
+    count = 0
+    for _ in range(config.pages if everything else 1):
         for message in config.commands:
             encode(config.outputs, message, values, control.sent, frames, count)
             count += 1
