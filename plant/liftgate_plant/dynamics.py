@@ -362,6 +362,18 @@ def is_switched(drive: Drive, duty: float) -> bool:
 
 
 @compilable
+def winding_resistance(drive: Drive, state: DriveState) -> float:
+    """R [Ω] at the winding's present temperature."""
+    return drive.motor.resistance * resistance_factor(drive.thermal, state.winding_temperature)
+
+
+@compilable
+def emf_constant(drive: Drive, state: DriveState) -> float:
+    """c2Φ [V/rps] at the housing's present temperature."""
+    return drive.motor.speed_constant * flux_factor(drive.thermal, state.housing_temperature)
+
+
+@compilable
 def chopper_of(drive: Drive, resistance: float) -> Chopper:
     """A drive's bridge on its winding of that resistance [Ω]."""
     return Chopper(
@@ -378,12 +390,8 @@ def source_share(drive: Drive, state: DriveState, duty: float, supply_voltage: f
     """The source's current by the motor's: the duty, but where diodes take a part of each period."""
     if not is_switched(drive, duty):
         return duty
-    along = math.copysign(1.0, duty)
-    flux = flux_factor(drive.thermal, state.housing_temperature)
-    emf = drive.motor.speed_constant * flux * state.speed
-    resistance = drive.motor.resistance
-    resistance *= resistance_factor(drive.thermal, state.winding_temperature)
-    chopper = chopper_of(drive, resistance)
+    along, emf = math.copysign(1.0, duty), emf_constant(drive, state) * state.speed
+    chopper = chopper_of(drive, winding_resistance(drive, state))
     now = course(chopper, abs(duty), supply_voltage, along * emf)
     return duty if now.mean == 0.0 else along * now.drawn / now.mean
 
@@ -395,12 +403,10 @@ def motor_voltage(
     """What is on the motor's terminals [V]; a coasting motor without current shows its back-EMF."""
     if drive.active == 0.0:
         return 0.0
-    flux = flux_factor(drive.thermal, state.housing_temperature)
-    emf = drive.motor.speed_constant * flux * state.speed
+    emf = emf_constant(drive, state) * state.speed
     if drive_input.coast == 0.0:
         if is_switched(drive, drive_input.duty):
-            warm = resistance_factor(drive.thermal, state.winding_temperature)
-            return drive.motor.resistance * warm * state.current + emf
+            return winding_resistance(drive, state) * state.current + emf
         return drive_input.voltage + drive_input.duty * terminal_voltage
     limit = terminal_voltage + 2.0 * drive.diode_drop
     if state.current > 0.0:

@@ -16,7 +16,9 @@ from liftgate_plant.dynamics import (
     Plant,
     State,
     chopper_of,
+    emf_constant,
     source_share,
+    winding_resistance,
 )
 from liftgate_plant.motor import (
     Phi,
@@ -61,30 +63,25 @@ def winding_of(
     switched; `terminal` voltage of the step's start, `rise` of the source over the step.
     """
     motor = drive.motor
-    resistance = motor.resistance * thermal.resistance_factor(
-        drive.thermal, state.winding_temperature
-    )
-    emf_constant = motor.speed_constant * thermal.flux_factor(
-        drive.thermal, state.housing_temperature
-    )
+    resistance, by_speed = winding_resistance(drive, state), emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
-        winding = Winding(resistance, motor.inductance, emf_constant, 0.0, 0.0, 0.0)
+        winding = Winding(resistance, motor.inductance, by_speed, 0.0, 0.0, 0.0)
         return winding, Coasting(1.0, 0.0, 0.0, step), NO_SWITCHING
     if drive_input.coast == 0.0:
         duty = drive_input.duty
         winding = Winding(
-            resistance, motor.inductance, emf_constant, duty, drive_input.voltage, duty * rise
+            resistance, motor.inductance, by_speed, duty, drive_input.voltage, duty * rise
         )
         switching = directly_on(drive_input)
         if drive.pwm_period > 0.0 and 0.0 < abs(duty) < 1.0:
             winding, switching = chopped(drive, winding, state.speed, terminal)
         return winding, Coasting(1.0, 0.0, 0.0, step), switching
     limit = terminal + 2.0 * drive.diode_drop
-    emf = emf_constant * state.speed
+    emf = by_speed * state.speed
     coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, step)
     more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
     voltage = coast.voltage + 0.5 * more
-    winding = Winding(resistance, motor.inductance, emf_constant, 0.0, voltage, more)
+    winding = Winding(resistance, motor.inductance, by_speed, 0.0, voltage, more)
     return winding, coast, Switching(0.0, 0.0, 0.0, coasting_share(coast), 0.0)
 
 
