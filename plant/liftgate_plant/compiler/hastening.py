@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any
 
-from numba.core import errors, event, ir, lowering, typeinfer, types, utils
+from numba.core import errors, event, ir, lowering, postproc, transforms, typeinfer, types, utils
 from numba.core.base import BaseContext as TargetContext
 from numba.core.typing import npydecl
 from numba.core.typing.context import BaseContext as TypingContext
@@ -84,6 +84,19 @@ def _with_arrays_only(self: Any, args: Any, kws: Any) -> Any:
     return None
 
 
+_postprocess: Callable[..., Any] = postproc.PostProcessor.run
+
+
+def _without_lifetimes(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Numba asks after each pass where which variable lives: only generators and deletions need that."""
+    if emit_dels or self.func_ir.is_generator:
+        _postprocess(self, emit_dels, extend_lifetimes)
+        return
+    self.func_ir.blocks = transforms.canonicalize_cfg(self.func_ir.blocks)
+    self.func_ir.variable_lifetime = postproc.VariableLifetime(self.func_ir.blocks)
+    self.func_ir.generator_info = None
+
+
 class _InContext:
     """An error within it says what was being done. Numba's own is a generator, made some 80,000 times."""
 
@@ -151,6 +164,7 @@ _REMEMBERED: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
 
 _REPLACEMENTS: tuple[tuple[Any, str, Any], ...] = (
     (ir.Inst, "_rec_list_vars", _list_vars),
+    (postproc.PostProcessor, "run", _without_lifetimes),
     (event, "start_event", _nobody_listens),
     (event, "end_event", _nobody_listens),
     (npydecl.NumpyRulesArrayOperator, "generic", _with_arrays_only),

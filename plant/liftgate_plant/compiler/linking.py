@@ -204,6 +204,8 @@ class _Passes(PassManager):
             run(internal_state)
 
 
+# Without deletions (IRLegalization): nothing counts references, and to delete is to fill with zeros what nobody
+# reads. Without a copy to show to people (AnnotateTypes).
 _PASSES: tuple[Any, ...] = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -214,8 +216,6 @@ _PASSES: tuple[Any, ...] = (
     untyped_passes.ReconstructSSA,
     typed_passes.NopythonTypeInference,
     typed_passes.PreLowerStripPhis,
-    typed_passes.IRLegalization,
-    typed_passes.AnnotateTypes,
     typed_passes.NativeLowering,
     typed_passes.NoPythonBackend,
 )
