@@ -1,7 +1,8 @@
 """Rows as lines of CSV: every number in the shortest form that reads back as the same one.
 
-What does not change within a block of rows is made into text once. orjson makes the other numbers' digits, from
-the array, without a Python object for each; machine code puts them between the rest.
+What does not change within a block of rows is made into text once, and so is what two columns have alike, such as
+the drives of a symmetrical gate. orjson makes the other numbers' digits, from the array, without a Python object
+for each; machine code puts them between the rest.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ class Layout(NamedTuple):
     glue: NDArray[np.uint8]  # all pieces, one after the other
     ends: NDArray[np.int64]  # (n + 1,) where each ends in `glue`
     whole: NDArray[np.int64]  # (n,) 1: a whole number, without a point
+    alike: NDArray[np.int64]  # (n,) the first cell with the same values: this one, or one before it
+    spans: NDArray[np.int64]  # (n, 2) where the row's cells are in the text, while it is made
 
 
 @compilable
@@ -72,9 +75,9 @@ def put_lines(
     out: NDArray[np.uint8],
 ) -> int:
     """The lines of these rows (m, n) of changing cells, into `out`; how long they are. `digits` is the JSON text
-    of those that are not whole: numbers in brackets.
+    of those that are not whole, and not like one before: numbers in brackets.
     """
-    glue, ends, whole = layout
+    glue, ends, whole, alike, spans = layout
     at = read = 0
     for row in range(cells.shape[0]):
         begin = 0
@@ -83,24 +86,30 @@ def put_lines(
                 out[at] = glue[place]
                 at += 1
             begin = ends[k]
+            if alike[k] != k:
+                for place in range(spans[alike[k], 0], spans[alike[k], 1]):
+                    out[at] = out[place]
+                    at += 1
+                continue
+            spans[k, 0] = at
             value = cells[row, k]
             is_finite = math.isfinite(value)
             if not is_finite:
                 at = put_word(out, at, value)
             elif whole[k] != 0:
                 at = put_whole(out, at, int(value))
-            if whole[k] != 0:
-                continue
-            letter = digits[read]
-            while letter in (_OPEN, _CLOSE, _COMMA):
-                read += 1
+            if whole[k] == 0:
                 letter = digits[read]
-            while letter not in (_COMMA, _CLOSE):
-                if is_finite:  # JSON has only null for what is not
-                    out[at] = letter
-                    at += 1
-                read += 1
-                letter = digits[read]
+                while letter in (_OPEN, _CLOSE, _COMMA):
+                    read += 1
+                    letter = digits[read]
+                while letter not in (_COMMA, _CLOSE):
+                    if is_finite:  # JSON has only null for what is not
+                        out[at] = letter
+                        at += 1
+                    read += 1
+                    letter = digits[read]
+            spans[k, 1] = at
         for place in range(begin, len(glue)):
             out[at] = glue[place]
             at += 1
@@ -129,10 +138,12 @@ class CsvText:
         changes = (bits != bits[0]).any(axis=0)
         whole = self._whole[changes]
         cells = np.ascontiguousarray(kept[:, changes])
-        layout = self._layout(kept[0], changes)
+        alike = _alike(cells, whole)
+        layout = self._layout(kept[0], changes, alike)
         digits = b""
-        if not whole.all():
-            numbers = np.ascontiguousarray(cells[:, ~whole])
+        own = ~whole & (alike == np.arange(len(alike)))
+        if own.any():
+            numbers = np.ascontiguousarray(cells[:, own])
             digits = orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)
         room = len(rows) * (len(layout.glue) + cells.shape[1] * _LONGEST)
         if len(self._out) < room:
@@ -141,7 +152,12 @@ class CsvText:
         length = self._put(layout, cells, text, self._out)
         return self._out[:length].tobytes()
 
-    def _layout(self, first: NDArray[np.float64], changes: NDArray[np.bool_]) -> Layout:
+    def _layout(
+        self,
+        first: NDArray[np.float64],
+        changes: NDArray[np.bool_],
+        alike: NDArray[np.int64],
+    ) -> Layout:
         """The first row's text, but for the cells that change."""
         pieces, ends, length = [], [], 0
         for place, (value, is_whole) in enumerate(zip(first.tolist(), self._whole, strict=True)):
@@ -155,7 +171,26 @@ class CsvText:
             length += len(pieces[-1])
         pieces.append(b"\n")
         glue = np.frombuffer(b"".join(pieces), dtype=np.uint8)
-        return Layout(glue, np.array(ends, dtype=np.int64), self._whole[changes].astype(np.int64))
+        return Layout(
+            glue=glue,
+            ends=np.array(ends, dtype=np.int64),
+            whole=self._whole[changes].astype(np.int64),
+            alike=alike,
+            spans=np.zeros((len(ends), 2), dtype=np.int64),
+        )
+
+
+def _alike(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n,) for each column of (m, n) the first one with the same text: to the bit, and as whole numbers or not."""
+    bits = cells.view(np.int64)
+    first: dict[tuple[Any, ...], int] = {}
+    found = np.arange(cells.shape[1])
+    marks = zip(whole.tolist(), bits[0].tolist(), bits.sum(axis=0).tolist(), strict=True)
+    for column, mark in enumerate(marks):
+        other = first.setdefault(mark, column)
+        if other != column and np.array_equal(bits[:, column], bits[:, other]):
+            found[column] = other
+    return found
 
 
 def _text(value: float, is_whole: bool) -> bytes:

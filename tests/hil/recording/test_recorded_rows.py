@@ -191,6 +191,17 @@ def test_plain_python_writes_the_same(text: CsvText) -> None:
     assert text.lines(rows[:0]) == b""
 
 
+def test_columns_that_are_alike_have_the_same_text(text: CsvText) -> None:
+    """But for whole numbers, which have no point; -0.0 and 0.0 are not alike."""
+    rows = rows_from(0, 9)
+    numbers = [1.0, -2.0, 3.0, math.nan, 0.0, math.inf, 7.0, 8.0, 9.0]
+    for name in ("left_hall_count", "left_current_a", "right_current_a", "gate_angle_deg"):
+        rows[:, COLUMN_PLACE[name]] = numbers
+    rows[4, COLUMN_PLACE["right_current_a"]] = -0.0
+    assert COLUMNS["left_hall_count"].is_whole
+    assert text.lines(rows) == one_by_one(columns_of(2), rows)
+
+
 def test_digits_are_the_shortest_that_read_back_the_same() -> None:
     random = np.random.default_rng(1)
     numbers = random.integers(-(2**63), 2**63, 20_000).view(np.float64)
