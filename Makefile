@@ -13,7 +13,7 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo docs test test-package test-vcan lint setup bench study coverage clean
+.PHONY: demo docs test test-package test-vcan lint setup bench anti-trap study coverage clean
 
 setup: $(VENV)/.ready
 
@@ -61,6 +61,10 @@ lint: setup
 # AGAINST=CHECKOUT: what it costs to start, to write and to identify, in pairs with another one.
 bench: setup
 	$(BIN)/python -m tools.benchmark --output docs $(if $(AGAINST),--against $(AGAINST))
+
+# What the reference ECU's anti-trap does on a thousand drawn cars; writes docs/anti-trap.md and its figure.
+anti-trap: setup
+	$(BIN)/python -m tools.anti_trap --output docs
 
 # Thousands of mangled files and hundreds of signals against every command; what it finds stays in $(OUT)/hostile.
 hostile: setup

@@ -10,7 +10,16 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hil_support import BENCH_CONTROL, GATE, LEFT_DRIVE, RIGHT_DRIVE, panel_frame, shipped_rig
+from hil_support import (
+    BENCH_CONTROL,
+    GATE,
+    LEFT_DRIVE,
+    LEFT_HALL,
+    RIGHT_DRIVE,
+    RIGHT_HALL,
+    panel_frame,
+    shipped_rig,
+)
 
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
@@ -36,9 +45,10 @@ def test_step_gives_the_frames_that_the_gate_sent_meanwhile() -> None:
     with lh.Gate() as gate:
         frames = gate.step(0.010)
         assert [frame.arbitration_id for frame in frames] == [
-            LEFT_DRIVE, RIGHT_DRIVE, LEFT_DRIVE, RIGHT_DRIVE, GATE,
+            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL,
+            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, GATE,
         ]  # fmt: skip
-        assert [frame.timestamp for frame in frames] == [0.005, 0.005, 0.010, 0.010, 0.010]
+        assert [frame.timestamp for frame in frames] == [0.005] * 4 + [0.010] * 5
         assert gate.step(0.001) == []
         decoded = shipped_rig().messages["Gate"].decode(frames[-1].data, decode_choices=False)
         assert decoded["LatchState"] == 1

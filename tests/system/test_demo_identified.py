@@ -24,15 +24,24 @@ SIGMAS = 4.0
 COMMAND = " 120#"
 
 
+REQUESTS = {
+    0.5: "open", 11.0: "close", 12.6: "stop", 13.2: "close", 14.6: "stop", 15.2: "open", 16.6: "stop",
+    17.2: "close", 18.6: "stop",
+}  # fmt: skip
+
+
 def recorded(folder: Path, *arguments: str) -> Path:
-    """The bus log of a demo's first 18 s, up to before its gate meets the obstacle."""
+    """The bus log of a demo without an obstacle: the gate is stopped and driven on, its input has steps."""
     folder.mkdir()
+    requests = (f'[[request]]\ntime = {at}\naction = "{each}"\n' for at, each in REQUESTS.items())
+    scenario = folder / "to_and_fro.toml"
+    scenario.write_text("duration = 20.0\n" + "".join(requests))
     fixed = [
         "demo",
         "--clock",
         "free",
-        "--duration",
-        "18",
+        "--scenario",
+        str(scenario),
         "--quiet",
         "--ideal",
         "--output",

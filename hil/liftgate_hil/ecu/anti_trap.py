@@ -1,7 +1,9 @@
-"""Anti-trap by motor current: against what the same position took before, together with a drop in speed.
+"""Anti-trap by the drives' load: what the motors' current has to do beside accelerating them, against what the
+same place took before.
 
-The reference is learned in undisturbed runs, bin by bin over the travel. Until a bin is known, the run's own
-recent current stands in for it with a wider limit. One guard (a record of GUARD) watches one direction of motion.
+The reference is learned in undisturbed runs, place by place, finely near closed, where the seal is. What moves the
+whole curve in a run (temperature, slope, voltage) is followed slowly. Until a place is known, the run's own recent
+load stands in for it with a wider limit. One guard (a record of GUARD) watches one direction of motion.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.ecu.calibration import BINS
+from liftgate_hil.ecu.calibration import BINS, FINE, FINE_FROM, FINE_TO
 from liftgate_hil.ecu.events import NO_VERDICT, Verdict
 from liftgate_hil.ecu.memory import Constants
 from liftgate_plant.compiler import compilable
@@ -20,8 +22,7 @@ from liftgate_plant.compiler import compilable
 @compilable
 def begin_run(guard: Any) -> None:
     """A new run starts from rest."""
-    guard.filtered = 0.0
-    guard.recent = np.nan
+    guard.offset = np.nan
     guard.time = 0.0
     guard.suspect = 0
     guard.is_loaded = 0
@@ -31,72 +32,104 @@ def begin_run(guard: Any) -> None:
 
 
 @compilable
-def bin_of(place: float) -> int:
-    """The bin of a place (0 closed to 1 open)."""
-    return min(max(int(place * BINS), 0), BINS - 1)
+def bins_a_count(position: float, travel: float) -> float:
+    """How many bins a count is there."""
+    if position < FINE_TO:
+        return FINE / (FINE_TO - FINE_FROM)
+    return (BINS - FINE) / max(travel - FINE_TO, 1.0)
 
 
 @compilable
-def expected(constants: Constants, guard: Any, place: float) -> tuple[float, float]:
-    """(current [A] that the run should take at a place, excess [A] over it that is tolerated); NaN: no place."""
-    c = constants.calibration
-    recent = guard.filtered if np.isnan(guard.recent) else guard.recent
-    if np.isnan(place) or np.isnan(guard.reference[bin_of(place)]):
-        return recent, c.excess_unlearned
-    # Voltage, slope and temperature move the whole curve: what this run shows counts too.
-    return max(guard.reference[bin_of(place)], recent), c.excess_learned
+def bin_at(position: float, travel: float) -> float:
+    """The place [bins] of a position [counts]."""
+    if position < FINE_TO:
+        place = (position - FINE_FROM) * bins_a_count(position, travel)
+    else:
+        place = FINE + (position - FINE_TO) * bins_a_count(position, travel)
+    return min(max(place, 0.0), BINS - 1.0)
 
 
 @compilable
-def follow(constants: Constants, guard: Any, place: float, starting: bool) -> None:
-    """An unsuspicious current: the run's recent one, and a sample for the reference."""
-    c = constants.calibration
-    if np.isnan(guard.recent):
-        guard.recent = guard.filtered
-    time = 0.3 * c.reference_time if starting else c.reference_time
-    guard.recent += (guard.filtered - guard.recent) * (1.0 - math.exp(-constants.cycle / time))
-    if not np.isnan(place) and not starting:
-        guard.total[bin_of(place)] += guard.filtered
-        guard.samples[bin_of(place)] += 1
+def step_after(guard: Any, index: int) -> float:
+    """How much more [A] the bin after this one took; NaN where one of them is not known."""
+    if index < 0 or index >= BINS - 1:
+        return np.nan
+    return float(guard.reference[index + 1] - guard.reference[index])
+
+
+@compilable
+def reference_at(guard: Any, place: float) -> tuple[float, float]:
+    """The learned load [A] at a place [bins], on a straight line from bin to bin and on beyond the last that is
+    known; and how steep it is about there [A/bin]. NaN where it is not known.
+    """
+    lower = min(max(math.floor(place - 0.5), 0), BINS - 2)
+    share = min(max(place - 0.5 - lower, 0.0), 1.0)
+    here = step_after(guard, lower)
+    steep = 0.0
+    for index in (lower - 1, lower, lower + 1):
+        step = abs(step_after(guard, index))
+        if not np.isnan(step):
+            steep = max(steep, step)
+    below, above = guard.reference[lower], guard.reference[lower + 1]
+    if not np.isnan(here):
+        return below + share * here, steep
+    if not np.isnan(below):
+        slope = step_after(guard, lower - 1)
+        return below + share * (0.0 if np.isnan(slope) else slope), steep
+    slope = step_after(guard, lower + 1)
+    return above - (1.0 - share) * (0.0 if np.isnan(slope) else slope), steep
 
 
 @compilable
 def watch(
     constants: Constants,
     guard: Any,
-    current: float,
-    speed: float,
-    wanted: float,
-    place: float,
-    starting: bool,
-    slowing: bool,
+    load: float,
+    position: float,
+    travel: float,
+    ramp: float,
+    in_seal: bool,
 ) -> Verdict:
-    """One cycle. Current, speed and wanted speed are positive along the motion; `place` is 0 to 1 or NaN."""
+    """One cycle. `load` [A] is positive against the motion; position and travel in counts, or NaN; `ramp` is how
+    fast the wanted speed changes [counts/s²]. What the seal takes is no obstacle before it is known.
+    """
     c = constants.calibration
     guard.time += constants.cycle
-    share = 1.0 - math.exp(-constants.cycle / c.current_filter)
-    guard.filtered += (current - guard.filtered) * share
     if guard.time < c.blank_time:
         return NO_VERDICT
-    reference, limit = expected(constants, guard, place)
-    if starting or slowing:
-        limit *= c.change_factor
-    drop = (wanted - speed) / wanted if wanted > 0.0 else 0.0
-    excess = guard.filtered - reference
-    guard.is_loaded = 1 if excess > limit else 0
-    # Neither sign alone is sure: the excess is early, the drop confirms, and both add up.
-    if guard.is_loaded and excess / limit + max(drop, 0.0) / c.speed_drop > c.certainty:
+    known, slope, place = np.nan, 0.0, np.nan
+    if not (np.isnan(position) or np.isnan(travel)):
+        place = bin_at(position, travel)
+        known, slope = reference_at(guard, place)
+        slope *= bins_a_count(position, travel)
+    is_learned = not np.isnan(known)
+    limit = c.excess_unlearned
+    if is_learned:
+        limit = c.excess_learned + c.excess_share * abs(load) + c.excess_per_slope * slope
+    limit += c.inertia_error * c.inertia * ramp
+    level = known if is_learned else 0.0
+    if np.isnan(guard.offset):
+        guard.offset = load - level
+    reference = level + guard.offset
+    excess = load - reference
+    is_judged = is_learned or not in_seal
+    guard.is_loaded = 1 if excess > limit and is_judged else 0
+    if guard.is_loaded:
         guard.suspect += 1
-        return Verdict(guard.suspect >= constants.samples, guard.filtered, reference, drop)
+        return Verdict(guard.suspect >= constants.samples, load, reference, limit)
     guard.suspect = 0
-    if not guard.is_loaded:
-        follow(constants, guard, place, starting)
+    if not in_seal:  # at first the mean so far
+        time = min(max(guard.time - c.blank_time, constants.cycle), c.reference_time)
+        guard.offset += excess * (1.0 - math.exp(-constants.cycle / time))
+    if not np.isnan(place):
+        guard.total[int(place)] += load
+        guard.samples[int(place)] += 1
     return NO_VERDICT
 
 
 @compilable
 def learn(guard: Any) -> None:
-    """The run came to its end undisturbed: its currents are the reference."""
+    """The run came to its end undisturbed: its loads are the reference."""
     for i in range(BINS):
         if guard.samples[i] > 0:
             mean = guard.total[i] / guard.samples[i]

@@ -8,13 +8,19 @@ from typing import NamedTuple
 class Calibration(NamedTuple):
     """The reference ECU's constants. Chosen by hand on the three shipped vehicles."""
 
-    # Motion. Travel times are of a typical gate: 4 to 8 s.
-    opening_time: float = 6.0  # s over the learned travel
-    closing_time: float = 9.0  # s: what is trapped is met more slowly
+    # Motion: speeds over the travel, in travels a second, at PLACES from closed to open. Closing is slow where the
+    # gate's edge is quick for it, and where the backlash is crossed.
+    opening_speed: tuple[float, ...] = (
+        0.190, 0.190, 0.190, 0.190, 0.195, 0.200, 0.200, 0.200, 0.200, 0.200, 0.176, 0.127, 0.085, 0.040,
+    )  # fmt: skip
+    closing_speed: tuple[float, ...] = (
+        0.030, 0.055, 0.078, 0.102, 0.140, 0.166, 0.167, 0.164, 0.152, 0.140, 0.130, 0.120, 0.110, 0.110,
+    )  # fmt: skip
+    opening_start: float = 0.20  # travels a second, in a second: the soft start
+    closing_start: float = 0.10
     learning_speed: float = 350.0  # before the travel is known
-    creep_speed: float = 90.0  # into the end stops and the latch
-    start_time: float = 0.6  # s, soft start from rest to full speed
-    stop_distance: float = 0.14  # share of the travel in which the soft stop slows down
+    learning_start: float = 500.0  # counts/s², its soft start
+    creep_speed: float = 90.0  # at least, and into the end stops and the latch
     end_margin: float = 12.0  # stop this far before the learned open end
 
     # Speed control of each drive, and the two kept together.
@@ -26,24 +32,49 @@ class Calibration(NamedTuple):
     speed_window: float = 0.040  # s over which counts are differenced
 
     # Anti-trap.
-    current_filter: float = 0.006  # s
-    excess_learned: float = 0.40  # A over the learned reference
-    excess_unlearned: float = 0.45  # A over this run's own recent current
-    reference_time: float = 0.30  # s, how fast that recent current follows
-    speed_drop: float = 0.10  # share of the wanted speed that counts as much as the excess
-    certainty: float = 1.8  # sum of both, in units of their limits
-    change_factor: float = 2.0  # on the excess, during soft start and soft stop
-    blank_time: float = 0.25  # s after a start in which nothing is judged
-    detection_time: float = 0.020  # s without a break
+    counts_per_turn: float = 4.0
+    inertia: float = 0.0019  # A s²/count that accelerating a drive takes of the current: 2π J/c1Φ over the counts
+    inertia_error: float = 0.42  # share by which that may be wrong
+    ramp_time: float = 0.20  # s for which a change of the wanted speed is felt
+    load_filter: float = 0.007  # s
+    excess_learned: float = 0.12  # A over the learned reference
+    excess_unlearned: float = 0.60  # A over this run's own recent load
+    excess_share: float = 0.03  # of the load itself: ripple, warm magnets
+    excess_per_slope: float = (
+        2.5  # counts: what a place may be off, times the reference's slope there
+    )
+    reference_time: float = 0.50  # s, how fast what moves the whole reference is followed
+    blank_time: float = 0.50  # s after a start in which nothing is judged
+    detection_time: float = 0.005  # s without a break
     seal_zone: float = 36.0  # counts above closed in which the seal is expected
     reverse_distance: float = 0.30  # share of the travel that a reversal opens
 
     # Ends.
     stall_speed: float = 25.0  # slower than this is standing
+    stall_blank: float = 0.6  # s after a start in which standing is not yet judged
     stall_time: float = 0.15  # s
     seal_stall_time: float = 1.0  # s, in the seal zone
     hold_time: float = 0.25  # s of braking after a stop
     latch_pulse: float = 1.0  # s at most
 
 
-BINS = 50  # of the position-dependent current reference
+PLACES = (
+    0.0,
+    0.02,
+    0.05,
+    0.10,
+    0.20,
+    0.30,
+    0.50,
+    0.60,
+    0.70,
+    0.80,
+    0.90,
+    0.95,
+    0.98,
+    1.0,
+)  # shares of the travel
+
+BINS = 100  # of the position-dependent reference of the load
+FINE = 34  # of them for the last counts before closed, 4 each
+FINE_FROM, FINE_TO = -40.0, 96.0  # counts: closed, the drives have squeezed the mechanism

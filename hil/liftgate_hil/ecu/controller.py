@@ -5,13 +5,16 @@ One `update` a control cycle.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from liftgate_hil.ecu import events
 from liftgate_hil.ecu.anti_trap import begin_run, learn, watch
+from liftgate_hil.ecu.calibration import PLACES
 from liftgate_hil.ecu.events import NO_VERDICT, Verdict, note_event
+from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import (
     CLOSED,
     CLOSING,
@@ -40,6 +43,8 @@ class Feedback(NamedTuple):
     right_current: float
     left_count: float
     right_count: float
+    left_turning: float  # rev/s; NaN: the bus does not say
+    right_turning: float
     latched: bool
     voltage: float  # V
 
@@ -128,6 +133,7 @@ def enter(constants: Constants, memory: Memory, state: int, event: int, verdict:
     control.state = state
     control.since = control.now
     control.still = 0.0
+    control.wanted = control.ramp = 0.0
     control.free = np.nan
     if event != _SILENT:
         note_event(memory, event, verdict)
@@ -158,11 +164,21 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
     """One control cycle at a time [s]; what was requested since the last one is obeyed from the next one on."""
     control = memory.control[0]
     control.now = now
-    memory.drives[0].current = feedback.left_current
-    measure_speed(constants, memory.drives[0], feedback.left_count)
+    take_feedback(
+        constants,
+        memory.drives[0],
+        feedback.left_count,
+        feedback.left_turning,
+        feedback.left_current,
+    )
     if len(memory.drives) > 1:
-        memory.drives[1].current = feedback.right_current
-        measure_speed(constants, memory.drives[1], feedback.right_count)
+        take_feedback(
+            constants,
+            memory.drives[1],
+            feedback.right_count,
+            feedback.right_turning,
+            feedback.right_current,
+        )
     if control.state == UNKNOWN:
         enter(constants, memory, CLOSED if feedback.latched else STOPPED, _SILENT, NO_VERDICT)
         if feedback.latched:
@@ -171,6 +187,15 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
     if control.request != NO_REQUEST:
         obey(constants, memory)
     return command
+
+
+@compilable
+def take_feedback(
+    constants: Constants, drive: Any, count: float, turning: float, current: float
+) -> None:
+    """What the bus says of one drive."""
+    measure_speed(constants, drive, count, turning)
+    measure_load(constants, drive, current, not np.isnan(turning))
 
 
 @compilable
@@ -185,7 +210,10 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     """A cycle of a motion: is it at its end, is something trapped, what do the drives get."""
     c, control = constants.calibration, memory.control[0]
     if control.state == CLOSING and feedback.latched:
-        take_zero(memory)
+        if (
+            not control.is_zero_known
+        ):  # a drive that has squeezed the mechanism is not where it began
+            take_zero(memory)
         learn(memory.guards[1])
         enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)
         return hold(memory)
@@ -197,7 +225,8 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     if control.state == REVERSING and mean_speed(memory) < 0.0:
         return FULL  # off the obstacle before all else
     sign = -1.0 if control.state == CLOSING else 1.0
-    wanted = sign * wanted_speed(constants, memory)
+    want(constants, memory, wanted_speed(constants, memory))
+    wanted = sign * control.wanted
     elapsed = control.now - control.since
     left = drive_duty(constants, memory, 0, wanted, feedback.voltage)
     right = left
@@ -222,40 +251,42 @@ def drive_duty(
 
 
 @compilable
-def cruise(constants: Constants, memory: Memory) -> float:
-    """The speed between soft start and soft stop [counts/s]."""
-    c, control = constants.calibration, memory.control[0]
-    if np.isnan(control.travel):
-        return c.learning_speed
-    time = c.closing_time if control.state == CLOSING else c.opening_time
-    return float(control.travel / time)
-
-
-@compilable
-def way_left(constants: Constants, memory: Memory) -> float:
-    """Counts to the end of the motion; NaN: not known."""
-    control = memory.control[0]
-    position = position_of(memory)
-    if np.isnan(position):
-        return np.nan
-    if control.state == CLOSING:
-        return max(position - constants.calibration.seal_zone, 0.0)
-    if np.isnan(control.travel):
-        return np.nan
-    return float(max(control.travel - position, 0.0))
+def speed_over(speeds: tuple[float, ...], place: float) -> float:
+    """The speed at a place, both as shares of the travel: straight lines between PLACES."""
+    if place <= PLACES[0]:
+        return speeds[0]
+    for i in range(1, len(PLACES)):
+        if place < PLACES[i]:
+            share = (place - PLACES[i - 1]) / (PLACES[i] - PLACES[i - 1])
+            return speeds[i - 1] + share * (speeds[i] - speeds[i - 1])
+    return speeds[len(PLACES) - 1]
 
 
 @compilable
 def wanted_speed(constants: Constants, memory: Memory) -> float:
-    """Soft start over time, soft stop over the way that is left [counts/s]."""
+    """A soft start over time, then what is calibrated for the place [counts/s]."""
     c, control = constants.calibration, memory.control[0]
-    full = cruise(constants, memory)
-    speed = min(full, c.creep_speed + full * (control.now - control.since) / c.start_time)
-    left = way_left(constants, memory)
-    if not np.isnan(left):
-        span = c.stop_distance * travel_or(memory, 10.0 * full / 3.5)
-        speed = min(speed, max(c.creep_speed, full * left / span))
-    return float(speed)
+    position, travel = position_of(memory), control.travel
+    elapsed = control.now - control.since
+    if np.isnan(position) or np.isnan(travel):
+        return float(min(c.learning_speed, c.creep_speed + c.learning_start * elapsed))
+    if control.state == CLOSING:
+        start = c.closing_start
+        speed = speed_over(c.closing_speed, (position - c.seal_zone) / travel)
+    else:
+        start = c.opening_start
+        speed = speed_over(c.opening_speed, position / travel)
+    started = c.creep_speed + travel * start * elapsed
+    return float(max(min(travel * speed, started), c.creep_speed))
+
+
+@compilable
+def want(constants: Constants, memory: Memory, speed: float) -> None:
+    """Take the wanted speed [counts/s], and note how fast it changes; the gate feels that for a while."""
+    control = memory.control[0]
+    fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
+    rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
+    control.wanted, control.ramp = speed, max(rate, fading)
 
 
 @compilable
@@ -277,7 +308,7 @@ def watch_ends(constants: Constants, memory: Memory) -> None:
     control.still = control.still + constants.cycle if standing else 0.0
     in_seal = state == CLOSING and position < c.seal_zone
     limit = c.seal_stall_time if in_seal else c.stall_time
-    if control.still >= limit and control.now - control.since >= c.start_time:
+    if control.still >= limit and control.now - control.since >= c.stall_blank:
         stalled(constants, memory)
 
 
@@ -302,23 +333,19 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
     """Is something in the way?"""
     c, control = constants.calibration, memory.control[0]
     state, position = control.state, position_of(memory)
-    if state == CLOSING and position < c.seal_zone:
-        return
     sign = -1.0 if state == CLOSING else 1.0
-    current = 0.0
+    load = 0.0
     for i in range(len(memory.drives)):
-        current += memory.drives[i].current
+        load += memory.drives[i].load
     guard = guard_of(memory, state)
-    wanted = wanted_speed(constants, memory)
     verdict = watch(
         constants,
         guard,
-        sign * current / len(memory.drives),
-        sign * mean_speed(memory),
-        wanted,
-        position / control.travel if control.travel > 0.0 else np.nan,
-        control.now - control.since < c.start_time + c.blank_time,
-        wanted < 0.95 * cruise(constants, memory),
+        sign * load / len(memory.drives),
+        position,
+        control.travel,
+        control.ramp,
+        state == CLOSING and position < c.seal_zone,
     )
     if not guard.is_loaded:
         control.free = position

@@ -23,7 +23,7 @@ from liftgate_plant.compiler import compilable
     TRAPPED_OPENING,
 ) = range(11)
 IN_WORDS = -1  # told by an ECU in another process
-_WHY = "({current:.2f} A against {reference:.2f} A, speed {percent:.0f} % down)"
+_WHY = "(load {load:.2f} A, expected {expected:.2f} A, allowed {limit:.2f} A more)"
 TEXTS = (
     "stopped by the driver",
     "opening",
@@ -51,9 +51,9 @@ class Verdict(NamedTuple):
     """Why a run was judged to be trapped."""
 
     is_trapped: bool
-    current: float  # A, mean of the drives, positive along the motion
-    reference: float  # A
-    drop: float  # share of the wanted speed
+    load: float  # A, mean of the drives, positive against the motion
+    expected: float  # A
+    limit: float  # A that the load may be beyond it
 
 
 NO_VERDICT = Verdict(False, 0.0, 0.0, 0.0)
@@ -66,9 +66,9 @@ def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
     event = memory.events[control.events % EVENTS]
     event.time = control.now
     event.code = code
-    event.current = verdict.current
-    event.reference = verdict.reference
-    event.drop = verdict.drop
+    event.load = verdict.load
+    event.expected = verdict.expected
+    event.limit = verdict.limit
     event.travel = 0.0 if np.isnan(control.travel) else control.travel
     control.events += 1
 
@@ -81,6 +81,6 @@ def events_since(memory: Memory, told: int) -> list[Event]:
 
 def _event(row: Any) -> Event:
     text = TEXTS[int(row.code)].format(
-        current=row.current, reference=row.reference, percent=100.0 * row.drop, travel=row.travel
+        load=row.load, expected=row.expected, limit=row.limit, travel=row.travel
     )
     return Event(float(row.time), int(row.code), text)

@@ -20,7 +20,9 @@ EVENTS = 64  # that are kept
 
 DRIVE = np.dtype(
     [
-        ("current", "f8"),  # A
+        ("current", "f8"),  # A, filtered
+        ("load", "f8"),  # A that the load takes: filtered current less what accelerates the drive
+        ("settled", "f8"),  # speed behind the same filter
         ("count", "f8"),
         ("zero", "f8"),  # count when closed
         ("start", "f8"),  # count when the motion began
@@ -32,8 +34,10 @@ DRIVE = np.dtype(
 )
 GUARD = np.dtype(
     [
-        ("filtered", "f8"),  # A
-        ("recent", "f8"),  # A; NaN: none yet
+        (
+            "offset",
+            "f8",
+        ),  # A of this run over the reference, or its recent load where there is none; NaN: not yet
         ("time", "f8"),  # s since the run began
         ("suspect", "i8"),  # cycles in a row
         ("is_loaded", "i8"),  # more current than expected, whatever the speed does
@@ -49,12 +53,15 @@ CONTROL = np.dtype(
         ("now", "f8"),  # s
         ("since", "f8"),  # when the state was entered
         ("brake_until", "f8"),
+        ("wanted", "f8"),  # speed, counts/s
+        ("ramp", "f8"),  # how fast that changes or has lately changed, counts/s²
         ("still", "f8"),  # s of standing
         ("free", "f8"),  # position where the drives last ran without unusual load; NaN: none
         ("travel", "f8"),  # counts from closed to open; NaN: not learned
         ("is_zero_known", "i8"),
         ("request", "i8"),  # waiting to be obeyed
         ("next_ns", "i8"),  # the next control cycle
+        ("command_ns", "i8"),  # the next command of the message's cycle
         ("sent", "i8"),  # commands
         ("events", "i8"),  # that have happened
     ]
@@ -64,9 +71,9 @@ EVENT = np.dtype(
         ("time", "f8"),
         ("code", "i8"),  # of events.TEXTS
         # Why, where a run was judged to be trapped.
-        ("current", "f8"),  # A, mean of the drives, positive along the motion
-        ("reference", "f8"),  # A
-        ("drop", "f8"),  # share of the wanted speed
+        ("load", "f8"),  # A, mean of the drives, positive against the motion
+        ("expected", "f8"),  # A
+        ("limit", "f8"),  # A that the load may be beyond it
         ("travel", "f8"),  # counts
     ]
 )
@@ -108,7 +115,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
     control.began_ns = 0 if shares_clock else -1
     control.free = control.travel = np.nan
     guards = np.zeros(2, dtype=GUARD).view(np.recarray)
-    guards.recent = np.nan
+    guards.offset = np.nan
     guards["reference"][:] = np.nan
     return Memory(
         control=control,

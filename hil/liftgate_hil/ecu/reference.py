@@ -1,7 +1,8 @@
 """The reference ECU: the rig seen from the other side of the bus, around the controller.
 
-`step` is called with the frames that have come since the last call; once a control cycle it computes a command and
-gives its frames. Plain Python, and compiled as part of the episode.
+`step` is called with the frames that have come since the last call. It controls as often as the currents come, and
+sends its command in that message's cycle, and at once when it stops or turns back. Plain Python, and compiled as
+part of the episode.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.ecu.calibration import Calibration
-from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, update
+from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, is_moving, update
 from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
 from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable
@@ -41,9 +42,11 @@ class EcuConfig(NamedTuple):
     outputs: BusConfig  # what it sends: the rig's inputs
     commands: NDArray[np.int64]  # rows of `outputs` that are its own
     pages: int  # of the one with the most
-    has_latch: int  # 0: the angle says when the gate is home
+    has_latch: int  # 0: the angle says when the gate is home,
+    has_angle: int  # 0: nothing does
     signed: int  # 1: the duty's sign is the direction
-    cycle_ns: int
+    cycle_ns: int  # of the control
+    command_ns: int  # of the command
     nothing: Frames
 
 
@@ -58,19 +61,22 @@ class EcuState(NamedTuple):
 
 
 def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) -> EcuConfig:
-    """The ECU of a rig; its control cycle is that of the rig's command."""
+    """The ECU of a rig."""
     outputs, commands = rig.input_config(), _command_rows(rig)
-    cycle = rig.command_cycle_ms() * 1e-3
+    command_ms, current_ms = rig.command_cycle_ms(), rig.current_cycle_ms()
+    cycle_ms = current_ms if 0.0 < current_ms < command_ms else command_ms
     return EcuConfig(
-        constants=constants_of(calibration or Calibration(), cycle),
+        constants=constants_of(calibration or Calibration(), cycle_ms * 1e-3),
         drives=drives,
         inputs=rig.output_config(sending=False),
         outputs=outputs,
         commands=np.array(commands, dtype=np.int64),
         pages=max((int(outputs.messages[each].pages) for each in commands), default=1),
         has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
+        has_angle=int("gate_angle" in {mapping.quantity for mapping in rig.outputs}),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
-        cycle_ns=round(cycle * 1e9),
+        cycle_ns=round(cycle_ms * 1e6),
+        command_ns=round(command_ms * 1e6),
         nothing=empty_frames(0),
     )
 
@@ -98,10 +104,13 @@ def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, F
     """(whether all that is needed has been heard, what it says)."""
     left, right = values[OUT.left_current], values[OUT.right_current]
     left_count, right_count = values[OUT.left_hall_count], values[OUT.right_hall_count]
-    # A rig without a latch switch has the angle say when the gate is home; one that is not there is not home.
+    # A rig without a latch switch has the angle say when the gate is home; without either it never is.
     latched = values[OUT.latch_state]
     if config.has_latch == 0:
-        latched = 1.0 if values[OUT.gate_angle] <= 0.0 else 0.0
+        angle = values[OUT.gate_angle]
+        latched = 1.0 if angle <= 0.0 else 0.0
+        if config.has_angle and np.isnan(angle):
+            latched = np.nan
     voltage = values[OUT.terminal_voltage]
     heard = not (np.isnan(left) or np.isnan(left_count) or np.isnan(latched))
     if config.drives > 1:
@@ -111,6 +120,8 @@ def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, F
         right_current=right,
         left_count=left_count,
         right_count=right_count,
+        left_turning=values[OUT.left_period_speed],
+        right_turning=values[OUT.right_period_speed],
         latched=latched > 0.5,
         voltage=_NOMINAL_V if np.isnan(voltage) else float(voltage),
     )
@@ -159,7 +170,7 @@ def command_frames(
 def step(
     config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
 ) -> tuple[EcuState, Frames]:
-    """Take the frames that have come by a time [ns]; give a command where a control cycle is due."""
+    """Take the frames that have come by a time [ns]; give a command where one is due."""
     counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
     after = EcuState(
         reception=state.reception,
@@ -171,15 +182,26 @@ def step(
     control = state.memory.control[0]
     if now_ns < control.next_ns:
         return after, config.nothing
-    control.next_ns += config.cycle_ns * (1 + (now_ns - control.next_ns) // config.cycle_ns)
+    control.next_ns = next_time(control.next_ns, config.cycle_ns, now_ns)
     heard, feedback = feedback_of(config, state.reception.values)
-    command = COASTING
+    command, before = COASTING, control.state
     if heard:
         if control.began_ns < 0:
             control.began_ns = now_ns
         now = (now_ns - control.began_ns) * 1e-9
         command = update(config.constants, state.memory, now, feedback)
+    ends = is_moving(before) and control.state != before
+    if now_ns < control.command_ns and not ends:
+        return after, config.nothing
+    if now_ns >= control.command_ns:
+        control.command_ns = next_time(control.command_ns, config.command_ns, now_ns)
     return after, command_frames(config, state, command, False)
+
+
+@compilable
+def next_time(last_ns: int, cycle_ns: int, now_ns: int) -> int:
+    """When it is due next; cycles that were missed stay so."""
+    return last_ns + cycle_ns * (1 + (now_ns - last_ns) // cycle_ns)
 
 
 @compilable

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from liftgate_hil.ecu.memory import Constants
 from liftgate_plant.compiler import compilable
 
 
 @compilable
-def measure_speed(constants: Constants, drive: Any, count: float) -> None:
-    """Take the count of this cycle; the speed is its difference over a few. `drive` is a record of DRIVE."""
+def measure_speed(constants: Constants, drive: Any, count: float, turning: float) -> None:
+    """Take the count of this cycle and the motor's speed [rev/s]; without the latter (NaN) the speed is the
+    count's difference over a few cycles. `drive` is a record of DRIVE.
+    """
     drive.count = count
     if drive.held > constants.window:
         for i in range(constants.window):
@@ -19,7 +23,9 @@ def measure_speed(constants: Constants, drive: Any, count: float) -> None:
     drive.history[drive.held] = count
     drive.held += 1
     spans = drive.held - 1
-    if spans > 0:
+    if not np.isnan(turning):
+        drive.speed = constants.calibration.counts_per_turn * turning
+    elif spans > 0:
         drive.speed = (count - drive.history[0]) / (spans * constants.cycle)
 
 

@@ -442,7 +442,7 @@ def test_the_reference_ecu_sends_the_pages_of_a_multiplexed_command_in_turn_and_
 
     sent = []
     for k in range(4):
-        state, frames = step(config, state, config.nothing, k * config.cycle_ns)
+        state, frames = step(config, state, config.nothing, k * config.command_ns)
         sent += pages(frames)
     assert sent == [1, 2, 1, 2]
     assert sorted(pages(last_frames(config, state))) == [1, 2]

@@ -129,9 +129,9 @@ def test_two_unlike_drives_are_kept_together() -> None:
 def test_soft_stop_meets_the_learned_end_slowly() -> None:
     run = Run("suv", [(0.5, "open"), (12.0, "close"), (26.0, "open")], 36.0)
     late = run.column("time_s") > 26.0
-    arriving = late & (run.column("gate_angle_deg") > 78.0)
+    arriving = late & (run.column("gate_angle_deg") > 79.5)
     assert run.texts()[-1] == "open"
-    assert run.column("left_speed_rps")[arriving].max() < 40.0
+    assert run.column("left_speed_rps")[arriving].max() < 45.0
     assert run.column("left_current_a")[arriving].max() < 4.0  # it does not run into the stop
 
 

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from liftgate_hil.ecu import memory
-from liftgate_hil.ecu.anti_trap import begin_run, learn, watch
-from liftgate_hil.ecu.calibration import Calibration
-from liftgate_hil.ecu.controller import DriveCommand, Feedback, update
+from liftgate_hil.ecu.anti_trap import begin_run, bin_at, learn, reference_at, watch
+from liftgate_hil.ecu.calibration import FINE, FINE_FROM, FINE_TO, PLACES, Calibration
+from liftgate_hil.ecu.controller import DriveCommand, Feedback, speed_over, update
 from liftgate_hil.ecu.events import Verdict, events_since
+from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import Memory, constants_of, new_memory
 from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
 
 CYCLE = 0.01  # s
 C = Calibration()
+TRAVEL, HALFWAY = 2000.0, 1000.0  # counts
 K = constants_of(C, CYCLE)
 
 
@@ -28,13 +30,33 @@ def new_drive() -> Any:
     return new_memory(1).drives[0]
 
 
-def feed(guard: Any, current: float, cycles: int, speed: float = 300.0) -> Verdict | None:
-    """Of a run halfway at a wanted speed of 300 counts/s; why it was judged to be trapped, if it was."""
-    for _ in range(cycles):
-        verdict = watch(K, guard, current, speed, 300.0, 0.5, starting=False, slowing=False)
+def feed(
+    guard: Any, load: float, cycles: int, position: float = HALFWAY, step: float = 0.0
+) -> Verdict | None:
+    """A run at a place, or on from there by so many counts a cycle; why it was judged to be trapped, if it was."""
+    for cycle in range(cycles):
+        place = position + cycle * step
+        verdict = watch(K, guard, load, place, TRAVEL, ramp=0.0, in_seal=place < C.seal_zone)
         if verdict.is_trapped:
             return verdict
     return None
+
+
+def learned(loads: dict[float, float]) -> Any:
+    """A guard that has met these loads at these positions [counts]."""
+    guard = new_guard()
+    begin_run(guard)
+    pass_blank_time(guard)
+    for position, load in loads.items():
+        guard.offset = load
+        watch(K, guard, load, position, TRAVEL, ramp=0.0, in_seal=False)
+    learn(guard)
+    begin_run(guard)
+    return guard
+
+
+def pass_blank_time(guard: Any) -> None:
+    guard.time = C.blank_time
 
 
 def duty_of(drive: Any, wanted: float, speed: float, voltage: float) -> float:
@@ -48,7 +70,7 @@ def duty_of(drive: Any, wanted: float, speed: float, voltage: float) -> float:
 def test_speed_is_counts_over_time() -> None:
     drive = new_drive()
     for count in range(0, 60, 5):
-        measure_speed(K, drive, count)
+        measure_speed(K, drive, count, np.nan)
     assert drive.speed == pytest.approx(5.0 / CYCLE)
 
 
@@ -58,12 +80,37 @@ def test_speed_is_that_of_the_window_whatever_the_cycle(cycle_ms: int) -> None:
     cycle = 1e-3 * cycle_ms
     constants, drive = constants_of(C, cycle), new_drive()
     for n in range(round(1.0 / cycle)):
-        measure_speed(constants, drive, 300.0 * cycle * n)
+        measure_speed(constants, drive, 300.0 * cycle * n, np.nan)
     assert drive.speed == pytest.approx(300.0)
     last = drive.count
     for n in range(1, max(1, round(C.speed_window / cycle)) + 1):
-        measure_speed(constants, drive, last - 200.0 * cycle * n)
+        measure_speed(constants, drive, last - 200.0 * cycle * n, np.nan)
     assert drive.speed == pytest.approx(-200.0)
+
+
+def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
+    drive = new_drive()
+    measure_speed(K, drive, 0.0, 75.0)
+    assert drive.speed == pytest.approx(75.0 * C.counts_per_turn)
+
+
+def loads_while_accelerating(is_sharp: bool) -> list[float]:
+    """Of a drive whose current does nothing but accelerate it, more and more."""
+    drive, speed, loads = new_drive(), 0.0, []
+    for cycle in range(100):
+        slope = 10.0 * cycle  # counts/s²
+        speed += slope * CYCLE
+        drive.speed = speed
+        measure_load(K, drive, C.inertia * slope, is_sharp)
+        loads.append(drive.load)
+    return loads
+
+
+def test_what_accelerates_the_drive_is_no_load() -> None:
+    assert max(map(abs, loads_while_accelerating(is_sharp=True))) < 1e-9
+    assert loads_while_accelerating(is_sharp=False)[-1] == pytest.approx(
+        C.inertia * 990.0, rel=0.02
+    )
 
 
 def test_a_saturated_controller_does_not_wind_up() -> None:
@@ -87,14 +134,22 @@ def test_steady_current_is_no_obstacle_however_high() -> None:
     assert feed(new_guard(), 4.0, 500) is None
 
 
-def test_excess_current_with_a_drop_in_speed_is_an_obstacle() -> None:
+def test_a_load_beyond_this_run_s_is_an_obstacle() -> None:
     guard = new_guard()
     begin_run(guard)
     feed(guard, 1.5, 100)
-    verdict = feed(guard, 2.6, 20, speed=260.0)
+    assert feed(guard, 1.5 + 0.95 * C.excess_unlearned, 1) is None
+    verdict = feed(guard, 1.5 + 1.3 * C.excess_unlearned, 5)
     assert verdict is not None
-    assert verdict.current > verdict.reference + C.excess_unlearned
-    assert verdict.drop == pytest.approx(40.0 / 300.0)
+    assert verdict.load > verdict.expected + verdict.limit
+    assert verdict.limit == C.excess_unlearned
+
+
+def test_what_a_start_takes_is_not_judged() -> None:
+    guard = new_guard()
+    begin_run(guard)
+    assert feed(guard, 0.0, int(0.5 * C.blank_time / CYCLE)) is None
+    assert feed(guard, 9.0, int(0.4 * C.blank_time / CYCLE)) is None
 
 
 def test_a_slow_rise_over_the_travel_is_followed() -> None:
@@ -105,25 +160,75 @@ def test_a_slow_rise_over_the_travel_is_followed() -> None:
 
 
 def test_a_learned_reference_is_judged_more_strictly() -> None:
+    between = 1.5 + 0.99 * C.excess_unlearned
+    known, fresh = learned({HALFWAY: 1.5}), new_guard()
+    for guard in known, fresh:
+        begin_run(guard)
+        feed(guard, 1.5, 100)
+    assert feed(known, between, 6) is not None
+    assert feed(fresh, between, 6) is None
+
+
+def test_where_the_reference_is_steep_more_is_tolerated() -> None:
+    """By what a place may be off."""
+    fine = (FINE_TO - FINE_FROM) / FINE
+    centres = {FINE_FROM + (k + 0.5) * fine: 0.0 for k in range(FINE)}
+    flat = learned(centres)
+    steep = learned({place: 0.05 * place for place in centres})  # A, 0.05 a count
+    place = FINE_FROM + 20.0 * fine
+    for guard, level in ((flat, 0.0), (steep, 0.05 * place)):
+        pass_blank_time(guard)
+        assert feed(guard, level, 3, place) is None
+    beyond = 1.2 * C.excess_learned
+    assert feed(flat, beyond, 3, place) is not None
+    assert feed(steep, 0.05 * place + beyond, 3, place) is None
+    steep.offset = 0.0
+    tolerated = beyond + 0.05 * C.excess_per_slope + C.excess_share * 0.06 * place
+    assert feed(steep, 0.05 * place + tolerated, 3, place) is not None
+
+
+def test_beyond_the_last_place_that_is_known_the_reference_goes_on() -> None:
+    """A gate that is a count farther than ever is not trapped."""
+    fine = (FINE_TO - FINE_FROM) / FINE
+    guard = learned({FINE_FROM + (k + 0.5) * fine: -0.1 * k for k in range(5, 20)})
+    beyond = FINE_FROM + 4.5 * fine
+    known, steep = reference_at(guard, bin_at(beyond, TRAVEL))
+    assert known == pytest.approx(-0.4)
+    assert steep == pytest.approx(0.1)
+    assert np.isnan(reference_at(guard, bin_at(FINE_FROM + 0.5 * fine, TRAVEL))[0])
+
+
+def test_while_the_wanted_speed_changes_more_is_tolerated() -> None:
+    """By what the inertia may be wrong."""
+    for ramp, is_trapped in ((0.0, True), (1000.0, False)):
+        guard = learned({HALFWAY: 1.0})
+        pass_blank_time(guard)
+        watch(K, guard, 1.0, HALFWAY, TRAVEL, ramp=ramp, in_seal=False)
+        load = 1.0 + C.excess_learned + 0.5 * C.inertia_error * C.inertia * 1000.0
+        verdict = watch(K, guard, load, HALFWAY, TRAVEL, ramp=ramp, in_seal=False)
+        assert verdict.is_trapped == is_trapped
+
+
+def test_the_seal_is_learned_before_it_is_judged() -> None:
     guard = new_guard()
     begin_run(guard)
-    feed(guard, 1.5, 200)
+    feed(guard, 1.0, 100)
+    assert feed(guard, 9.0, 20, position=0.5 * C.seal_zone) is None
     learn(guard)
     begin_run(guard)
-    feed(guard, 1.5, 100)
-    between = 1.5 + 0.99 * C.excess_unlearned
-    fresh = new_guard()
-    begin_run(fresh)
-    feed(fresh, 1.5, 100)
-    assert feed(guard, between, 6, speed=230.0) is not None
-    assert feed(fresh, between, 6, speed=230.0) is None
+    feed(guard, 1.0, 100)
+    assert feed(guard, 9.0, 1, position=0.5 * C.seal_zone) is None
+    assert (
+        feed(guard, 9.0 + 2.0 * C.excess_learned + 9.0 * C.excess_share, 5, 0.5 * C.seal_zone)
+        is not None
+    )
 
 
 def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> None:
     guard = new_guard()
-    for current in (1.0, 2.0):
+    for load in (1.0, 2.0):
         begin_run(guard)
-        feed(guard, current, 200)
+        feed(guard, load, 200)
         learn(guard)
     known = guard.reference[~np.isnan(guard.reference)]
     assert len(known) == 1  # the bin in the middle
@@ -134,7 +239,7 @@ def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> No
 
 
 def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedback:
-    return Feedback(current, np.nan, count, np.nan, latched, 12.0)
+    return Feedback(current, np.nan, count, np.nan, np.nan, np.nan, latched, 12.0)
 
 
 class Controller:
@@ -184,6 +289,16 @@ def test_a_gate_found_open_is_stopped_and_can_be_closed() -> None:
     controller.request(memory.REQUEST_CLOSE)
     controller.update(0.01, feedback(1500.0))
     assert controller.update(0.02, feedback(1500.0)).left_duty < 0.0
+
+
+def test_it_slows_down_before_its_ends() -> None:
+    for speeds in C.opening_speed, C.closing_speed:
+        assert len(speeds) == len(PLACES)
+        assert speed_over(speeds, 0.55) == pytest.approx(0.5 * sum(speeds[6:8]))
+        assert speed_over(speeds, -0.1) == speeds[0]
+        assert speed_over(speeds, 1.1) == speeds[-1]
+    assert speed_over(C.closing_speed, 0.02) < 0.5 * speed_over(C.closing_speed, 0.5)
+    assert speed_over(C.opening_speed, 0.99) < 0.5 * speed_over(C.opening_speed, 0.5)
 
 
 def test_a_blocked_closing_gate_reverses() -> None:

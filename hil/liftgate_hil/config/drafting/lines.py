@@ -97,6 +97,8 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         and not 20.0 <= factors[0] * high <= 500.0
     ):
         return line.withdrawn(f"{low:g} to {high:g} in {candidate.unit!r}: is that its unit?")
+    if quantity.endswith("_edge_age"):  # of a motor that stands it goes on for ever
+        line = replace(line, keys={"saturates": "true"})
     is_same = factors == (1.0, 0.0)
     return line if is_same else replace(line, remark=f"from {candidate.unit}")
 

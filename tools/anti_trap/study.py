@@ -1,0 +1,161 @@
+"""Many trials: over the whole travel in all conditions, on drawn cars, with other limits, rods and speeds."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable
+from multiprocessing import Pool
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from liftgate_hil import session
+from liftgate_hil.ecu.calibration import Calibration
+from liftgate_plant.vehicle import plant_of
+from tools.anti_trap.trials import DISTANCE, Car, Outcome, Trial, run
+
+VEHICLES = ("suv", "heavy-suv", "compact")
+GAPS = (
+    0.3, 0.5, 0.75, 1.0, 1.3, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 15.0, 20.0, 30.0, 35.0, 45.0, 55.0,
+    65.0, 70.0,
+)  # deg; 0.3 is a gap of 5 mm at the edge  # fmt: skip
+_COLD = "environment.ambient_temperature_degc=-20"
+_HOT = "environment.ambient_temperature_degc=60"
+_UP, _DOWN = "environment.road_slope_deg=8", "environment.road_slope_deg=-8"
+CONDITIONS: dict[str, tuple[str, ...]] = {
+    "12 V, 20 °C, level": (),
+    "9.5 V": ("supply.voltage=9.5",),
+    "15 V": ("supply.voltage=15",),
+    "-20 °C": (_COLD,),
+    "60 °C": (_HOT,),
+    "+8°": (_UP,),
+    "-8°": (_DOWN,),
+    "9.5 V, -20 °C, +8°": ("supply.voltage=9.5", _COLD, _UP),
+    "15 V, 60 °C, -8°": ("supply.voltage=15", _HOT, _DOWN),
+}
+FREE = 3  # judged openings and closings of a drawn car
+LIMIT = 100.0  # N
+FACTORS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2)  # on all limits
+RODS = (1e4, 2e4, 6.5e4)  # N/m: of EN 12453 and UN R21
+PACES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2)  # of closing, against what is calibrated
+
+
+class Many(NamedTuple):
+    """Drawn cars of one vehicle."""
+
+    cars: int
+    judged: int  # openings and closings, together
+    false: int  # of them
+    peaks: tuple[float, ...]  # N, of each car's rod
+
+
+class Energy(NamedTuple):
+    """What moves while a gate closes."""
+
+    gate: float  # kg at the edge that have the energy of the gate
+    rotors: float  # of the drives' rotors
+
+
+def widened(calibration: Calibration, factor: float) -> Calibration:
+    """All limits of the anti-trap times a factor."""
+    return calibration._replace(
+        excess_learned=factor * calibration.excess_learned,
+        excess_unlearned=factor * calibration.excess_unlearned,
+        excess_share=factor * calibration.excess_share,
+        excess_per_slope=factor * calibration.excess_per_slope,
+        inertia_error=factor * calibration.inertia_error,
+    )
+
+
+def slowed(calibration: Calibration, pace: float) -> Calibration:
+    """Closing at another pace."""
+    return calibration._replace(
+        closing_speed=tuple(pace * each for each in calibration.closing_speed),
+        closing_start=pace * calibration.closing_start,
+        creep_speed=min(calibration.creep_speed, max(40.0, pace * calibration.creep_speed)),
+    )
+
+
+Task = tuple[Car, Trial, Calibration]
+
+
+def _run(task: Task) -> Outcome:
+    return run(*task)
+
+
+def all_of(tasks: Iterable[Task]) -> list[Outcome]:
+    """The outcomes, in order; on all CPUs."""
+    with Pool() as pool:
+        return pool.map(_run, list(tasks), chunksize=4)
+
+
+def over_the_travel(calibration: Calibration) -> dict[str, dict[str, Outcome]]:
+    """By vehicle and condition: a rod at every gap."""
+    keys = [(vehicle, name) for vehicle in VEHICLES for name in CONDITIONS]
+    trial = Trial(free=FREE, gaps=GAPS)
+    done = all_of((Car(vehicle, CONDITIONS[name]), trial, calibration) for vehicle, name in keys)
+    found: dict[str, dict[str, Outcome]] = {vehicle: {} for vehicle in VEHICLES}
+    for (vehicle, name), outcome in zip(keys, done, strict=True):
+        found[vehicle][name] = outcome
+    return found
+
+
+def drawn(vehicle: str, number: int) -> Task:
+    """A car of the production in weather of its own, and where it meets its rod."""
+    random = np.random.default_rng(number)
+    settings = (
+        f"supply.voltage={random.uniform(9.5, 15.0):.2f}",
+        f"environment.ambient_temperature_degc={random.uniform(-20.0, 60.0):.1f}",
+        f"environment.road_slope_deg={random.uniform(-8.0, 8.0):.2f}",
+    )
+    gap = float(random.choice(GAPS))
+    return Car(vehicle, settings, number, number), Trial(FREE, (gap,)), Calibration()
+
+
+def of_many(cars: int, change: Callable[[Calibration], Calibration]) -> dict[str, Many]:
+    """So many drawn cars, a third of each vehicle, with a changed calibration."""
+    each = math.ceil(cars / len(VEHICLES))
+    found = {}
+    for vehicle in VEHICLES:
+        tasks = [drawn(vehicle, number) for number in range(each)]
+        done = all_of((car, trial, change(own)) for car, trial, own in tasks)
+        found[vehicle] = Many(
+            cars=each,
+            judged=2 * FREE * each,
+            false=sum(one.false for one in done),
+            peaks=tuple(peak for one in done for peak in one.peaks if not math.isnan(peak)),
+        )
+    return found
+
+
+def by_rod(calibration: Calibration, gap: float = 35.0) -> dict[tuple[str, float], list[Any]]:
+    """By vehicle and stiffness: (edge's speed, peak) at each pace, at a gap."""
+    keys = [(vehicle, rod, pace) for vehicle in VEHICLES for rod in RODS for pace in PACES]
+    done = all_of(
+        (Car(vehicle), Trial(0, (gap,), rod), slowed(calibration, pace))
+        for vehicle, rod, pace in keys
+    )
+    found: dict[tuple[str, float], list[Any]] = {}
+    for (vehicle, rod, _), outcome in zip(keys, done, strict=True):
+        found.setdefault((vehicle, rod), []).append((outcome.speeds[0], outcome.peaks[0]))
+    return found
+
+
+def energy_of(vehicle: str, ratio: float) -> Energy:
+    """Of a gate whose motors make so many revolutions per radian."""
+    plant = plant_of(session.setup_of(vehicle=vehicle).vehicle)
+    turned = (2.0 * math.pi * ratio / DISTANCE) ** 2
+    rotors = plant.left.inertia + (plant.right.inertia if plant.right.active else 0.0)
+    return Energy(plant.gate_inertia / DISTANCE**2, turned * rotors)
+
+
+def speed_for(points: Iterable[tuple[float, float]], limit: float = LIMIT) -> float:
+    """The edge's speed at which the peak is just the limit, on a straight line between the measured; NaN: none."""
+    known = sorted(each for each in points if not math.isnan(each[1]))
+    if not known or known[0][1] > limit:
+        return math.nan
+    for (slow, low), (quick, high) in itertools.pairwise(known):
+        if low <= limit < high:
+            return slow + (quick - slow) * (limit - low) / (high - low)
+    return known[-1][0]
