@@ -91,7 +91,7 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
 
 
 def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]) -> None:
-    """Factors, offsets and ranges may have any number of digits there; a float holds 308."""
+    """Factors, offsets, ranges and what labels are of may have any number of digits there; a float holds 308."""
     for message in messages:
         for signal in message.signals:
             for what, value in (
@@ -99,6 +99,7 @@ def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]
                 ("offset", signal.offset),
                 ("minimum", signal.minimum),
                 ("maximum", signal.maximum),
+                *(("a label of", raw) for raw in signal.choices or ()),
             ):
                 # An infinite limit is none.
                 is_limit = (

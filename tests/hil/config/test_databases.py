@@ -245,3 +245,13 @@ def test_numbers_beyond_what_a_float_holds_are_told(
         assert line.startswith(f"r.toml: dbc: {path}: BenchStatus.PinchForce: {what} ")
     else:
         assert not issues.lines
+
+
+def test_a_label_of_a_number_beyond_what_a_float_holds_is_told(tmp_path: Path) -> None:
+    source = (data_root() / "dbc/liftgate.dbc").read_text(encoding="utf-8")
+    path = tmp_path / "theirs.dbc"
+    path.write_text(f'{source}\nVAL_ 544 LatchState 1{"0" * 400} "far" ;\n', encoding="utf-8")
+    issues = ConfigIssues("r.toml")
+    assert load_messages(issues, path)
+    (line,) = issues.lines
+    assert line.startswith(f"r.toml: dbc: {path}: Gate.LatchState: a label of 1000")
