@@ -91,7 +91,7 @@ def watch(
     in_seal: bool,
 ) -> Verdict:
     """One cycle. `load` [A] is positive against the motion; position and travel in counts, or NaN; `ramp` is how
-    fast the wanted speed changes [counts/s²]. What the seal takes is no obstacle before it is known.
+    fast the wanted speed changes [rev/s²]. What the seal takes is no obstacle before it is known.
     """
     c = constants.calibration
     guard.time += constants.cycle

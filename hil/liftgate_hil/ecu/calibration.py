@@ -30,10 +30,11 @@ class Calibration(NamedTuple):
     integral_time: float = 0.15  # s
     tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
     speed_window: float = 0.040  # s over which counts are differenced
+    counts_per_turn: float = 4.0  # of a motor; that of the gate's own is counted
+    turns_to_count: float = 20.0  # before it is believed
 
     # Anti-trap.
-    counts_per_turn: float = 4.0
-    inertia: float = 0.0019  # A s²/count that accelerating a drive takes of the current: 2π J/c1Φ over the counts
+    inertia: float = 0.0076  # A s²/rev that accelerating a drive takes of the current: 2π J/c1Φ
     inertia_error: float = 0.42  # share by which that may be wrong
     ramp_time: float = 0.20  # s for which a change of the wanted speed is felt
     load_filter: float = 0.007  # s

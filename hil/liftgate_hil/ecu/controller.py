@@ -30,7 +30,7 @@ from liftgate_hil.ecu.memory import (
     Constants,
     Memory,
 )
-from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
+from liftgate_hil.ecu.speed_control import controlled_duty, counts_a_turn, measure_speed
 from liftgate_plant.compiler import compilable
 
 _SILENT = -1  # no event
@@ -195,7 +195,7 @@ def take_feedback(
 ) -> None:
     """What the bus says of one drive."""
     measure_speed(constants, drive, count, turning)
-    measure_load(constants, drive, current, not np.isnan(turning))
+    measure_load(constants, drive, current)
 
 
 @compilable
@@ -344,7 +344,7 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
         sign * load / len(memory.drives),
         position,
         control.travel,
-        control.ramp,
+        control.ramp / counts_a_turn(constants, memory.drives[0]),
         state == CLOSING and position < c.seal_zone,
     )
     if not guard.is_loaded:

@@ -10,20 +10,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from liftgate_hil.ecu.memory import Constants
 from liftgate_plant.compiler import compilable
 
 
 @compilable
-def measure_load(constants: Constants, drive: Any, current: float, is_sharp: bool) -> None:
-    """Take the current [A] of this cycle; what accelerates the drive is told from a sharp speed only. `drive` is a
-    record of DRIVE.
+def measure_load(constants: Constants, drive: Any, current: float) -> None:
+    """Take the current [A] of this cycle into a record of DRIVE. What accelerates the drive is not told from
+    counts, which are too coarse.
     """
     c = constants.calibration
     share = 1.0 - math.exp(-constants.cycle / c.load_filter)
-    before = drive.settled
     drive.current += (current - drive.current) * share
-    drive.settled += (drive.speed - before) * share
     drive.load = drive.current
-    if is_sharp:
-        drive.load -= c.inertia * (drive.settled - before) / constants.cycle
+    if not np.isnan(drive.turning):
+        gained = (drive.turning - drive.settled) * share
+        drive.settled += gained
+        drive.load -= c.inertia * gained / constants.cycle

@@ -22,7 +22,10 @@ DRIVE = np.dtype(
     [
         ("current", "f8"),  # A, filtered
         ("load", "f8"),  # A that the load takes: filtered current less what accelerates the drive
-        ("settled", "f8"),  # speed behind the same filter
+        ("turning", "f8"),  # rev/s; NaN: the bus does not say
+        ("settled", "f8"),  # that behind the same filter
+        ("counted", "f8"),  # counts so far, either way,
+        ("turned", "f8"),  # and revolutions
         ("count", "f8"),
         ("zero", "f8"),  # count when closed
         ("start", "f8"),  # count when the motion began

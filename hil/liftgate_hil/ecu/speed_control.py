@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ def measure_speed(constants: Constants, drive: Any, count: float, turning: float
     """Take the count of this cycle and the motor's speed [rev/s]; without the latter (NaN) the speed is the
     count's difference over a few cycles. `drive` is a record of DRIVE.
     """
-    drive.count = count
+    moved, drive.count, drive.turning = abs(count - drive.count), count, turning
     if drive.held > constants.window:
         for i in range(constants.window):
             drive.history[i] = drive.history[i + 1]
@@ -24,9 +25,20 @@ def measure_speed(constants: Constants, drive: Any, count: float, turning: float
     drive.held += 1
     spans = drive.held - 1
     if not np.isnan(turning):
-        drive.speed = constants.calibration.counts_per_turn * turning
+        drive.counted += moved
+        drive.turned += abs(turning) * constants.cycle
+        drive.speed = counts_a_turn(constants, drive) * turning
     elif spans > 0:
         drive.speed = (count - drive.history[0]) / (spans * constants.cycle)
+
+
+@compilable
+def counts_a_turn(constants: Constants, drive: Any) -> float:
+    """How many counts a motor's revolution has; it is a whole number."""
+    c = constants.calibration
+    if drive.turned < c.turns_to_count:
+        return c.counts_per_turn
+    return float(max(math.floor(drive.counted / drive.turned + 0.5), 1))
 
 
 @compilable

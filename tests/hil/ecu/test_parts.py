@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -94,14 +95,22 @@ def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
     assert drive.speed == pytest.approx(75.0 * C.counts_per_turn)
 
 
+@pytest.mark.parametrize("counts", [1, 2, 6, 16])
+def test_how_many_counts_a_turn_has_is_counted(counts: int) -> None:
+    drive = new_drive()
+    for cycle in range(100):
+        measure_speed(K, drive, math.floor(-80.0 * CYCLE * cycle * counts), -80.0)
+    assert drive.speed == pytest.approx(-80.0 * counts)
+
+
 def loads_while_accelerating(is_sharp: bool) -> list[float]:
     """Of a drive whose current does nothing but accelerate it, more and more."""
     drive, speed, loads = new_drive(), 0.0, []
     for cycle in range(100):
-        slope = 10.0 * cycle  # counts/s²
+        slope = 2.5 * cycle  # rev/s²
         speed += slope * CYCLE
-        drive.speed = speed
-        measure_load(K, drive, C.inertia * slope, is_sharp)
+        drive.turning = speed if is_sharp else np.nan
+        measure_load(K, drive, C.inertia * slope)
         loads.append(drive.load)
     return loads
 
@@ -109,7 +118,7 @@ def loads_while_accelerating(is_sharp: bool) -> list[float]:
 def test_what_accelerates_the_drive_is_no_load() -> None:
     assert max(map(abs, loads_while_accelerating(is_sharp=True))) < 1e-9
     assert loads_while_accelerating(is_sharp=False)[-1] == pytest.approx(
-        C.inertia * 990.0, rel=0.02
+        C.inertia * 247.5, rel=0.02
     )
 
 
