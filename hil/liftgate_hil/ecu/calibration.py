@@ -41,9 +41,7 @@ class Calibration(NamedTuple):
     excess_learned: float = 0.12  # A over the learned reference
     excess_unlearned: float = 0.60  # A over this run's own recent load
     excess_share: float = 0.03  # of the load itself: ripple, warm magnets
-    excess_per_slope: float = (
-        2.5  # counts: what a place may be off, times the reference's slope there
-    )
+    excess_per_slope: float = 2.5  # counts that a place may be off, where the reference is steep
     reference_time: float = 0.50  # s, how fast what moves the whole reference is followed
     blank_time: float = 0.50  # s after a start in which nothing is judged
     detection_time: float = 0.005  # s without a break
@@ -59,22 +57,8 @@ class Calibration(NamedTuple):
     latch_pulse: float = 1.0  # s at most
 
 
-PLACES = (
-    0.0,
-    0.02,
-    0.05,
-    0.10,
-    0.20,
-    0.30,
-    0.50,
-    0.60,
-    0.70,
-    0.80,
-    0.90,
-    0.95,
-    0.98,
-    1.0,
-)  # shares of the travel
+# Shares of the travel.
+PLACES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.30, 0.50, 0.60, 0.70, 0.80, 0.90, 0.95, 0.98, 1.0)  # fmt: skip
 
 BINS = 100  # of the position-dependent reference of the load
 FINE = 34  # of them for the last counts before closed, 4 each
