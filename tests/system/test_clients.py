@@ -155,7 +155,8 @@ def test_can_logger_records_and_cantools_decodes_every_frame(tmp_path: Path, gro
     assert not [line for line in decoded if "Unknown" in line or "wrong" in line]
     names = {line.split("::")[1].split("(")[0].strip() for line in decoded}
     assert names == {
-        "LeftDrive", "RightDrive", "Gate", "Sensors", "BenchStatus", "BenchTiming", "BenchDelay",
+        "LeftDrive", "RightDrive", "LeftHall", "RightHall", "Gate", "Sensors",
+        "BenchStatus", "BenchTiming", "BenchDelay",
     }  # fmt: skip
 
 
