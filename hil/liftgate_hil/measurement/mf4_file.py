@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import io
+import struct
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -125,6 +127,7 @@ def _opened(path: Path) -> Iterator[Any]:
             f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
         ) from error
     check_file(path)
+    _check_groups(path)
     said = ""
     try:
         with MDF(path) as measurement:
@@ -137,6 +140,46 @@ def _opened(path: Path) -> Iterator[Any]:
             error.__traceback__ = None  # what is half open goes here
     if said:
         raise ConfigError(f"{path}: cannot be read: {said}")
+
+
+# Of MDF 4: where the header's block stands, and how long a block's own header is; links follow it.
+_HEADER_BLOCK, _BLOCK_HEAD = 64, 24
+
+
+def _check_groups(path: Path) -> None:
+    """Follow the chains of data groups and channel groups: asammdf goes round and round where one bites its tail.
+
+    Raises ConfigError.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(_HEADER_BLOCK)
+        if file.read(4) != b"##HD":  # MDF 3, or nothing of the kind
+            return
+
+        def links_at(block: int) -> tuple[int, int]:
+            """The next block of the chain, and the first that is below this one; 0: none."""
+            if not 0 < block <= size - _BLOCK_HEAD - 16:
+                return 0, 0
+            file.seek(block + _BLOCK_HEAD)
+            following, below = struct.unpack("<QQ", file.read(16))
+            return following, below
+
+        seen: set[int] = set()
+
+        def follow(block: int, depth: int) -> None:
+            while block:
+                if block in seen:
+                    raise ConfigError(
+                        f"{path}: cannot be read: its blocks form a ring at byte {block}"
+                    )
+                seen.add(block)
+                following, below = links_at(block)
+                if depth == 0:
+                    follow(below, depth + 1)
+                block = following
+
+        follow(links_at(_HEADER_BLOCK)[0], 0)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +169,16 @@ def test_channels_without_samples_are_a_fault(tmp_path: Path) -> None:
         "no sample of any input column",
         "no sample of any output column",
     ]
+
+
+@pytest.mark.parametrize("ring", ["data groups", "channel groups"])
+def test_a_chain_of_blocks_that_bites_its_tail_is_told(tmp_path: Path, ring: str) -> None:
+    path = write(tmp_path / "m.mf4", [("left_current_a", FINE, FINE, "A")])
+    data = bytearray(path.read_bytes())
+    (group,) = struct.unpack_from("<Q", data, 64 + 24)
+    if ring == "channel groups":
+        (group,) = struct.unpack_from("<Q", data, group + 24 + 8)
+    struct.pack_into("<Q", data, group + 24, group)
+    path.write_bytes(data)
+    with pytest.raises(ConfigError, match=f"form a ring at byte {group}"):
+        read(path)
