@@ -87,11 +87,11 @@ def watch(
     load: float,
     position: float,
     travel: float,
-    ramp: float,
+    hidden: float,
     in_seal: bool,
 ) -> Verdict:
-    """One cycle. `load` [A] is positive against the motion; position and travel in counts, or NaN; `ramp` is how
-    fast the wanted speed changes [rev/s²]. What the seal takes is no obstacle before it is known.
+    """One cycle. `load` [A] is positive against the motion; position and travel in counts, or NaN; `hidden` [A] is
+    what may be of the acceleration in it. What the seal takes is no obstacle before it is known.
     """
     c = constants.calibration
     guard.time += constants.cycle
@@ -103,13 +103,13 @@ def watch(
         known, slope = reference_at(guard, place)
         slope *= bins_a_count(position, travel)
     is_learned = not np.isnan(known)
-    limit = c.excess_unlearned
-    if is_learned:
-        limit = c.excess_learned + c.excess_share * abs(load) + c.excess_per_slope * slope
-    limit += c.inertia_error * c.inertia * ramp
     level = known if is_learned else 0.0
     if np.isnan(guard.offset):
         guard.offset = load - level
+    limit = c.excess_unlearned
+    if is_learned:
+        limit = c.excess_learned + c.excess_share * abs(load) + c.excess_per_slope * slope
+    limit += hidden
     reference = level + guard.offset
     excess = load - reference
     is_judged = is_learned or not in_seal

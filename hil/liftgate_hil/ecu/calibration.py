@@ -30,7 +30,7 @@ class Calibration(NamedTuple):
     integral_time: float = 0.15  # s
     tie: float = 5.0  # 1/s, speed correction per count that one drive is ahead
     speed_window: float = 0.040  # s over which counts are differenced
-    counts_per_turn: float = 4.0  # of a motor; that of the gate's own is counted
+    counts_per_turn: float = 4.0  # of a motor; where the bus tells its speed, they are counted
     turns_to_count: float = 20.0  # before it is believed
 
     # Anti-trap.
@@ -57,7 +57,7 @@ class Calibration(NamedTuple):
     latch_pulse: float = 1.0  # s at most
 
 
-# Shares of the travel.
+# Shares of the travel; closing, of what is left to the seal.
 PLACES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.30, 0.50, 0.60, 0.70, 0.80, 0.90, 0.95, 0.98, 1.0)  # fmt: skip
 
 BINS = 100  # of the position-dependent reference of the load

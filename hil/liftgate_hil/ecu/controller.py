@@ -185,7 +185,10 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
             take_zero(memory)
     command = move(constants, memory, feedback) if is_moving(control.state) else hold(memory)
     if control.request != NO_REQUEST:
+        was_moving = is_moving(control.state)
         obey(constants, memory)
+        if was_moving and not is_moving(control.state):
+            command = hold(memory)
     return command
 
 
@@ -329,6 +332,16 @@ def stalled(constants: Constants, memory: Memory) -> None:
 
 
 @compilable
+def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
+    """What a change of the wanted speed [counts/s²] may leave in the load [A]: what the inertia may be wrong, or
+    all of it where the bus tells no sharp speed.
+    """
+    c = constants.calibration
+    share = 1.0 if np.isnan(drive.turning) else c.inertia_error
+    return float(share * c.inertia * ramp / counts_a_turn(constants, drive))
+
+
+@compilable
 def watch_trap(constants: Constants, memory: Memory) -> None:
     """Is something in the way?"""
     c, control = constants.calibration, memory.control[0]
@@ -344,7 +357,7 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
         sign * load / len(memory.drives),
         position,
         control.travel,
-        control.ramp / counts_a_turn(constants, memory.drives[0]),
+        hidden_by(constants, memory.drives[0], control.ramp),
         state == CLOSING and position < c.seal_zone,
     )
     if not guard.is_loaded:

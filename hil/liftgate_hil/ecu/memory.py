@@ -43,9 +43,9 @@ GUARD = np.dtype(
         ),  # A of this run over the reference, or its recent load where there is none; NaN: not yet
         ("time", "f8"),  # s since the run began
         ("suspect", "i8"),  # cycles in a row
-        ("is_loaded", "i8"),  # more current than expected, whatever the speed does
+        ("is_loaded", "i8"),  # more load than expected
         ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet
-        ("total", "f8", (BINS,)),  # of this run's currents
+        ("total", "f8", (BINS,)),  # of this run's loads
         ("samples", "i8", (BINS,)),
     ]
 )

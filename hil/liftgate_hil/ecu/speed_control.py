@@ -16,7 +16,8 @@ def measure_speed(constants: Constants, drive: Any, count: float, turning: float
     """Take the count of this cycle and the motor's speed [rev/s]; without the latter (NaN) the speed is the
     count's difference over a few cycles. `drive` is a record of DRIVE.
     """
-    moved, drive.count, drive.turning = abs(count - drive.count), count, turning
+    moved, is_first = abs(count - drive.count), drive.held == 0 or np.isnan(drive.turning)
+    drive.count = count
     if drive.held > constants.window:
         for i in range(constants.window):
             drive.history[i] = drive.history[i + 1]
@@ -25,11 +26,15 @@ def measure_speed(constants: Constants, drive: Any, count: float, turning: float
     drive.held += 1
     spans = drive.held - 1
     if not np.isnan(turning):
-        drive.counted += moved
-        drive.turned += abs(turning) * constants.cycle
+        if is_first:  # what went before was not heard
+            drive.settled = turning
+        else:
+            drive.counted += moved
+            drive.turned += abs(turning) * constants.cycle
         drive.speed = counts_a_turn(constants, drive) * turning
     elif spans > 0:
         drive.speed = (count - drive.history[0]) / (spans * constants.cycle)
+    drive.turning = turning
 
 
 @compilable

@@ -37,7 +37,7 @@ def feed(
     """A run at a place, or on from there by so many counts a cycle; why it was judged to be trapped, if it was."""
     for cycle in range(cycles):
         place = position + cycle * step
-        verdict = watch(K, guard, load, place, TRAVEL, ramp=0.0, in_seal=place < C.seal_zone)
+        verdict = watch(K, guard, load, place, TRAVEL, hidden=0.0, in_seal=place < C.seal_zone)
         if verdict.is_trapped:
             return verdict
     return None
@@ -50,7 +50,7 @@ def learned(loads: dict[float, float]) -> Any:
     pass_blank_time(guard)
     for position, load in loads.items():
         guard.offset = load
-        watch(K, guard, load, position, TRAVEL, ramp=0.0, in_seal=False)
+        watch(K, guard, load, position, TRAVEL, hidden=0.0, in_seal=False)
     learn(guard)
     begin_run(guard)
     return guard
@@ -96,10 +96,14 @@ def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
 
 
 @pytest.mark.parametrize("counts", [1, 2, 6, 16])
-def test_how_many_counts_a_turn_has_is_counted(counts: int) -> None:
+@pytest.mark.parametrize("start", [0, 1500])
+def test_how_many_counts_a_turn_has_is_counted(counts: int, start: int) -> None:
+    """Of what is heard only."""
     drive = new_drive()
     for cycle in range(100):
-        measure_speed(K, drive, math.floor(-80.0 * CYCLE * cycle * counts), -80.0)
+        turning = math.nan if cycle == 50 else -80.0
+        jump = 700 if cycle >= 50 else 0
+        measure_speed(K, drive, start + jump - math.floor(80.0 * CYCLE * cycle * counts), turning)
     assert drive.speed == pytest.approx(-80.0 * counts)
 
 
@@ -209,12 +213,12 @@ def test_beyond_the_last_place_that_is_known_the_reference_goes_on() -> None:
 
 def test_while_the_wanted_speed_changes_more_is_tolerated() -> None:
     """By what the inertia may be wrong."""
-    for ramp, is_trapped in ((0.0, True), (1000.0, False)):
+    for hidden, is_trapped in ((0.0, True), (1.0, False)):
         guard = learned({HALFWAY: 1.0})
         pass_blank_time(guard)
-        watch(K, guard, 1.0, HALFWAY, TRAVEL, ramp=ramp, in_seal=False)
-        load = 1.0 + C.excess_learned + 0.5 * C.inertia_error * C.inertia * 1000.0
-        verdict = watch(K, guard, load, HALFWAY, TRAVEL, ramp=ramp, in_seal=False)
+        watch(K, guard, 1.0, HALFWAY, TRAVEL, hidden, in_seal=False)
+        load = 1.0 + C.excess_learned + 0.5
+        verdict = watch(K, guard, load, HALFWAY, TRAVEL, hidden, in_seal=False)
         assert verdict.is_trapped == is_trapped
 
 
@@ -289,6 +293,16 @@ def test_the_latch_is_released_only_while_it_holds() -> None:
     assert not controller.update(0.01, feedback(0.0, latched=True)).latch_release
     assert controller.update(0.02, feedback(0.0, latched=True)).latch_release
     assert not controller.update(0.03, feedback(1.0)).latch_release
+
+
+def test_the_driver_s_stop_brakes_in_the_same_cycle() -> None:
+    controller = Controller()
+    controller.update(0.0, feedback(1500.0))
+    controller.request(memory.REQUEST_CLOSE)
+    controller.update(0.01, feedback(1500.0))
+    assert controller.update(0.02, feedback(1500.0)).left_duty < 0.0
+    controller.request(memory.STOP)
+    assert controller.update(0.03, feedback(1500.0)).left_duty == 0.0
 
 
 def test_a_gate_found_open_is_stopped_and_can_be_closed() -> None:
