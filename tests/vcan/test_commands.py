@@ -60,7 +60,8 @@ def test_one_command_and_then_silence_goes_stale(tmp_path: Path, bus: Bus, rig: 
     assert driven
     assert max(float(row[rows[0].index("left_current_a")]) for row in driven) > 0.5
     assert rows[-1][coast] == "1"
-    assert bus.last(rig, "LeftDrive")["MotorCurrent"] == pytest.approx(0.0, abs=0.05)
+    # Six sigma of the shipped vehicle's noise, and the database's steps.
+    assert bus.last(rig, "LeftDrive")["MotorCurrent"] == pytest.approx(0.0, abs=0.19)
 
 
 GARBAGE = {
