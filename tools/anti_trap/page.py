@@ -106,7 +106,7 @@ def _many(many: Mapping[str, Many]) -> list[str]:
         middle, high = np.quantile(each.peaks, (0.5, 0.95))
         lines.append(
             f"| {vehicle} | {each.cars} | {each.false} of {each.judged} | {middle:.0f} N | {high:.0f} N "
-            f"| {max(each.peaks):.0f} N |"
+            f"| {_largest(each):.0f} N |"
         )
     return [*lines, ""]
 

@@ -25,7 +25,6 @@ def begin_run(guard: Any) -> None:
     guard.offset = np.nan
     guard.time = 0.0
     guard.suspect = 0
-    guard.is_loaded = 0
     for i in range(BINS):
         guard.total[i] = 0.0
         guard.samples[i] = 0
@@ -112,9 +111,7 @@ def watch(
     limit += hidden
     reference = level + guard.offset
     excess = load - reference
-    is_judged = is_learned or not in_seal
-    guard.is_loaded = 1 if excess > limit and is_judged else 0
-    if guard.is_loaded:
+    if excess > limit and (is_learned or not in_seal):
         guard.suspect += 1
         return Verdict(guard.suspect >= constants.samples, load, reference, limit)
     guard.suspect = 0

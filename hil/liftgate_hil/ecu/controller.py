@@ -98,6 +98,13 @@ def position_of(memory: Memory) -> float:
 
 
 @compilable
+def is_in_seal(constants: Constants, memory: Memory) -> bool:
+    """Whether the gate closes where the seal is expected; without a position it is not known to."""
+    is_closing = memory.control[0].state == CLOSING
+    return bool(is_closing and position_of(memory) < constants.calibration.seal_zone)
+
+
+@compilable
 def mean_speed(memory: Memory) -> float:
     """Mean of the drives' speeds [counts/s]."""
     total = 0.0
@@ -309,8 +316,7 @@ def watch_ends(constants: Constants, memory: Memory) -> None:
     sign = -1.0 if state == CLOSING else 1.0
     standing = sign * mean_speed(memory) < c.stall_speed
     control.still = control.still + constants.cycle if standing else 0.0
-    in_seal = state == CLOSING and position < c.seal_zone
-    limit = c.seal_stall_time if in_seal else c.stall_time
+    limit = c.seal_stall_time if is_in_seal(constants, memory) else c.stall_time
     if control.still >= limit and control.now - control.since >= c.stall_blank:
         stalled(constants, memory)
 
@@ -325,7 +331,6 @@ def stalled(constants: Constants, memory: Memory) -> None:
         # The stalled drive has squeezed the mechanism; the stop is where the load began.
         if not np.isnan(control.free):
             control.travel = control.free
-            learn(memory.guards[0])
         enter(constants, memory, OPEN, events.TRAVEL_LEARNED, NO_VERDICT)
     else:
         enter(constants, memory, STOPPED, events.BLOCKED_OPENING, NO_VERDICT)
@@ -344,7 +349,7 @@ def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
 @compilable
 def watch_trap(constants: Constants, memory: Memory) -> None:
     """Is something in the way?"""
-    c, control = constants.calibration, memory.control[0]
+    control = memory.control[0]
     state, position = control.state, position_of(memory)
     sign = -1.0 if state == CLOSING else 1.0
     load = 0.0
@@ -358,9 +363,9 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
         position,
         control.travel,
         hidden_by(constants, memory.drives[0], control.ramp),
-        state == CLOSING and position < c.seal_zone,
+        is_in_seal(constants, memory),
     )
-    if not guard.is_loaded:
+    if guard.suspect == 0:
         control.free = position
     # While the travel is being learned, the stop that is looked for is no obstacle.
     if not verdict.is_trapped or (state == OPENING and np.isnan(control.travel)):

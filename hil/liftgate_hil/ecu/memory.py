@@ -42,8 +42,7 @@ GUARD = np.dtype(
             "f8",
         ),  # A of this run over the reference, or its recent load where there is none; NaN: not yet
         ("time", "f8"),  # s since the run began
-        ("suspect", "i8"),  # cycles in a row
-        ("is_loaded", "i8"),  # more load than expected
+        ("suspect", "i8"),  # cycles in a row with more load than expected
         ("reference", "f8", (BINS,)),  # A, learned; NaN: not yet
         ("total", "f8", (BINS,)),  # of this run's loads
         ("samples", "i8", (BINS,)),

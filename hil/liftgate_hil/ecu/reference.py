@@ -26,6 +26,7 @@ from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.ecu.calibration import Calibration
 from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, is_moving, update
 from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
+from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable
 
@@ -196,12 +197,6 @@ def step(
     if now_ns >= control.command_ns:
         control.command_ns = next_time(control.command_ns, config.command_ns, now_ns)
     return after, command_frames(config, state, command, False)
-
-
-@compilable
-def next_time(last_ns: int, cycle_ns: int, now_ns: int) -> int:
-    """When it is due next; cycles that were missed stay so."""
-    return last_ns + cycle_ns * (1 + (now_ns - last_ns) // cycle_ns)
 
 
 @compilable

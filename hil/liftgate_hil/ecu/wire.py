@@ -100,6 +100,12 @@ def take_out(state: PortState, count: int) -> int:
 
 
 @compilable
+def next_time(last_ns: int, cycle_ns: int, now_ns: int) -> int:
+    """When it is due next; cycles that were missed stay so."""
+    return last_ns + cycle_ns * (1 + (now_ns - last_ns) // cycle_ns)
+
+
+@compilable
 def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
     """Give an ECU the frames that have come by a time [ns]; call it if its time has come. How many frames are in
     `state.sent`, or what is wrong (`state.head.answer` has the details).
@@ -109,7 +115,7 @@ def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
     if now_ns < head.next_ns:
         return 0
     if port.period_ns > 0:
-        head.next_ns += port.period_ns * (1 + (now_ns - head.next_ns) // port.period_ns)
+        head.next_ns = next_time(head.next_ns, port.period_ns, now_ns)
     waiting = head.waiting
     head.waiting = 0
     answer = call_step(

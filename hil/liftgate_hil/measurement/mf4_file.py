@@ -167,19 +167,20 @@ def _check_groups(path: Path) -> None:
 
         seen: set[int] = set()
 
-        def follow(block: int, depth: int) -> None:
+        def chain(block: int) -> Iterator[int]:
+            """What hangs below each block from this one on."""
             while block:
                 if block in seen:
                     raise ConfigError(
                         f"{path}: cannot be read: its blocks form a ring at byte {block}"
                     )
                 seen.add(block)
-                following, below = links_at(block)
-                if depth == 0:
-                    follow(below, depth + 1)
-                block = following
+                block, below = links_at(block)
+                yield below
 
-        follow(links_at(_HEADER_BLOCK)[0], 0)
+        for channel_groups in chain(links_at(_HEADER_BLOCK)[0]):
+            for _ in chain(channel_groups):
+                pass
 
 
 @contextmanager
