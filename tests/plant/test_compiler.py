@@ -24,6 +24,7 @@ from liftgate_plant.compiler import (
     fill,
     overlay,
     picked,
+    put_text,
     with_item,
 )
 
@@ -102,6 +103,38 @@ def test_what_is_not_there_is_taken_from_below():
         assert run(Numbers(nan, 2.0, nan), Numbers(4.0, 5.0, 6.0)) == Numbers(4.0, 2.0, 6.0)
         assert run(Numbers(-np.inf, nan, 0.0), Numbers(1.0, np.inf, 1.0)) == (-np.inf, np.inf, 0.0)
         assert np.isnan(run(Numbers(nan, nan, nan), Numbers(nan, 1.0, 2.0)).a)
+
+
+@compilable
+def copied(
+    target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int
+) -> None:
+    put_text(target, at, source, start, length)
+
+
+@pytest.mark.parametrize("length", [0, 1, 31, 32, 33, 40])
+@pytest.mark.parametrize(("at", "start"), [(0, 0), (3, 60), (60, 3), (59, 59)])
+def test_text_is_copied_up_to_the_ends_of_both(length: int, at: int, start: int):
+    """Behind it, within 32 bytes, may be anything: the next text goes there."""
+    source = np.arange(1, 101, dtype=np.uint8)
+    for run in (copied, compiled(copied)):
+        memory = np.zeros(140, dtype=np.uint8)
+        target = memory[20:120]  # what is around it is another's
+        run(target, at, source, start, length)
+        assert not target[:at].any()
+        np.testing.assert_array_equal(target[at : at + length], source[start : start + length])
+        assert not target[at + max(length, 32) :].any()
+        assert not memory[:20].any()
+        assert not memory[120:].any()
+
+
+@pytest.mark.parametrize("gap", [0, 5, 40])
+def test_text_is_copied_behind_itself(gap: int):
+    for run in (copied, compiled(copied)):
+        text = np.arange(1, 101, dtype=np.uint8)
+        run(text, 20 + gap, text, 0, 20)
+        np.testing.assert_array_equal(text[: 20 + gap], np.arange(1, 21 + gap))
+        np.testing.assert_array_equal(text[20 + gap : 40 + gap], np.arange(1, 21))
 
 
 def python(code: str, *folders: Path, cache: Path | None = None) -> str:

@@ -16,7 +16,7 @@ import orjson
 from numpy.typing import NDArray
 
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
-from liftgate_plant.compiler import compilable, compiled
+from liftgate_plant.compiler import compilable, compiled, put_text
 
 _OPEN, _CLOSE, _COMMA, _MINUS, _ZERO = (ord(each) for each in "[],-0")
 _LONGEST = 24  # characters of a number: -2.2250738585072014e-308
@@ -82,14 +82,13 @@ def put_lines(
     for row in range(cells.shape[0]):
         begin = 0
         for k in range(cells.shape[1]):
-            for place in range(begin, ends[k]):
-                out[at] = glue[place]
-                at += 1
+            put_text(out, at, glue, begin, ends[k] - begin)
+            at += ends[k] - begin
             begin = ends[k]
             if alike[k] != k:
-                for place in range(spans[alike[k], 0], spans[alike[k], 1]):
-                    out[at] = out[place]
-                    at += 1
+                first, end = spans[alike[k], 0], spans[alike[k], 1]
+                put_text(out, at, out, first, end - first)
+                at += end - first
                 continue
             spans[k, 0] = at
             value = cells[row, k]
@@ -99,20 +98,17 @@ def put_lines(
             elif whole[k] != 0:
                 at = put_whole(out, at, int(value))
             if whole[k] == 0:
-                letter = digits[read]
-                while letter in (_OPEN, _CLOSE, _COMMA):
+                while digits[read] in (_OPEN, _CLOSE, _COMMA):
                     read += 1
-                    letter = digits[read]
-                while letter not in (_COMMA, _CLOSE):
-                    if is_finite:  # JSON has only null for what is not
-                        out[at] = letter
-                        at += 1
+                first = read
+                while digits[read] not in (_COMMA, _CLOSE):
                     read += 1
-                    letter = digits[read]
+                if is_finite:  # JSON has only null for what is not
+                    put_text(out, at, digits, first, read - first)
+                    at += read - first
             spans[k, 1] = at
-        for place in range(begin, len(glue)):
-            out[at] = glue[place]
-            at += 1
+        put_text(out, at, glue, begin, len(glue) - begin)
+        at += len(glue) - begin
     return at
 
 
@@ -133,13 +129,12 @@ class CsvText:
             return b"".join(self.lines(rows[first : first + _BLOCK]) for first in parts)
         if not len(rows):
             return b""
-        kept = rows[:, self._keep]
-        bits = kept.view(np.int64)
-        changes = (bits != bits[0]).any(axis=0)
+        bits = rows.view(np.int64)
+        changes = (bits != bits[0]).any(axis=0)[self._keep]
         whole = self._whole[changes]
-        cells = np.ascontiguousarray(kept[:, changes])
+        cells = rows[:, self._keep[changes]]
         alike = _alike(cells, whole)
-        layout = self._layout(kept[0], changes, alike)
+        layout = self._layout(rows[0, self._keep], changes, alike)
         digits = b""
         own = ~whole & (alike == np.arange(len(alike)))
         if own.any():

@@ -22,6 +22,7 @@ _HEAD = struct.Struct("<IBB")
 _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
 _LEAVE_S = 3.0  # that closing waits for a driver
+_LOOK_S = 0.01  # at most, until a thread that waits for frames sees that it is to end
 
 
 class Pump:
@@ -92,7 +93,7 @@ class Pump:
 
     def _inwards(self) -> None:
         while not self._stopping:
-            frames = self._transport.receive(timeout=0.05)
+            frames = self._transport.receive(timeout=_LOOK_S)
             now = time.monotonic_ns()
             for row in range(frames.count):
                 identifier = int(frames.identifiers[row])

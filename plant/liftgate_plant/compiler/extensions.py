@@ -14,6 +14,7 @@ from numba.extending import lower_builtin, type_callable, typeof_impl
 from numba.np.arrayobj import load_item, store_item
 
 from liftgate_plant.compiler.calls import System, call_long_int, call_step, last_error
+from liftgate_plant.compiler.texts import ROOM, put_text
 from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
 
 types: Any = numba.types
@@ -48,6 +49,12 @@ _typed(fill, lambda target, at, numbers: types.void(target, types.intp, numbers)
 _typed(picked, lambda source, places: _tuple_of(source.dtype, places)(source, places))
 _typed(with_item, lambda numbers, place, value: numbers(numbers, types.intp, types.float64))
 _typed(overlay, lambda upper, lower: lower(upper, lower))
+_typed(
+    put_text,
+    lambda target, at, source, start, length: types.void(
+        target, types.intp, source, types.intp, types.intp
+    ),
+)
 _typed(all_finite, lambda numbers: signature(types.boolean, numbers))
 
 
@@ -126,3 +133,27 @@ def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> 
         odd = parts[len(parts) // 2 * 2 :]
         parts = [builder.fadd(a, b) for a, b in zip(parts[::2], parts[1::2], strict=False)] + odd
     return builder.fcmp_ordered("==", parts[0], ir.Constant(parts[0].type, 0.0))
+
+
+@lower_builtin(put_text, types.Array, types.intp, types.Array, types.intp, types.intp)
+def _copy_words(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    # All of ROOM read before any is written, where both arrays have it: what is short costs two moves each way.
+    room = context.get_constant(types.intp, ROOM)
+    places, is_near = [], builder.icmp_signed("<=", arguments[4], room)
+    for kind, value, first in (
+        (signature.args[0], arguments[0], arguments[1]),
+        (signature.args[2], arguments[2], arguments[3]),
+    ):
+        array = context.make_array(kind)(context, builder, value=value)
+        places.append(builder.gep(array.data, [first]))
+        end = builder.add(first, room)
+        is_near = builder.and_(is_near, builder.icmp_signed("<=", end, array.nitems))
+    target, source = places
+    with builder.if_else(is_near) as (near, far):
+        with near:
+            words = ir.VectorType(ir.IntType(8), ROOM).as_pointer()
+            read = builder.load(builder.bitcast(source, words), align=1)
+            builder.store(read, builder.bitcast(target, words), align=1)
+        with far:
+            cgutils.raw_memmove(builder, target, source, arguments[4], 1)
+    return context.get_dummy_value()

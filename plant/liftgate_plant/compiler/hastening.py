@@ -11,7 +11,19 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any
 
-from numba.core import errors, event, ir, lowering, postproc, transforms, typeinfer, types, utils
+from numba.core import (
+    errors,
+    event,
+    funcdesc,
+    ir,
+    itanium_mangler,
+    lowering,
+    postproc,
+    transforms,
+    typeinfer,
+    types,
+    utils,
+)
 from numba.core.base import BaseContext as TargetContext
 from numba.core.typing import npydecl
 from numba.core.typing.context import BaseContext as TypingContext
@@ -145,6 +157,11 @@ def _call(context: Any, function: Any, arguments: Any, named: Any) -> Any:
     return id(context), function, tuple(arguments)
 
 
+def _operator(function: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """The same, asked of the function itself: lowering does so for each operator."""
+    return _call(context, function, arguments, named)
+
+
 def _field(context: Any, kind: Any, name: str) -> Any:
     return id(context), kind, name
 
@@ -160,11 +177,25 @@ _REMEMBERED: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
     (TargetContext, "refresh", id),
     (utils, "order_by_target_specificity", _order),
     (utils, "pysignature", lambda function: function),
+    (types.BaseFunction, "get_call_type", _operator),
 )
+
+
+def _short_name(name: str, argtypes: Any, *, abi_tags: Any = (), uid: Any = None) -> str:
+    """Numba's own spells out all types of the arguments, kilobytes for a state, wherever the function is named."""
+    signature = tuple(argtypes)
+    number = _SIGNATURES.setdefault(signature, len(_SIGNATURES))
+    tags = (*abi_tags, f"s{number}")
+    return str(itanium_mangler.mangle(name, (), abi_tags=tags, uid=uid))
+
+
+_SIGNATURES: dict[tuple[Any, ...], int] = {}
+
 
 _REPLACEMENTS: tuple[tuple[Any, str, Any], ...] = (
     (ir.Inst, "_rec_list_vars", _list_vars),
     (postproc.PostProcessor, "run", _without_lifetimes),
+    (funcdesc, "default_mangler", _short_name),
     (event, "start_event", _nobody_listens),
     (event, "end_event", _nobody_listens),
     (npydecl.NumpyRulesArrayOperator, "generic", _with_arrays_only),
