@@ -74,12 +74,23 @@ class Coasting(NamedTuple):
 
 @compilable
 def coasting(
-    current: float, emf: float, resistance: float, inductance: float, limit: float, step: float
+    current: float,
+    emf: float,
+    resistance: float,
+    inductance: float,
+    limit: float,
+    growth: float,
+    step: float,
 ) -> Coasting:
-    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V at its start."""
-    beyond = math.copysign(limit, emf) if abs(emf) > limit else 0.0
+    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V at its start, `growth`
+    [V] of the EMF's magnitude over that limit until its end, as long as there is no current.
+    """
+    excess = abs(emf) - limit
+    beyond = math.copysign(limit, emf) if max(excess, excess + growth) > 0.0 else 0.0
     if current == 0.0:
-        return Coasting(1.0 if beyond != 0.0 else 0.0, beyond, 0.0, step)
+        if excess > 0.0:
+            return Coasting(1.0, beyond, 0.0, step)
+        return Coasting(0.0, beyond, 0.0, restart(excess, growth, 0.0, step))
     voltage = -math.copysign(limit, current)
     final = (voltage - emf) / resistance
     if final * current >= 0.0:
@@ -91,7 +102,15 @@ def coasting(
     charge = final * time + (current - final) * inductance / resistance * (
         1.0 - math.exp(-time * resistance / inductance)
     )
-    return Coasting(0.0, beyond, charge / step, time if beyond != 0.0 else step)
+    return Coasting(0.0, beyond, charge / step, restart(excess, growth, time, step))
+
+
+@compilable
+def restart(excess: float, growth: float, earliest: float, step: float) -> float:
+    """When [s] a back-EMF that is `excess` [V] over its limit at a step's start, and grows, drives a current."""
+    if excess + growth * earliest / step > 0.0:
+        return earliest
+    return step * -excess / growth if excess + growth > 0.0 else step
 
 
 @compilable

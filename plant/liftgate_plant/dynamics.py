@@ -24,17 +24,21 @@ import math
 from typing import NamedTuple
 
 from liftgate_plant import (
+    clutch,
     contact,
+    cutout,
     environment,
     gate,
     obstacle,
     seal,
     spring,
     supply,
+    thermal,
     transmission,
 )
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable
+from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
@@ -43,7 +47,7 @@ from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pwm import SLOW, Chopper, course
 from liftgate_plant.seal import Seal
 from liftgate_plant.spring import Spring
-from liftgate_plant.thermal import Thermal, flux_factor, resistance_factor
+from liftgate_plant.thermal import Thermal
 from liftgate_plant.torsion import Torsion, is_rigid, share_at
 from liftgate_plant.transmission import Mechanism
 
@@ -54,6 +58,7 @@ class Drive(NamedTuple):
     active: float  # 0.0: this gate has no such drive
     motor: Motor
     thermal: Thermal
+    cutout: Cutout
     diode_drop: float
     pwm_period: float  # s; 0: the mean of the PWM alone
     freewheeling: float  # one of pwm.SLOW, DIODE, FAST
@@ -65,6 +70,7 @@ class Drive(NamedTuple):
     torque_per_force: float  # ρ/2π, N m/N
     mechanism: Mechanism
     half_play: float  # h, m
+    clutch_force: float  # F_c, N; 0: no slip clutch
     spring: Spring
 
 
@@ -85,13 +91,17 @@ class Plant(NamedTuple):
 
 
 class DriveState(NamedTuple):
-    """One drive: current [A], motor speed [rev/s] and position [rev], temperatures [°C]."""
+    """One drive: current [A], motor speed [rev/s] and position [rev], temperatures [°C], and what its clutch has
+    slipped along the spindle [m].
+    """
 
     current: float
     speed: float
     position: float
     winding_temperature: float
     housing_temperature: float
+    cutout_temperature: float
+    slip: float = 0.0
 
 
 class State(NamedTuple):
@@ -234,13 +244,14 @@ def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
     """
     if drive.active == 0.0:
         return 0.0
-    return transmission.mechanism_force(
+    force = transmission.mechanism_force(
         drive.mechanism.stiffness,
         drive.mechanism.damping,
         drive.half_play,
-        state.position * drive.travel - place.extension,
+        state.position * drive.travel - state.slip - place.extension,
         state.speed * drive.travel - place.lever * place.rate,
     )
+    return clutch.limited(drive.clutch_force, force)
 
 
 @compilable
@@ -364,13 +375,56 @@ def is_switched(drive: Drive, duty: float) -> bool:
 @compilable
 def winding_resistance(drive: Drive, state: DriveState) -> float:
     """R [Ω] at the winding's present temperature."""
-    return drive.motor.resistance * resistance_factor(drive.thermal, state.winding_temperature)
+    return drive.motor.resistance * thermal.resistance_factor(
+        drive.thermal, state.winding_temperature
+    )
+
+
+@compilable
+def line_resistance(drive: Drive, state: DriveState) -> float:
+    """R [Ω] of all that the motor's current goes through, winding and cut-out, at their present temperatures."""
+    fuse = cutout.resistance_at(drive.cutout, state.cutout_temperature)
+    return winding_resistance(drive, state) + fuse
+
+
+@compilable
+def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[float, float]:
+    """R [Ω] of winding and cut-out in so many seconds, which are few: a motor that stalls warms up by a tenth of a
+    kelvin in a millisecond.
+    """
+    winding = thermal.winding_soon(
+        drive.thermal,
+        state.winding_temperature,
+        state.housing_temperature,
+        winding_resistance(drive, state) * state.current * state.current,
+        ahead,
+    )
+    return (
+        drive.motor.resistance * thermal.resistance_factor(drive.thermal, winding),
+        cutout.soon(drive.cutout, state.cutout_temperature, state.current, ahead),
+    )
 
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
     """c2Φ [V/rps] at the housing's present temperature."""
-    return drive.motor.speed_constant * flux_factor(drive.thermal, state.housing_temperature)
+    return drive.motor.speed_constant * thermal.flux_factor(
+        drive.thermal, state.housing_temperature
+    )
+
+
+@compilable
+def torque_constant(drive: Drive, state: DriveState) -> float:
+    """c1Φ [N m/A] at the housing's present temperature."""
+    return drive.motor.torque_constant * thermal.flux_factor(
+        drive.thermal, state.housing_temperature
+    )
+
+
+@compilable
+def shaft_mobility(drive: Drive) -> float:
+    """What a force along the spindle makes of its speed [m/s per N s]: κρ/2πJ_d."""
+    return drive.torque_per_force * drive.travel / (2.0 * math.pi * drive.inertia)
 
 
 @compilable
@@ -391,7 +445,7 @@ def source_share(drive: Drive, state: DriveState, duty: float, supply_voltage: f
     if not is_switched(drive, duty):
         return duty
     along, emf = math.copysign(1.0, duty), emf_constant(drive, state) * state.speed
-    chopper = chopper_of(drive, winding_resistance(drive, state))
+    chopper = chopper_of(drive, line_resistance(drive, state))
     now = course(chopper, abs(duty), supply_voltage, along * emf)
     return duty if now.mean == 0.0 else along * now.drawn / now.mean
 
@@ -406,7 +460,7 @@ def motor_voltage(
     emf = emf_constant(drive, state) * state.speed
     if drive_input.coast == 0.0:
         if is_switched(drive, drive_input.duty):
-            return winding_resistance(drive, state) * state.current + emf
+            return line_resistance(drive, state) * state.current + emf
         return drive_input.voltage + drive_input.duty * terminal_voltage
     limit = terminal_voltage + 2.0 * drive.diode_drop
     if state.current > 0.0:
@@ -461,8 +515,8 @@ def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> Sta
     left = plant.left.active * extended / plant.left.travel
     right = plant.right.active * extended / plant.right.travel
     return State(
-        DriveState(0.0, 0.0, left, ambient, ambient),
-        DriveState(0.0, 0.0, right, ambient, ambient),
+        DriveState(0.0, 0.0, left, ambient, ambient, ambient, 0.0),
+        DriveState(0.0, 0.0, right, ambient, ambient, ambient, 0.0),
         angle,
         0.0,
         float(latched),

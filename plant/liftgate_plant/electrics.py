@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant import bridge, supply, thermal
+from liftgate_plant import bridge, dynamics, supply
 from liftgate_plant.bridge import Coasting, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
@@ -13,13 +13,16 @@ from liftgate_plant.dynamics import (
     Drive,
     DriveState,
     Inputs,
+    Place,
     Plant,
     State,
     chopper_of,
     emf_constant,
+    is_switched,
+    resistances_soon,
     source_share,
-    winding_resistance,
 )
+from liftgate_plant.friction import level
 from liftgate_plant.motor import (
     Phi,
     Response,
@@ -40,12 +43,23 @@ class Electric(NamedTuple):
 
     response: Response
     transient: Transient
-    resistance: float  # Ω, at the present temperature
     torque_constant: float  # N m/A, at the present temperature
     diodes: float  # V, what those of a coasting motor hold on it
     switching: Switching
 
 
+class Around(NamedTuple):
+    """What a coasting motor has around it in a step, V: what the other one takes off its terminal voltage at the
+    start, by how much that rises, and its own back-EMF without a current.
+    """
+
+    drop: float
+    rise: float
+    free: float
+
+
+_LASTING = 0.1  # of a step's change of speed, what the mechanism's force may change by it
+ALONE = Around(0.0, 0.0, 0.0)
 NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
 NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -57,13 +71,16 @@ def winding_of(
     drive_input: DriveInput,
     terminal: float,
     rise: float,
+    free_rise: float,
     step: float,
 ) -> tuple[Winding, Coasting, Switching]:
-    """The winding of (4.1) at its present temperature with what is applied to it, how it coasts, and how it is
-    switched; `terminal` voltage of the step's start, `rise` of the source over the step.
+    """The winding of (4.1) at its temperature in the middle of the step with what is applied to it, how it coasts,
+    and how it is switched; `terminal` voltage of the step's start, its `rise` over the step by source and other
+    motor, and that of the back-EMF without current.
     """
     motor = drive.motor
-    resistance, by_speed = winding_resistance(drive, state), emf_constant(drive, state)
+    by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
+    resistance, by_speed = by_winding + by_fuse, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
         winding = Winding(resistance, motor.inductance, by_speed, 0.0, 0.0, 0.0)
         return winding, Coasting(1.0, 0.0, 0.0, step), NO_SWITCHING
@@ -78,11 +95,82 @@ def winding_of(
         return winding, Coasting(1.0, 0.0, 0.0, step), switching
     limit = terminal + 2.0 * drive.diode_drop
     emf = by_speed * state.speed
-    coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, step)
+    growth = free_rise * math.copysign(1.0, emf) - rise
+    coast = bridge.coasting(state.current, emf, resistance, motor.inductance, limit, growth, step)
     more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
     voltage = coast.voltage + 0.5 * more
     winding = Winding(resistance, motor.inductance, by_speed, 0.0, voltage, more)
     return winding, coast, Switching(0.0, 0.0, 0.0, coasting_share(coast), 0.0)
+
+
+@compilable
+def emf_rise(
+    drive: Drive, state: DriveState, place: Place, friction: float, current: float, step: float
+) -> float:
+    """By how much [V] a motor's back-EMF rises over a step with that current, by the forces at its start; 0 where
+    these do not last for a step, as of a very stiff mechanism.
+    """
+    yielding = drive.mechanism.stiffness * step + drive.mechanism.damping
+    if dynamics.shaft_mobility(drive) * yielding * step > _LASTING:
+        return 0.0
+    force = dynamics.drive_force(drive, state, place)
+    loss = friction * (
+        level(drive.friction, state.speed) + drive.friction.viscous * abs(state.speed)
+    )
+    loss += drive.load_friction * drive.torque_per_force * abs(force)
+    torque = dynamics.torque_constant(drive, state) * current - drive.torque_per_force * force
+    torque -= math.copysign(loss, state.speed)
+    return emf_constant(drive, state) * torque / (2.0 * math.pi * drive.inertia) * step
+
+
+@compilable
+def drop_beside(
+    drive: Drive,
+    state: DriveState,
+    place: Place,
+    friction: float,
+    drive_input: DriveInput,
+    source: float,
+    source_resistance: float,
+    step: float,
+) -> tuple[float, float]:
+    """What one motor's current takes off the terminal voltage [V] beside it, once its winding has followed a
+    switch of its bridge, and by how much that rises over the step as the motor turns faster.
+    """
+    duty = drive_input.duty
+    if source_resistance == 0.0 or duty == 0.0 or drive_input.coast != 0.0 or drive.active == 0.0:
+        return 0.0, 0.0
+    if is_switched(drive, duty):
+        drawn = source_share(drive, state, duty, source) * state.current
+        return source_resistance * drawn, 0.0
+    by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
+    resistance = by_winding + by_fuse + source_resistance * duty * duty
+    driving = duty * source + drive_input.voltage - emf_constant(drive, state) * state.speed
+    final = driving / resistance
+    left = (state.current - final) * math.exp(-resistance / drive.motor.inductance * step)
+    faster = emf_rise(drive, state, place, friction, final, step)
+    by_current = source_resistance * duty
+    return by_current * (final + left), -by_current * faster / resistance
+
+
+@compilable
+def around(
+    plant: Plant, state: State, inputs: Inputs, source: float, step: float
+) -> tuple[Around, Around]:
+    """What both motors have around them, as far as they coast."""
+    if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
+        return ALONE, ALONE
+    places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
+    r_s = plant.source_resistance
+    drop_l, rise_l = drop_beside(
+        plant.right, state.right, places.right, frictions.right, inputs.right, source, r_s, step
+    )
+    drop_r, rise_r = drop_beside(
+        plant.left, state.left, places.left, frictions.left, inputs.left, source, r_s, step
+    )
+    free_l = emf_rise(plant.left, state.left, places.left, frictions.left, 0.0, step)
+    free_r = emf_rise(plant.right, state.right, places.right, frictions.right, 0.0, step)
+    return Around(drop_l, rise_l, free_l), Around(drop_r, rise_r, free_r)
 
 
 @compilable
@@ -152,19 +240,14 @@ def electric_of(
     """One drive's side of the solved windings; a coasting motor whose current ends is switched off until its
     back-EMF drives one the other way.
     """
-    flux = thermal.flux_factor(drive.thermal, state.housing_temperature)
-    torque_constant = drive.motor.torque_constant * flux
+    torque_constant = dynamics.torque_constant(drive, state)
     if drive.active == 0.0:
-        return Electric(
-            NO_RESPONSE, NO_TRANSIENT, winding.resistance, torque_constant, 0.0, NO_SWITCHING
-        )
+        return Electric(NO_RESPONSE, NO_TRANSIENT, torque_constant, 0.0, NO_SWITCHING)
     if coast.conducts == 0.0:
         idle = Response(coast.mean, 0.0, 0.0, 0.0, 0.0, 0.0)
         if coast.restart < step:
             idle = restarted(winding, coast.mean, coast.restart, state.speed, step)
-        return Electric(
-            idle, NO_TRANSIENT, winding.resistance, torque_constant, coast.voltage, switching
-        )
+        return Electric(idle, NO_TRANSIENT, torque_constant, coast.voltage, switching)
     fall = state.current - end_current(response, state.speed, other.speed)
     fall += winding.rise / winding.resistance  # which does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
@@ -177,9 +260,7 @@ def electric_of(
         response.end_own,
         response.end_other,
     )
-    return Electric(
-        lagging, transient, winding.resistance, torque_constant, winding.voltage, switching
-    )
+    return Electric(lagging, transient, torque_constant, winding.voltage, switching)
 
 
 @compilable
@@ -198,11 +279,20 @@ def electrics_of(
         source_share(plant.right, state.right, inputs.right.duty, source),
         state.right.current,
     )
+    around_l, around_r = around(plant, state, inputs, source, step)
+    terminal_l = terminal if inputs.left.coast == 0.0 else source - around_l.drop
+    terminal_r = terminal if inputs.right.coast == 0.0 else source - around_r.drop
     winding_l, coast_l, switching_l = winding_of(
-        plant.left, state.left, inputs.left, terminal, rise, step
+        plant.left, state.left, inputs.left, terminal_l, rise - around_l.rise, around_l.free, step
     )
     winding_r, coast_r, switching_r = winding_of(
-        plant.right, state.right, inputs.right, terminal, rise, step
+        plant.right,
+        state.right,
+        inputs.right,
+        terminal_r,
+        rise - around_r.rise,
+        around_r.free,
+        step,
     )
     response_l, response_r, phi_l, phi_r = solve_windings(
         winding_l,

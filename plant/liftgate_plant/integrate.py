@@ -20,7 +20,9 @@ import math
 from typing import NamedTuple
 
 from liftgate_plant import (
+    clutch,
     contact,
+    cutout,
     dynamics,
     electrics,
     friction,
@@ -31,17 +33,19 @@ from liftgate_plant import (
     thermal,
     transmission,
 )
+from liftgate_plant.clutch import GRIP, Slips
 from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
-from liftgate_plant.current import CurrentPath, held
+from liftgate_plant.current import CurrentPath, effective, held
 from liftgate_plant.dynamics import Drive, DriveState, Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate import Linkage
-from liftgate_plant.motor import mean_current
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.torsion import Torsion, is_rigid, share_at, twist_momentum
 
 PASSES = 2
+_PASSES_SLIPPING = 3  # of a step in which a clutch slips
+_MOST_PASSES = 5  # of one in which the latch catches the gate
 
 
 class MomentumEquation(NamedTuple):
@@ -89,6 +93,14 @@ class Motion(NamedTuple):
     rate: float
     rate_end: float
     inertia: float
+
+
+class Stretch(NamedTuple):
+    """A mechanism's extension x_d [m] at a step's start, and its rates [m/s] there and at the end."""
+
+    extension: float
+    rate: float
+    rate_end: float
 
 
 class GateMomentum(NamedTuple):
@@ -168,13 +180,13 @@ def solve_speeds(
     """The new speeds under set-valued friction.
 
     Eliminating the drives and the twist leaves one monotone, piecewise linear equation in ω1; which drives slide
-    is updated until it no longer changes.
+    is updated until it no longer changes. A held gate's rate is that of the guess.
     """
-    rate, twist = 0.0 if held else guess.rate, guess.twist_rate
+    rate, twist = guess.rate, guess.twist_rate
     rigid = body.twist == 0.0
     e_left, e_right = sliding(left, rate + twist), sliding(right, rate - twist)
     if held and rigid:
-        return Speeds(e_left / left.speed, e_right / right.speed, 0.0, 0.0)
+        return Speeds(e_left / left.speed, e_right / right.speed, rate, 0.0)
     for _ in range(8):
         p, m, n, q, t = body.rate, body.cross, body.twist, body.constant, body.twist_constant
         if e_left != 0.0:
@@ -190,7 +202,6 @@ def solve_speeds(
         if rigid:
             rate = friction.soft_threshold(q, hinge_limit) / p
         else:
-            rate = 0.0
             if not held:
                 rate = friction.soft_threshold(q - m * t / n, hinge_limit) / (p - m * m / n)
             twist = (t - m * rate) / n
@@ -264,21 +275,58 @@ def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
 
 
 @compilable
+def stretch_in(
+    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float
+) -> Stretch:
+    """What the mechanism's extension does in a step at whose end the motor has that speed; the gate's goes along
+    the actuator with dl_S/dt = r_AP ω (3.42).
+    """
+    return Stretch(
+        state.position * drive.travel - state.slip - middle.extension,
+        drive.travel * state.speed - middle.lever * side.rate,
+        drive.travel * speed - middle.lever * side.rate_end,
+    )
+
+
+@compilable
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """The drive's mean force on the gate, which goes along the actuator with dl_S/dt = r_AP ω (3.42)."""
+    """The mechanism's mean force on the gate."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
+    stretch = stretch_in(drive, state, middle, side, guess)
     return transmission.mechanism_push(
         drive.mechanism.stiffness,
         drive.mechanism.damping,
         drive.half_play,
-        state.position * drive.travel - middle.extension,
-        drive.travel * state.speed - middle.lever * side.rate,
-        drive.travel * guess - middle.lever * side.rate_end,
-        middle.lever * middle.lever / side.inertia
-        + drive.torque_per_force * drive.travel / (2.0 * math.pi * drive.inertia),
+        stretch.extension,
+        stretch.rate,
+        stretch.rate_end,
+        middle.lever * middle.lever / side.inertia + dynamics.shaft_mobility(drive),
+        step,
+    )
+
+
+@compilable
+def slip_way(
+    drive: Drive,
+    state: DriveState,
+    middle: Midpoint,
+    side: Motion,
+    speed: float,
+    slipping: float,
+    step: float,
+) -> float:
+    """How far [m] the drive's clutch slips in a step at whose end the motor has that speed."""
+    stretch = stretch_in(drive, state, middle, side, speed)
+    return clutch.way(
+        slipping,
+        drive.mechanism.stiffness,
+        drive.mechanism.damping,
+        drive.half_play,
+        stretch.extension,
+        0.5 * step * (stretch.rate + stretch.rate_end),
         step,
     )
 
@@ -308,10 +356,11 @@ def new_speeds(
     frictions: Frictions,
     windings: tuple[Electric, Electric],
     guess: Speeds,
+    slips: Slips,
     held: bool,
     step: float,
-) -> Speeds:
-    """One pass: linearise about the guess, solve.
+) -> tuple[Speeds, Slips]:
+    """One pass: linearise about the guess, solve. Also which clutches would have slipped with these speeds.
 
     The gate takes each drive's own force, where (4.6) and (4.11) halve one and the same for both.
     """
@@ -328,8 +377,10 @@ def new_speeds(
         side_r = at_side(own, state, guess, torsion, -1.0)
         mid_l, mid_r = middle_of(link, side_l, step), middle_of(link, side_r, step)
         place = at_side(own, state, guess, torsion, share)
-    push_l = drive_push(plant.left, state.left, mid_l, side_l, guess.left, step)
-    push_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
+    grip_l = drive_push(plant.left, state.left, mid_l, side_l, guess.left, step)
+    grip_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
+    push_l = clutch.push_through(slips.left, grip_l)
+    push_r = clutch.push_through(slips.right, grip_r)
     left = balance(
         plant.left, state.left, electric_l, push_l, mid_l.lever,
         guess.left, guess.right, side_l.rate_end, frictions.left, step,
@@ -368,7 +419,22 @@ def new_speeds(
             constant -= friction.turning_bias(limit, carry, momentum)
             limit = 0.0
     body = GateMomentum(inertia / step - slope, cross, own_twist, constant, constant_twist)
-    return solve_speeds(left, right, body, limit, held, guess)
+    new = solve_speeds(left, right, body, limit, held, guess)
+    return new, Slips(
+        would_slip(plant.left, grip_l, new.left, mid_l, new.rate + new.twist_rate),
+        would_slip(plant.right, grip_r, new.right, mid_r, new.rate - new.twist_rate),
+    )
+
+
+@compilable
+def would_slip(
+    drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float
+) -> float:
+    """What a drive's clutch lets through with these new speeds of motor and gate; 0: it grips."""
+    if drive.clutch_force == 0.0:
+        return 0.0
+    force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)
+    return clutch.slipping(drive.clutch_force, force)
 
 
 @compilable
@@ -383,53 +449,87 @@ def at_side(own: Motion, state: State, guess: Speeds, torsion: Torsion, share: f
 
 
 @compilable
+def path_in(
+    drive: Drive,
+    electric: Electric,
+    state: DriveState,
+    coast: float,
+    speed: float,
+    other: float,
+    step: float,
+) -> CurrentPath:
+    """What one drive's current does during the step, for its own and the other's final speed [rev/s]."""
+    if drive.active == 0.0:
+        return held(0.0)
+    final = electrics.final_current(electric, coast, speed, other)
+    return electrics.path_of(electric, state.current, final, speed, other, step)
+
+
+@compilable
 def next_drive(
     drive: Drive,
     state: DriveState,
     electric: Electric,
-    coast: float,
+    path: CurrentPath,
     speed: float,
-    other: float,
+    slipped: float,
     ambient: float,
     step: float,
 ) -> DriveState:
-    """One drive's state at the end of the step; its position by (4.3)."""
+    """One drive's state at the end of a step with that current, in which its clutch has slipped so far; its
+    position by (4.3).
+    """
     if drive.active == 0.0:
         return state
-    mean = mean_current(electric.response, speed, other)
+    winding, housing, fuse = warmed(drive, state, path, ambient, step)
+    way = 0.5 * step * (state.speed + speed)
+    if way != 0.0:  # a held shaft stays exactly where it is
+        way += step * electric.transient.drift
+    return DriveState(
+        path.end, speed, state.position + way, winding, housing, fuse, state.slip + slipped
+    )
+
+
+@compilable
+def warmed(
+    drive: Drive, state: DriveState, path: CurrentPath, ambient: float, step: float
+) -> tuple[float, float, float]:
+    """The temperatures [°C] of winding, housing and cut-out after a step with that current."""
+    if drive.thermal.enabled == 0.0 and drive.cutout.resistance == 0.0:
+        return state.winding_temperature, state.housing_temperature, state.cutout_temperature
+    current = effective(path, step)
+    by_winding, by_fuse = dynamics.resistances_soon(drive, state, 0.5 * step)
     winding, housing = thermal.warm(
         drive.thermal,
         state.winding_temperature,
         state.housing_temperature,
         ambient,
-        electric.resistance * (mean * mean + electric.switching.ripple),
+        by_winding * current * current,
         step,
     )
-    way = 0.5 * step * (state.speed + speed)
-    if way != 0.0:  # a held shaft stays exactly where it is
-        way += step * electric.transient.drift
-    return DriveState(
-        electrics.final_current(electric, coast, speed, other),
-        speed,
-        state.position + way,
-        winding,
-        housing,
-    )
+    loss = by_fuse * current * current
+    fuse = cutout.warm(drive.cutout, state.cutout_temperature, ambient, loss, step)
+    return winding, housing, fuse
 
 
 @compilable
-def path_in(
-    drive: Drive,
-    electric: Electric,
-    before: DriveState,
-    after: DriveState,
-    other: float,
-    step: float,
-) -> CurrentPath:
-    """What one drive's current did during the step, for the other's final speed [rev/s]."""
-    if drive.active == 0.0:
-        return held(0.0)
-    return electrics.path_of(electric, before.current, after.current, after.speed, other, step)
+def slipped_in(
+    plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
+) -> tuple[float, float]:
+    """How far [m] both clutches slip in a step with these new speeds."""
+    if slips.left == 0.0 and slips.right == 0.0:
+        return 0.0, 0.0
+    inertia = dynamics.total_inertia(plant, load)
+    own = Motion(state.gate_angle, state.gate_rate, new.rate, inertia)
+    side_l, side_r = own, own
+    if not is_rigid(plant.torsion):
+        side_l = at_side(own, state, new, plant.torsion, 1.0)
+        side_r = at_side(own, state, new, plant.torsion, -1.0)
+    mid_l, mid_r = middle_of(plant.link, side_l, step), middle_of(plant.link, side_r, step)
+    return (
+        slip_way(plant.left, state.left, mid_l, side_l, new.left, slips.left, step),
+        slip_way(plant.right, state.right, mid_r, side_r, new.right, slips.right, step),
+    )
 
 
 @compilable
@@ -440,29 +540,49 @@ def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[St
     frictions = dynamics.frictions_at(plant, inputs)
     held = state.latched > 0.0 and load.latch_released == 0.0
 
-    new = Speeds(state.left.speed, state.right.speed, state.gate_rate, state.twist_rate)
-    for _ in range(PASSES):
-        new = new_speeds(plant, state, load, frictions, windings, new, held, step)
+    rate = 0.0 if held else state.gate_rate
+    new = Speeds(state.left.speed, state.right.speed, rate, state.twist_rate)
+    latched, slips, count = held, GRIP, PASSES
+    for k in range(_MOST_PASSES):
+        if k == count:
+            comes_home = latch.is_reached(state.gate_angle, state.gate_rate, new.rate, step)
+            if latched or load.latch_released != 0.0 or not comes_home:
+                break
+            # Once more with a gate that comes home within the step and stays there.
+            latched, count = True, _MOST_PASSES
+            rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
+            new = Speeds(new.left, new.right, rate, new.twist_rate)
+        new, would = new_speeds(plant, state, load, frictions, windings, new, slips, latched, step)
+        if k == 0 and (would.left != 0.0 or would.right != 0.0):
+            slips, count = would, _PASSES_SLIPPING
     electric_l, electric_r = windings
 
-    angle = state.gate_angle + 0.5 * step * (state.gate_rate + new.rate)
-    rate = new.rate
-    latched = 1.0 if held else 0.0
-    if not held and latch.takes_up(angle, load.latch_released):
-        angle, rate, latched = 0.0, 0.0, 1.0
+    angle, rate = 0.0, 0.0
+    if not latched:
+        rate = new.rate
+        angle = state.gate_angle + 0.5 * step * (state.gate_rate + rate)
+        if latch.takes_up(angle, load.latch_released):  # it was beyond all along
+            angle, rate, latched = 0.0, 0.0, True
+    elif held:
+        angle = state.gate_angle
     ambient = load.ambient_temperature
+    slipped_l, slipped_r = slipped_in(plant, state, load, new, slips, step)
+    path_l = path_in(
+        plant.left, electric_l, state.left, inputs.left.coast, new.left, new.right, step
+    )
+    path_r = path_in(
+        plant.right, electric_r, state.right, inputs.right.coast, new.right, new.left, step
+    )
     left = next_drive(
-        plant.left, state.left, electric_l, inputs.left.coast, new.left, new.right, ambient, step
+        plant.left, state.left, electric_l, path_l, new.left, slipped_l, ambient, step
     )
     right = next_drive(
-        plant.right, state.right, electric_r, inputs.right.coast, new.right, new.left, ambient, step
+        plant.right, state.right, electric_r, path_r, new.right, slipped_r, ambient, step
     )
-    flow = Flow(
-        path_in(plant.left, electric_l, state.left, left, new.right, step),
-        path_in(plant.right, electric_r, state.right, right, new.left, step),
-    )
+    flow = Flow(path_l, path_r)
     twist = state.twist + 0.5 * step * (state.twist_rate + new.twist_rate)
-    return State(left, right, angle, rate, latched, twist, new.twist_rate), flow
+    is_latched = 1.0 if latched else 0.0
+    return State(left, right, angle, rate, is_latched, twist, new.twist_rate), flow
 
 
 @compilable

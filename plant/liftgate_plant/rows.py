@@ -155,4 +155,8 @@ def truth_of(
         right_current_rms_a=effective(flow.right, step),
         left_current_peak_a=peak(flow.left, step),
         right_current_peak_a=peak(flow.right, step),
+        left_cutout_temperature_degc=left.cutout_temperature,
+        right_cutout_temperature_degc=right.cutout_temperature,
+        left_clutch_slip_m=left.slip,
+        right_clutch_slip_m=right.slip,
     )

@@ -41,7 +41,9 @@ from liftgate_plant.shunt import (
     Turning,
     Window,
     commutated,
+    commutations,
     emf_ripple,
+    ideal_ripple,
     low_passed,
     windowed,
 )
@@ -88,11 +90,15 @@ class Sensors(NamedTuple):
     ] = 0.0
     ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation, share of current")] = 0.0
     ripple_emf: Annotated[
-        float, Quantity("", "1", 0.0, 0.2, "commutation, share of the EMF; of N a turn 2/(N² − 1)")
+        float,
+        Quantity("", "1", 0.0, 20.0, "commutation, by the EMF's ripple of an ideal commutator"),
     ] = 0.0
-    ripple_order: Annotated[
-        float, Quantity("N", "1/rev", 0.0, 1e3, "commutations a turn: lcm of segments and brushes")
-    ] = 14.0
+    commutator_segments: Annotated[
+        float, Quantity("K", "", 2.0, 200.0, "of the motors' commutators, whole")
+    ] = 7.0
+    commutator_brushes: Annotated[
+        float, Quantity("p", "", 2.0, 20.0, "of the motors' commutators, whole")
+    ] = 2.0
     angle_offset: Annotated[float, Quantity("", "deg", -90.0, 90.0, "potentiometer")] = 0.0
     angle_noise: Annotated[float, Quantity("σ", "deg", 0.0, 90.0, "potentiometer")] = 0.0
     angle_resolution: Annotated[float, Quantity("", "deg", 0.0, 90.0, "potentiometer")] = 0.0
@@ -164,10 +170,13 @@ def sensed_current(
     shaft turned from `before` to `now`.
     """
     step, gathered = when.length, 0.0
-    order, middle = sensors.ripple_order, 0.5 * (before.speed + now.speed)
-    amplitude = 0.0
+    order = amplitude = 0.0
+    if sensors.ripple > 0.0 or sensors.ripple_emf > 0.0:
+        order = commutations(sensors.commutator_segments, sensors.commutator_brushes)
     if sensors.ripple_emf > 0.0:
-        amplitude = emf_ripple(sensors.ripple_emf, motor, order, middle)
+        middle = 0.5 * (before.speed + now.speed)
+        share = sensors.ripple_emf * ideal_ripple(order)
+        amplitude = emf_ripple(share, motor, order, middle)
     ripple = Commutation(sensors.ripple, amplitude)
     if sensors.shunt_low_side > 0.0:
         switching = path.switching

@@ -66,6 +66,26 @@ class Commutation(NamedTuple):
 
 
 @compilable
+def commutations(segments: float, brushes: float) -> float:
+    """How often a turn a brush passes from one segment to the next: the least common multiple of both, as brushes
+    that pass at once count once.
+    """
+    least, rest = math.floor(segments), math.floor(brushes)
+    product = float(least * rest)
+    while rest > 0:
+        least, rest = rest, least % rest
+    return product / least
+
+
+@compilable
+def ideal_ripple(order: float) -> float:
+    """The amplitude of an ideal commutator's EMF by its mean, for so many commutations a turn: the first harmonic
+    of N rectified half waves, 2/(N² − 1).
+    """
+    return 2.0 / (order * order - 1.0)
+
+
+@compilable
 def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
     """The current [A] that a ripple of a share of the EMF drives through the winding, for `order` commutations a
     turn: share c2Φ n / √(R² + (2π order n L)²).

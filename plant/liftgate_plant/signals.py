@@ -31,6 +31,7 @@ SUFFIXES: Mapping[str, str] = {
     "Pa": "_pa",
     "kg": "_kg",
     "m/s²": "_mps2",
+    "m": "_m",
     "": "",
 }
 
@@ -107,6 +108,8 @@ SUPPLY_VOLTAGE = Signal("V", 0.0, 60.0, "of the source, open-circuit")
 ROAD_SLOPE = Signal("deg", -45.0, 45.0, "positive with the rear of the car raised")
 AMBIENT_TEMPERATURE = Signal("°C", -55.0, 130.0, "of the surroundings")
 WINDING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "motor winding")
+CUTOUT_TEMPERATURE = Signal("°C", -60.0, 2000.0, "thermal cut-out in the motor's line")
+CLUTCH_SLIP = Signal("m", -1e3, 1e3, "that the slip clutch has slipped, along the spindle")
 HOUSING_TEMPERATURE = Signal("°C", -60.0, 2000.0, "motor housing")
 WIND_PRESSURE = Signal("Pa", -5e3, 5e3, "dynamic pressure, positive opens")
 SNOW_MASS = Signal("kg", 0.0, 500.0, "lying on the gate")
@@ -186,6 +189,10 @@ class Truth(NamedTuple):
     right_current_rms_a: Annotated[float, CURRENT_RMS]
     left_current_peak_a: Annotated[float, CURRENT_PEAK]
     right_current_peak_a: Annotated[float, CURRENT_PEAK]
+    left_cutout_temperature_degc: Annotated[float, CUTOUT_TEMPERATURE]
+    right_cutout_temperature_degc: Annotated[float, CUTOUT_TEMPERATURE]
+    left_clutch_slip_m: Annotated[float, CLUTCH_SLIP]
+    right_clutch_slip_m: Annotated[float, CLUTCH_SLIP]
 
 
 class Sensed(NamedTuple):

@@ -53,10 +53,21 @@ def flux_factor(thermal: Thermal, housing: float) -> float:
 
 
 @compilable
+def winding_soon(
+    thermal: Thermal, winding: float, housing: float, loss: float, ahead: float
+) -> float:
+    """The winding's temperature [°C] in so many seconds, which are few, with its present loss [W]."""
+    if thermal.enabled == 0.0:
+        return winding
+    flow = loss - (winding - housing) / thermal.winding_resistance
+    return winding + ahead * flow / thermal.winding_capacity
+
+
+@compilable
 def warm(
     thermal: Thermal, winding: float, housing: float, ambient: float, loss: float, step: float
 ) -> tuple[float, float]:
-    """Both temperatures [°C] after a step with the winding's loss [W].
+    """Both temperatures [°C] after a step with the winding's mean loss [W].
 
     One implicit Euler step of the linear pair: stable at any step, and steps are far below its seconds.
     """

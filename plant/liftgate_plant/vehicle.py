@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from liftgate_plant import environment, gate, transmission
 from liftgate_plant.bridge import Bridge
+from liftgate_plant.clutch import Clutch
+from liftgate_plant.cutout import Cutout
 from liftgate_plant.dynamics import NO_OBSTACLE, Drive, Load, Plant
 from liftgate_plant.environment import Environment
 from liftgate_plant.friction import DryFriction
@@ -33,6 +35,8 @@ class DriveTables(NamedTuple):
     friction: Friction
     bridge: Bridge
     thermal: Thermal
+    clutch: Clutch
+    cutout: Cutout
 
 
 class Vehicle(NamedTuple):
@@ -57,6 +61,7 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
         active=1.0 if active else 0.0,
         motor=tables.motor,
         thermal=tables.thermal,
+        cutout=tables.cutout,
         diode_drop=tables.bridge.diode_drop,
         pwm_period=1.0 / tables.bridge.pwm_frequency if tables.bridge.pwm_frequency else 0.0,
         freewheeling=float(FREEWHEELING.index(tables.bridge.freewheeling)),
@@ -73,6 +78,7 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
         torque_per_force=travel / (2.0 * math.pi),
         mechanism=tables.mechanism,
         half_play=0.5 * tables.gear.backlash * tables.spindle.lead,
+        clutch_force=2.0 * math.pi * tables.clutch.torque / tables.spindle.lead,
         spring=tables.spring,
     )
 

@@ -16,12 +16,16 @@ from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
+from liftgate_plant.compiler import fill as put
 from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state, supplied
+from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.reference import event_solution
 
 SUV = Path(__file__).parents[2] / "configs" / "vehicles" / "suv.toml"
+WIDTH = len(DriveState._fields)
+GATE = 2 * WIDTH  # where its columns begin
 COLUMNS = (
     *(f"{side}_{name}" for side in ("left", "right") for name in DriveState._fields),
     "angle",
@@ -47,45 +51,55 @@ def suv(*settings: str) -> Vehicle:
     return vehicle_of(tables(*settings), "test")
 
 
-def fill(plant: Plant, state: State, inputs: Inputs, h: float, rows: np.ndarray) -> None:
+LAW = FrictionProfile(0.0, 1.0, np.ones((2, 1)))  # friction is that of the law everywhere
+
+
+def fill(
+    plant: Plant,
+    profile: FrictionProfile,
+    state: State,
+    inputs: Inputs,
+    h: float,
+    rows: np.ndarray,
+) -> None:
     """The states (as `COLUMNS`) before and after each of the steps of h seconds, a row each."""
     for k in range(len(rows)):
         if k > 0:
-            state = integrate.step(plant, state, inputs, h)
+            frictions = frictions_in(profile, plant, state, h)
+            given = Inputs(inputs.left, inputs.right, inputs.load, frictions)
+            state = integrate.step(plant, state, given, h)
             now = inputs.load  # a supply that rises goes on doing so
             inputs = supplied(inputs, now.supply_voltage + now.supply_rise, now.supply_rise)
         for side in range(2):
             drive = state.left if side == 0 else state.right
-            rows[k, 5 * side] = drive.current
-            rows[k, 5 * side + 1] = drive.speed
-            rows[k, 5 * side + 2] = drive.position
-            rows[k, 5 * side + 3] = drive.winding_temperature
-            rows[k, 5 * side + 4] = drive.housing_temperature
-        rows[k, 10] = state.gate_angle
-        rows[k, 11] = state.gate_rate
-        rows[k, 12] = state.latched
-        rows[k, 13] = state.twist
-        rows[k, 14] = state.twist_rate
+            put(rows[k], WIDTH * side, drive)
+        rows[k, GATE] = state.gate_angle
+        rows[k, GATE + 1] = state.gate_rate
+        rows[k, GATE + 2] = state.latched
+        rows[k, GATE + 3] = state.twist
+        rows[k, GATE + 4] = state.twist_rate
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
     """The states before and after each of n steps of h seconds."""
     rows = np.empty((n + 1, len(COLUMNS)))
-    fill(plant, state, inputs, h, rows)
+    fill(plant, LAW, state, inputs, h, rows)
     return rows
 
 
-def fast_run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
+def fast_run(
+    plant: Plant, state: State, inputs: Inputs, h: float, n: int, profile: FrictionProfile = LAW
+) -> np.ndarray:
     """`run` in machine code, compiled at the first call."""
     rows = np.empty((n + 1, len(COLUMNS)))
-    compiled(fill)(plant, state, inputs, h, rows)
+    compiled(fill)(plant, profile, state, inputs, h, rows)
     return rows
 
 
 def state_of(row: Sequence[float]) -> State:
     """The state of one row of `run`."""
     values = [float(value) for value in row]
-    return State(DriveState(*values[:5]), DriveState(*values[5:10]), *values[10:])
+    return State(DriveState(*values[:WIDTH]), DriveState(*values[WIDTH:GATE]), *values[GATE:])
 
 
 def column(rows: np.ndarray, name: str) -> np.ndarray:
@@ -121,7 +135,15 @@ def _drive_input(command: event_solution.DriveInput) -> DriveInput:
 
 def inputs_of(vehicle: Vehicle, phase: event_solution.Phase, steps: int = 1) -> Inputs:
     """A phase of the event solution as inputs of the plant, of the first of its steps."""
-    changes: dict[str, Any] = {"external_torque": phase.external_torque}
+    changes: dict[str, Any] = {
+        "external_torque": phase.external_torque,
+        "wind_pressure": phase.wind_pressure,
+        "snow_mass": phase.snow_mass,
+        "hand_force": phase.hand_force,
+        "latch_released": float(phase.released),
+    }
+    if phase.ambient is not None:
+        changes["ambient_temperature"] = phase.ambient
     if phase.supply_voltage is not None:
         changes["supply_voltage"] = phase.supply_voltage
     if phase.supply_end is not None:
@@ -149,16 +171,18 @@ def run_phases(
     phases: Sequence[event_solution.Phase],
     step: float,
     initial_angle: float = 0.0,
+    latched: bool = False,
 ) -> np.ndarray:
     """The states at 0, step, 2 step, … through the phases, from rest at `initial_angle` [rad]."""
     plant = plant_of(vehicle)
-    parts = [
-        run(plant, initial_state(plant, initial_angle), inputs_of(vehicle, phases[0]), step, 0)
-    ]
-    start = 0.0
+    start = initial_state(plant, initial_angle, float(latched))
+    parts = [run(plant, start, inputs_of(vehicle, phases[0]), step, 0)]
+    profile = friction_profile(vehicle, plant, 0)
+    begin = 0.0
     for phase in phases:
-        steps = round((phase.end - start) / step)
+        steps = round((phase.end - begin) / step)
         state = state_of(parts[-1][-1])
-        parts.append(fast_run(plant, state, inputs_of(vehicle, phase, steps), step, steps)[1:])
-        start = phase.end
+        given = inputs_of(vehicle, phase, steps)
+        parts.append(fast_run(plant, state, given, step, steps, profile)[1:])
+        begin = phase.end
     return np.concatenate(parts)

@@ -139,7 +139,7 @@ def test_bridge_states_apply_what_the_table_says(state, expected) -> None:
 @given(current=floats(-20, 20), emf=floats(-11, 11), step=st.sampled_from([1e-5, 1e-4, 1e-3, 5e-3]))
 def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, step) -> None:
     resistance, inductance, limit = 0.708, 4.37e-5, 13.4
-    result = bridge.coasting(current, emf, resistance, inductance, limit, step)
+    result = bridge.coasting(current, emf, resistance, inductance, limit, 0.0, step)
     if current == 0.0:
         assert result == bridge.Coasting(0.0, 0.0, 0.0, step)
         return
@@ -163,10 +163,19 @@ def test_a_coasting_current_falls_to_zero_as_the_diodes_let_it(current, emf, ste
 
 
 def test_a_fast_coasting_motor_charges_the_source() -> None:
-    result = bridge.coasting(0.0, 15.0, 0.708, 4.37e-5, 13.4, 1e-3)
+    result = bridge.coasting(0.0, 15.0, 0.708, 4.37e-5, 13.4, 0.0, 1e-3)
     assert result == bridge.Coasting(1.0, 13.4, 0.0, 1e-3)
     assert bridge.blocked(0.5, -1.0) == 0.0
     assert bridge.blocked(-0.5, -1.0) == -0.5
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_coasting_motor_that_becomes_too_fast_within_a_step_charges_the_source_from_there(way):
+    """From 13.3 V by 0.4 V over the step, against a limit of 13.4 V."""
+    result = bridge.coasting(0.0, way * 13.3, 0.708, 4.37e-5, 13.4, 0.4, 1e-3)
+    assert result == pytest.approx((0.0, way * 13.4, 0.0, 0.25e-3), abs=1e-12)
+    slower = bridge.coasting(0.0, way * 13.3, 0.708, 4.37e-5, 13.4, 0.09, 1e-3)
+    assert slower == (0.0, 0.0, 0.0, 1e-3)
 
 
 # Friction.

@@ -16,7 +16,7 @@ from tests.plant.runs import suv
 ROD = Obstacle(
     angle=math.radians(30.0), distance=0.9, stiffness=10e3, damping=0.0, gap=0.0, direction=1.0
 )
-DRIVE = DriveState(0.0, 0.0, 0.0, 20.0, 20.0)
+DRIVE = DriveState(0.0, 0.0, 0.0, 20.0, 20.0, 20.0)
 LIMIT = 100.0
 PLANT = plant_of(suv())._replace(pinch_limit=LIMIT)
 

@@ -75,6 +75,8 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
             f"{side}_hall_count": math.floor(4.0 * drive.position + 0.5),
             f"{side}_winding_temperature_degc": drive.winding_temperature,
             f"{side}_housing_temperature_degc": drive.housing_temperature,
+            f"{side}_cutout_temperature_degc": drive.cutout_temperature,
+            f"{side}_clutch_slip_m": drive.slip,
             f"{side}_duty": given.duty,
             f"{side}_coast": given.coast,
             f"{side}_current_rms_a": effective(getattr(flow, side), 1e-3),

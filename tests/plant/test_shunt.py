@@ -22,7 +22,9 @@ from liftgate_plant.shunt import (
     Ripple,
     Turning,
     Window,
+    commutations,
     emf_ripple,
+    ideal_ripple,
     low_passed,
     rippled,
     windowed,
@@ -142,7 +144,7 @@ def sensed_over_a_cycle(rate: float, sample_rate: float, **table: float) -> np.n
 @pytest.mark.parametrize("ripple", [0.0, 0.1])
 def test_a_filtered_reading_is_the_same_at_1_and_at_20_khz(ripple: float) -> None:
     """Over a whole cycle; measured 4.8 mA as the coasting gate bounces off the open stop, elsewhere 1.3 mA."""
-    table = {"current_filter": 0.01, "ripple": ripple, "ripple_order": 14.0}
+    table = {"current_filter": 0.01, "ripple": ripple}
     coarse = sensed_over_a_cycle(1e3, 1e3, **table)
     fine = sensed_over_a_cycle(2e4, 1e3, **table)
     assert np.abs(coarse).max() > 10.0
@@ -151,7 +153,7 @@ def test_a_filtered_reading_is_the_same_at_1_and_at_20_khz(ripple: float) -> Non
 
 def test_an_ecu_counts_turns_by_the_ripple_that_it_samples_at_10_khz() -> None:
     """A counter of an ECU: the reading without its slow part, counted where it passes zero with hysteresis."""
-    shown = sensed_over_a_cycle(1e4, 1e4, ripple=0.1, ripple_order=14.0)
+    shown = sensed_over_a_cycle(1e4, 1e4, ripple=0.1)
     part = shown[10_000:30_000]  # in motion
     quick = part - np.convolve(part, np.ones(51) / 51, mode="same")
     level = 0.3 * np.std(quick[100:-100])
@@ -252,6 +254,47 @@ def test_a_low_side_shunt_sees_what_the_source_gives(
         assert gate.sensed["left_current_a"] == 0.0
 
 
+@pytest.mark.parametrize(
+    ("segments", "brushes", "expected"),
+    [(7, 2, 14), (8, 2, 8), (12, 4, 12), (10, 4, 20), (5, 2, 10), (9, 6, 18), (2, 2, 2)],
+)
+def test_brushes_that_pass_at_once_commutate_once(segments, brushes, expected) -> None:
+    """Counted at the angles at which a brush reaches a segment."""
+    passed = {
+        round(turn % 1.0, 9) % 1.0
+        for k in range(segments)
+        for j in range(brushes)
+        for turn in [j / brushes - k / segments]
+    }
+    assert commutations(segments, brushes) == len(passed) == expected
+    assert compiled(commutations)(float(segments), float(brushes)) == expected
+
+
+def rippling(settings: list[str]) -> tuple[list[float], float]:
+    """What the ideal SUV reads beyond the current [A], 0.2 s at 10 kHz, and its motor's speed [rev/s]."""
+    with Gate(vehicle="suv", settings=settings, ideal=True, initial=30.0, rate=10e3) as gate:
+        gate.command(left_duty=70, right_duty=70, direction="open")
+        gate.step(0.6)
+        seen = []
+        for _ in range(2000):
+            gate.step(1e-4)
+            seen.append(gate.sensed["left_current_a"] - gate.truth["left_current_a"])
+        return seen, gate.truth["left_speed_rps"]
+
+
+def test_another_commutator_has_another_ripple() -> None:
+    """12 segments and 4 brushes: 12 commutations a turn, in the spectrum of what is read at 10 kHz."""
+    keys = [
+        "sensors.ripple_emf=1",
+        "sensors.commutator_segments=12",
+        "sensors.commutator_brushes=4",
+    ]
+    seen, turning = rippling(keys)
+    spectrum = np.abs(np.fft.rfft(np.array(seen) * np.hanning(len(seen))))
+    strongest = np.fft.rfftfreq(len(seen), 1e-4)[np.argmax(spectrum)]
+    assert strongest == pytest.approx(12.0 * turning, rel=0.01)
+
+
 def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_winding() -> None:
     """14 commutations a turn, rectified sines: the fundamental by its own Fourier integral, through R and L."""
     order, speed = 14, 120.0
@@ -259,7 +302,7 @@ def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_wi
     rectified = np.cos(angles - math.pi / order)
     share = 2.0 * abs(np.trapezoid(rectified * np.exp(1j * order * angles), angles))
     share /= np.trapezoid(rectified, angles)
-    assert share == pytest.approx(2.0 / (order**2 - 1), rel=1e-6)
+    assert share == pytest.approx(ideal_ripple(order), rel=1e-6)
     motor = suv().left.motor
     frequency = order * speed
     emf = share * motor.speed_constant * speed
@@ -267,15 +310,8 @@ def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_wi
     assert emf_ripple(share, motor, order, speed) == pytest.approx(expected)
     assert emf_ripple(share, motor, order, -speed) == pytest.approx(-expected)
     # In the reading: what is read at 10 kHz swings by it.
-    keys = [f"sensors.ripple_emf={share}"]
-    with Gate(vehicle="suv", settings=keys, ideal=True, initial=30.0, rate=10e3) as gate:
-        gate.command(left_duty=70, right_duty=70, direction="open")
-        gate.step(0.6)
-        seen = []
-        for _ in range(2000):
-            gate.step(1e-4)
-            seen.append(gate.sensed["left_current_a"] - gate.truth["left_current_a"])
-        turning = gate.truth["left_speed_rps"]
+    keys = ["sensors.ripple_emf=1"]
+    seen, turning = rippling(keys)
     level = emf_ripple(share, motor, order, turning)
     # The mean over a tick of 100 µs leaves sin(π f T)/(π f T) of it.
     left = np.sinc(order * turning * 1e-4)

@@ -64,6 +64,11 @@ class Phase:
     slope_deg: float | None = None
     external_torque: float = 0.0
     obstacle: Obstacle | None = None
+    ambient: float | None = None  # °C
+    wind_pressure: float = 0.0  # Pa
+    snow_mass: float = 0.0  # kg
+    hand_force: float = 0.0  # N
+    released: bool = True  # the latch; else it catches a gate that comes to 0 rad
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,10 @@ class Solution:
     twist_rate: np.ndarray
     pinch_force: np.ndarray
     terminal_voltage: np.ndarray
+    left_winding_temperature: np.ndarray
+    left_housing_temperature: np.ndarray
+    right_winding_temperature: np.ndarray
+    right_housing_temperature: np.ndarray
     events: int
 
 
@@ -134,13 +143,17 @@ class Contact:
 
 
 class MomentumEquation:
-    """State v with inertia v' = load − limit·Sgn(v), Sgn set-valued at 0; limit None: none.
+    """State v with inertia v' = load − limit·Sgn(v), Sgn set-valued at 0; limit None: none. What holds it at
+    0 may be more than what brakes it.
 
     The same law holds for dry friction (v a speed) and for freewheeling diodes (v the current).
     """
 
-    def __init__(self, index: int, inertia: float, load: Law, limit: Law | None) -> None:
+    def __init__(
+        self, index: int, inertia: float, load: Law, limit: Law | None, hold: Law | None = None
+    ) -> None:
         self.index, self.inertia, self.load, self.limit = index, inertia, load, limit
+        self.hold = hold or limit
         self.sign = 0
 
     def derivative(self, view: View) -> float:
@@ -154,20 +167,35 @@ class MomentumEquation:
         if self.limit is None:
             return -1.0
         if self.sign == 0:
-            return abs(self.load(view)) - self.limit(view) * (1 + ROUNDING)
+            assert self.hold is not None
+            return abs(self.load(view)) - self.hold(view) * (1 + ROUNDING)
         return -self.sign * view.state[self.index] - ROUNDING
 
     def switch(self, view: View, progress: bool) -> None:
         """Stuck: break away. Moving: stop, and go on only if the load exceeds the limit."""
-        assert self.limit is not None
+        assert self.hold is not None
         load = self.load(view)
-        if self.sign == 0 or (progress and abs(load) > self.limit(view)):
+        if self.sign == 0 or (progress and abs(load) > self.hold(view)):
             self.sign = 1 if load > 0 else -1
         else:  # without progress it would only come back here: hold it until it breaks away
             self.sign = 0
 
 
-Element = Contact | MomentumEquation
+class Latch:
+    """Catches the gate at 0 rad, unless it is released, and holds it there."""
+
+    def __init__(self, released: bool) -> None:
+        self.released = released
+        self.holds = False
+
+    def alarm(self, view: View) -> float:
+        return -1.0 if self.released or self.holds else -view.state[0] - ROUNDING
+
+    def switch(self, view: View, progress: bool) -> None:
+        self.holds = True
+
+
+Element = Contact | MomentumEquation | Latch
 
 
 class Twist:
@@ -222,10 +250,29 @@ class Geometry:
         return 0.0 if self.twist is None else lateral / self.twist.half_width
 
 
+class Thermal:
+    """Winding and housing as two bodies; it warms nothing where the file does not say so."""
+
+    def __init__(self, table: Mapping[str, Any]) -> None:
+        self.enabled = table.get("enabled", 0.0) == 1.0
+        self.to_housing: float = table.get("winding_resistance", 4.0)
+        self.to_ambient: float = table.get("housing_resistance", 14.0)
+        self.winding: float = table.get("winding_capacity", 4.0)
+        self.housing: float = table.get("housing_capacity", 50.0)
+        self.copper: float = table.get("copper_coefficient", 0.00393)
+        self.magnet: float = table.get("magnet_coefficient", -0.001)
+
+    def rates(self, warm: Sequence[float], loss: float, ambient: float) -> list[float]:
+        """Of both temperatures."""
+        inner = (warm[0] - warm[1]) / self.to_housing
+        outer = (warm[1] - ambient) / self.to_ambient
+        return [(loss - inner) / self.winding, (inner - outer) / self.housing]
+
+
 class Drive:
     """One drive under one phase: winding, shaft, play and the spring with its stops.
 
-    Its states are those from `first` on: current, speed, position.
+    Its states are those from `first` on: current, speed, position, and both temperatures where it warms up.
     """
 
     def __init__(
@@ -236,6 +283,7 @@ class Drive:
         command: DriveInput,
         terminal: Law,
         side: int,
+        ambient: float,
     ) -> None:
         motor, gear, spindle = vehicle["motor"], vehicle["gear"], vehicle["spindle"]
         spring, mechanism = vehicle["spring"], vehicle["mechanism"]
@@ -248,8 +296,13 @@ class Drive:
         self.speed_constant: float = motor["speed_constant"]
         self.share, self.terminal = source_share(command), terminal
         self.volts = command.value if command.mode == "voltage" else 0.0
+        self.thermal, self.ambient = Thermal(vehicle.get("thermal", {})), ambient
         self.stiffness: float = spring["stiffness"]
         self.closed_preload: float = spring["preload"] + self.stiffness * open_travel
+        self.health: float = spring.get("health", 1.0)
+        self.gas: float = spring.get("gas_force", 0.0) * (ambient + 273.15) / 293.15
+        self.progression: float = spring.get("gas_progression", 1.3)
+        self.stroke = open_travel
 
         flank = mechanism["stiffness"], mechanism["damping"]
         stop = spring["stop_stiffness"], spring["stop_damping"]
@@ -266,7 +319,67 @@ class Drive:
             + (1 - gear["efficiency"]) * gear["friction_torque"] / gear["ratio"]
             + (1 - spindle["efficiency"]) * spindle["friction_force"] * self.lever
         )
-        self.shaft = MomentumEquation(first + 1, inertia, self._shaft_load, dry_friction(losses))
+        law = vehicle.get("friction", {})
+        self.nominal = max(0.1, 1.0 + law.get("temperature_coefficient", 0.0) * (20.0 - ambient))
+        self.table: Sequence[Sequence[float]] = law.get("position_table", [])
+        self.losses = losses
+        self.more_at_rest: float = law.get("static_ratio", 1.0) - 1.0
+        self.stribeck_speed: float = law.get("stribeck_speed", 0.0)
+        self.viscous: float = law.get("viscous", 0.0)
+        self.by_load: float = spindle.get("load_friction", 0.0)
+        none = losses == 0.0 and self.by_load == 0.0
+        self.shaft = MomentumEquation(
+            first + 1,
+            inertia,
+            self._shaft_load,
+            None if none else self._kinetic,
+            None if none else self._static,
+        )
+
+    def _friction(self, v: View, more: float) -> float:
+        """Dry friction of the shaft, by `more` than Coulomb's, and what the load adds."""
+        force = self.lever * abs(self.force(v)) if self.by_load else 0.0
+        return self._here(v) * self.losses * (1.0 + more) + self.by_load * force
+
+    def _here(self, v: View) -> float:
+        """Friction by that of the law at 20 °C."""
+        if not self.table:
+            return self.nominal
+        shares, factors = zip(*self.table, strict=True)
+        place = v.state[self.first + 2] * self.advance / self.stroke
+        return self.nominal * float(np.interp(place, shares, factors))
+
+    def _static(self, v: View) -> float:
+        return self._friction(v, self.more_at_rest)
+
+    def _kinetic(self, v: View) -> float:
+        if not self.stribeck_speed:
+            return self._friction(v, 0.0)
+        ratio = v.state[self.first + 1] / self.stribeck_speed
+        return self._friction(v, self.more_at_rest * math.exp(-ratio * ratio))
+
+    def warm(self, v: View) -> Sequence[float]:
+        """Both temperatures, where it warms up."""
+        return v.state[self.first + 3 : self.first + 5]
+
+    def resistance_at(self, v: View) -> float:
+        """Of the winding as warm as it is."""
+        if not self.thermal.enabled:
+            return self.resistance
+        return self.resistance * (1.0 + self.thermal.copper * (self.warm(v)[0] - 20.0))
+
+    def flux(self, v: View) -> float:
+        """By that at 20 °C."""
+        if not self.thermal.enabled:
+            return 1.0
+        return 1.0 + self.thermal.magnet * (self.warm(v)[1] - 20.0)
+
+    def warming(self, v: View) -> list[float]:
+        """Rates of both temperatures."""
+        if not self.thermal.enabled:
+            return []
+        loss = self.resistance_at(v) * v.state[self.first] ** 2
+        return self.thermal.rates(self.warm(v), loss, self.ambient)
 
     def _flank_depth(self, v: View, side: int) -> tuple[float, float]:
         """How far x_d (3.5) is beyond the upper (1) or lower (−1) end of the play; its rate."""
@@ -285,8 +398,12 @@ class Drive:
 
     def spring_force(self, v: View) -> float:
         """F_F with the stops (3.12–3.14)."""
-        spring = self.closed_preload - self.stiffness * v.sides[self.side].travel
-        return spring - self.open_stop.force(v) + self.closed_stop.force(v)
+        travel = v.sides[self.side].travel
+        spring = self.closed_preload - self.stiffness * travel
+        if self.gas:  # a gas volume that the rod makes smaller, by 1/X over the stroke
+            pressed = (self.stroke - travel) / self.stroke
+            spring += self.gas / (1.0 - (1.0 - 1.0 / self.progression) * pressed)
+        return self.health * spring - self.open_stop.force(v) + self.closed_stop.force(v)
 
     def moment(self, v: View) -> float:
         """Of drive, spring and stops about the hinge."""
@@ -296,11 +413,13 @@ class Drive:
         """u − R i − c2Φ n (3.1)."""
         u = self.volts + (self.share * self.terminal(v) if self.share else 0.0)
         i, n = v.state[self.first], v.state[self.first + 1]
-        return u - self.resistance * i - self.speed_constant * n
+        return u - self.resistance_at(v) * i - self.speed_constant * self.flux(v) * n
 
     def _shaft_load(self, v: View) -> float:
         """Motor torque less the load of the gate (3.2)."""
-        return self.torque_constant * v.state[self.first] - self.lever * self.force(v)
+        motor = self.torque_constant * self.flux(v) * v.state[self.first]
+        viscous = self._here(v) * self.viscous * v.state[self.first + 1] if self.viscous else 0.0
+        return motor - self.lever * self.force(v) - viscous
 
 
 def advance(vehicle: Mapping[str, Any]) -> float:
@@ -320,8 +439,13 @@ def source_share(command: DriveInput) -> float:
     return {"open": 1.0, "close": -1.0}.get(command.mode, 0.0) * command.value
 
 
+def width_of(vehicle: Mapping[str, Any]) -> int:
+    """How many states a drive has."""
+    return 5 if Thermal(vehicle.get("thermal", {})).enabled else 3
+
+
 class Scene:
-    """The whole plant under the inputs of one phase. State: φ, ω, then i, n, p per drive."""
+    """The whole plant under the inputs of one phase. State: φ, ω, then each drive's, then the twist's."""
 
     def __init__(
         self,
@@ -341,20 +465,33 @@ class Scene:
         self.begin = begin
         rise = 0.0 if phase.supply_end is None else phase.supply_end - self.source
         self.ramp: float = rise / (phase.end - begin)  # V/s
-        drives = list(zip((2, 5), sides, (phase.left, phase.right), strict=False))
+        around = common["environment"]
+        ambient = phase.ambient
+        if ambient is None:
+            ambient = around.get("ambient_temperature_degc", 20.0)
+        firsts = (2, 2 + width_of(sides[0]))
+        drives = list(zip(firsts, sides, (phase.left, phase.right), strict=False))
         self.drops: list[tuple[float, int]] = [
             (supply["internal_resistance"] * source_share(command), first)
             for first, _, command in drives
         ]
         self.drives = [
-            Drive(vehicle, first, geometry.open_travel, command, self.terminal, side)
+            Drive(vehicle, first, geometry.open_travel, command, self.terminal, side, ambient)
             for side, (first, vehicle, command) in enumerate(drives)
         ]
         self.seal_arm: float = seal["arm"]
         thickness = seal["force"] / seal["stiffness"]
         self.seal = Contact(seal["stiffness"], 0.0, lambda v: (thickness - v.middle.travel, 0.0))
         friction = dry_friction(common["gate"].get("hinge_friction", 0.0))
-        self.hinge = MomentumEquation(1, geometry.inertia, self._gate_moment, friction)
+        self.snow_distance: float = around.get("snow_distance", 0.5)
+        self.snow_share = geometry.share(around.get("snow_lateral", 0.0))
+        self.hand_share = geometry.share(around.get("hand_lateral", 0.0))
+        self.hand_moment = phase.hand_force * around.get("hand_distance", 0.9)
+        wind = around.get("wind_area", 1.0) * around.get("wind_lever", 0.5)
+        self.steady = phase.external_torque + phase.wind_pressure * wind + self.hand_moment
+        inertia = geometry.inertia + phase.snow_mass * self.snow_distance**2
+        self.hinge = MomentumEquation(1, inertia, self._gate_moment, friction)
+        self.latch = Latch(phase.released)
         rod = phase.obstacle
         self.obstacle = Contact(rod.stiffness, rod.damping, self._intrusion) if rod else None
 
@@ -364,7 +501,7 @@ class Scene:
             self.contacts += [drive.upper, drive.lower, drive.open_stop, drive.closed_stop]
             self.balances += [drive.coil, drive.shaft]
         # contacts first: what a shaft does next depends on the forces they add
-        self.elements: list[Element] = [*self.contacts, *self.balances]
+        self.elements: list[Element] = [self.latch, *self.contacts, *self.balances]
 
     def terminal(self, v: View) -> float:
         """U_terminal behind the source resistance; the currents are states, so it is exact."""
@@ -386,9 +523,17 @@ class Scene:
 
     def _gate_moment(self, v: View) -> float:
         """All moments on the gate but the hinge friction (3.15–3.17)."""
-        moment = self.phase.external_torque + self.seal_arm * self.seal.force(v)
+        moment = self.steady + self.seal_arm * self.seal.force(v) - self._snow_moment(v)
         moment -= self.geometry.weight_moment * math.cos(v.state[0] + self.weight_angle)
         return moment + sum(drive.moment(v) for drive in self.drives) + self._pinch_moment(v)
+
+    def _snow_moment(self, v: View) -> float:
+        """Of its weight; it lies on the line from the hinge to the centre of gravity."""
+        if not self.phase.snow_mass:
+            return 0.0
+        angle = v.state[0] + (self.snow_share * v.state[-2] if self.snow_share else 0.0)
+        weight = self.phase.snow_mass * GRAVITY
+        return weight * self.snow_distance * math.cos(angle + self.weight_angle)
 
     def _pinch_moment(self, v: View) -> float:
         if not self.phase.obstacle:
@@ -408,13 +553,15 @@ class Scene:
         if self.phase.obstacle:
             share = self.geometry.share(self.phase.obstacle.lateral)
             moment += share * self._pinch_moment(v)
+        moment += self.hand_share * self.hand_moment - self.snow_share * self._snow_moment(v)
         return [rate, moment / twist.inertia]
 
     def derivative(self, time: float, state: Sequence[float]) -> list[float]:
         v = self.geometry.view(time, state)
-        rates = [state[1], self.hinge.derivative(v)]
+        rates = [0.0, 0.0] if self.latch.holds else [state[1], self.hinge.derivative(v)]
         for drive in self.drives:
             rates += [drive.coil.derivative(v), drive.shaft.derivative(v), state[drive.first + 1]]
+            rates += drive.warming(v)
         return rates + self._twist_rates(v)
 
     def slope(self, time: float, y: np.ndarray) -> list[float]:
@@ -432,8 +579,9 @@ class Scene:
             result[:, k] = (np.array(self.derivative(time, shifted)) - base) / step
         return result
 
-    def start(self, state: list[float]) -> None:
+    def start(self, state: list[float], latched: bool) -> None:
         """Take the regime from the state alone, then settle what the state leaves open."""
+        self.latch.holds = latched and not self.latch.released
         v = self.geometry.view(self.begin, state)
         for contact in self.contacts:
             contact.active = contact.reach(v) > 0
@@ -465,6 +613,8 @@ class Scene:
         for element in elements:
             if isinstance(element, MomentumEquation):
                 state[element.index] = 0.0
+            elif isinstance(element, Latch):
+                state[:2] = [0.0, 0.0]
         v = self.geometry.view(time, state)
         for element in elements:
             element.switch(v, progress)
@@ -503,11 +653,13 @@ def solve(
     sample_times: np.ndarray,
     initial_angle: float = 0.0,
     tolerance: float = 1e-10,
+    latched: bool = False,
 ) -> Solution:
-    """Solve the plant through the phases from rest at `initial_angle`, drives amid their play.
+    """Solve the plant through the phases from rest at `initial_angle`, drives amid their play, all as warm as the
+    surroundings.
 
     `vehicle` has the tables of a vehicle file; `left` and `right` in it may hold tables of one
-    drive (motor, gear, spindle, spring, mechanism, bridge) that differ from the common ones.
+    drive (motor, gear, spindle, spring, mechanism, friction, bridge, thermal) that differ from the common ones.
     With one drive it is the left one and the right columns stay zero.
     """
     times = np.asarray(sample_times, dtype=float)
@@ -521,17 +673,24 @@ def solve(
     geometry = Geometry(vehicle["gate"])
     travel = geometry.length(initial_angle) - geometry.closed_length
     state = [initial_angle, 0.0]
-    for side in sides:
-        state += [0.0, 0.0, travel / advance(side)]
-    drives_end = len(state)
+    ambient = vehicle["environment"].get("ambient_temperature_degc", 20.0)
+    widths = [width_of(side) for side in sides]
+    for side, width in zip(sides, widths, strict=True):
+        state += [0.0, 0.0, travel / advance(side), ambient, ambient][:width]
     state += [0.0, 0.0] if geometry.twist else []
+    # Where each of them stands among φ, ω, both drives' five, ψ and its rate.
+    places = [0, 1]
+    for side, width in enumerate(widths):
+        places += range(2 + 5 * side, 2 + 5 * side + width)
+    places += [12, 13] if geometry.twist else []
 
-    states = np.zeros((times.size, 10))
+    states = np.zeros((times.size, 14))
+    states[:, [5, 6, 10, 11]] = ambient
     outputs = np.zeros((times.size, 4))
     now, events = 0.0, 0
     for phase in phases:
         scene = Scene(vehicle, sides, geometry, phase, now)
-        scene.start(state)
+        scene.start(state, latched)
         while now < phase.end:
             piece = solve_ivp(
                 scene.slope,
@@ -552,9 +711,7 @@ def solve(
             chosen = (times >= now) & ((times <= reached) if last else (times < reached))
             if chosen.any():
                 rows = piece.sol(times[chosen]).T
-                states[chosen, :drives_end] = rows[:, :drives_end]
-                if geometry.twist:
-                    states[chosen, 8:] = rows[:, drives_end:]
+                states[np.ix_(chosen, places)] = rows
                 outputs[chosen] = [
                     scene.outputs(time, row)
                     for time, row in zip(times[chosen].tolist(), rows.tolist(), strict=True)
@@ -567,6 +724,7 @@ def solve(
                 due = [e for e, t in zip(scene.elements, piece.t_events, strict=True) if t.size]
                 scene.settle(reached, state, due, reached - now > NO_PROGRESS)
             now = reached
+        latched = scene.latch.holds
     angle, rate, *drives = states.T
     left_force, right_force, pinch_force, terminal_voltage = outputs.T
     return Solution(
@@ -575,15 +733,19 @@ def solve(
         left_speed=drives[1],
         left_position=drives[2],
         left_force=left_force,
-        right_current=drives[3],
-        right_speed=drives[4],
-        right_position=drives[5],
+        right_current=drives[5],
+        right_speed=drives[6],
+        right_position=drives[7],
         right_force=right_force,
         angle=angle,
         rate=rate,
-        twist=drives[6],
-        twist_rate=drives[7],
+        twist=drives[10],
+        twist_rate=drives[11],
         pinch_force=pinch_force,
         terminal_voltage=terminal_voltage,
+        left_winding_temperature=drives[3],
+        left_housing_temperature=drives[4],
+        right_winding_temperature=drives[8],
+        right_housing_temperature=drives[9],
         events=events,
     )

@@ -11,7 +11,7 @@ import pytest
 from liftgate_hil.config.vehicle import vehicle_of
 from liftgate_plant.dynamics import DriveState, State
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import OPEN, column, fast_run, inputs, run_phases, suv, tables
+from tests.plant.runs import GATE, OPEN, column, fast_run, inputs, run_phases, suv, tables
 from tests.reference.event_solution import DriveInput, Obstacle, Phase, Solution, solve
 
 OPENING, CLOSING = DriveInput("open", 1.0), DriveInput("close", 1.0)
@@ -98,6 +98,22 @@ RAMP_COASTING = [
 ]
 
 
+# A motor that is thrown into reverse pulls the source down, below what the other one, which coasts, gives back.
+BESIDE = [both(1.0, OPENING), Phase(1.4, CLOSING, COASTING), Phase(1.8, COASTING, OPENING)]
+HOME = [
+    both(0.7, OPENING),
+    both(0.8, BRAKING),
+    Phase(1.8, CLOSING, CLOSING, released=False),
+    Phase(2.0, BRAKING, BRAKING, released=False),
+    both(2.6, OPENING),
+]
+AROUND = [
+    Phase(1.0, OPENING, OPENING, ambient=-20.0, snow_mass=4.0, wind_pressure=-40.0),
+    Phase(1.6, COASTING, COASTING, ambient=-20.0, hand_force=150.0, slope_deg=5.0),
+    Phase(2.6, CLOSING, CLOSING, ambient=45.0, hand_force=-30.0, wind_pressure=60.0),
+]
+
+
 def pinch(obstacle: Obstacle) -> list[Phase]:
     """Open, brake, close onto the rod and stall there."""
     return [both(2.7, OPENING), both(2.9, BRAKING), both(4.4, CLOSING, obstacle)]
@@ -112,6 +128,16 @@ OTHER_RIGHT = [
 ]
 TWISTS = ["gate.torsional_stiffness=4000", "gate.torsional_damping=5", "gate.half_width=0.6"]
 LOST_SPRING = ["right.spring.stiffness=0", "right.spring.preload=0"]
+ALL_FRICTION = [
+    "friction.static_ratio=1.4",
+    "friction.stribeck_speed=8",
+    "friction.viscous=2e-5",
+    "friction.temperature_coefficient=0.0125",
+    "friction.position_table=[[0, 1.2], [0.3, 0.9], [0.6, 1.3], [1, 1]]",
+    "spindle.load_friction=0.08",
+]
+WARMS = ["thermal.enabled=1", "thermal.winding_capacity=2", "thermal.housing_capacity=15"]
+GAS = ["spring.gas_force=250", "spring.gas_progression=1.4", "spring.preload=80"]
 LIGHT = ["gate.mass=3", "spring.preload=35", "spring.stiffness=100"]
 ONE_DRIVE = ["drives=1", "spring.stiffness=1800", "spring.preload=660"]
 
@@ -160,6 +186,17 @@ VARIANTS = {
         RAMP_COASTING,
     ),
     "duty 0.6": ([], DUTY),
+    "coasting beside a motor that reverses": (["supply.internal_resistance=0.1"], BESIDE),
+    "coming home into the latch": ([], HOME),
+    "coming home into the latch, twisting": (TWISTS, HOME),
+    "snow, wind, a hand, slope": ([], AROUND),
+    "snow and a hand at the sides": (
+        [*TWISTS, "environment.hand_lateral=0.5", "environment.snow_lateral=-0.3"],
+        AROUND,
+    ),
+    "all kinds of friction": (ALL_FRICTION, AROUND),
+    "motors that warm up, stalled": (WARMS, TO_STOP),
+    "gas springs": (GAS, AROUND),
     "large inductance": (["motor.inductance=1e-3"], SHORT),
     "light gate": (LIGHT, TO_STOP),
 }
@@ -210,7 +247,7 @@ def test_the_reference_table_comes_out_to_all_its_digits() -> None:
     shown = []
     for line in TABLE.split("\n")[1:-1]:
         row = rows[round(float(line.split()[0]) / STEP)]
-        angle = math.degrees(row[10])
+        angle = math.degrees(row[GATE])
         shown.append(f"    {line.split()[0]} {row[0]:7.3f} {row[1]:7.2f} {angle:7.3f}")
     assert shown == TABLE.split("\n")[1:-1]
 
@@ -272,6 +309,7 @@ def test_order_on_a_smooth_stretch_is_two() -> None:
         float(exact.left_position[1]),
         20.0,
         20.0,
+        20.0,
     )
     start = State(drive, drive, float(exact.angle[1]), float(exact.rate[1]), 0.0)
     steps = (2e-3, 1e-3, 5e-4, 2.5e-4)
@@ -281,7 +319,7 @@ def test_order_on_a_smooth_stretch_is_two() -> None:
         n = round(0.6 / h)
         rows.append(fast_run(plant_of(vehicle), start, inputs(vehicle, OPEN), h, n)[-1])
     position = [abs(row[2] - exact.left_position[2]) for row in rows]
-    angle = [abs(row[10] - exact.angle[2]) for row in rows]
+    angle = [abs(row[GATE] - exact.angle[2]) for row in rows]
     order = np.polyfit(np.log(steps), np.log(angle), 1)[0]
     assert order > 1.8, f"{order:.2f}: angle {angle}, position {position}"  # measured 1.99
 

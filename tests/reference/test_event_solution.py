@@ -280,6 +280,72 @@ def test_one_drive_leaves_the_right_columns_zero(suv: dict[str, Any]) -> None:
         assert np.all(columns(s)[key] == 0.0)
 
 
+def test_the_latch_catches_a_gate_at_home_and_lets_go_when_released(suv: dict[str, Any]) -> None:
+    times = np.linspace(0.0, 2.5, 2501)
+    phases = [both(1.5, CLOSE, released=False), both(2.0, BRAKE, released=False), both(2.5, OPEN)]
+    s = solve(suv, phases, times, math.radians(5.0))
+    home = int(np.argmax(s.angle <= 0.0))
+    assert 100 < home < 1400
+    assert s.rate[home - 1] < -0.05
+    assert np.abs(s.angle[home:2001]).max() < 1e-20
+    assert np.abs(s.rate[home:2001]).max() < 1e-20
+    assert s.left_current[1499] == pytest.approx(-12 / 0.708, rel=1e-6)  # stalled against it
+    assert s.angle[-1] > math.radians(2.0)
+    free = solve(suv, [both(1.5, CLOSE)], times[:1501], math.radians(5.0))
+    assert free.angle[-1] < math.radians(-0.1)
+
+
+def test_a_winding_warms_up_by_its_closed_form(suv: dict[str, Any]) -> None:
+    """A blocked rotor, copper that does not care, a housing that hardly warms up."""
+    suv["spindle"]["friction_force"] = 1e6
+    suv["thermal"] = {"enabled": 1.0, "copper_coefficient": 0.0, "housing_capacity": 1e6}
+    times = np.linspace(0.0, 5.0, 51)
+    s = solve(suv, [both(5.0, OPEN)], times, initial_angle=0.7)
+    rise = 4.0 * 12**2 / 0.708 * -np.expm1(-times / (4.0 * 4.0))
+    np.testing.assert_allclose(s.left_winding_temperature - 20.0, rise, atol=5e-3)
+    np.testing.assert_allclose(s.left_housing_temperature, 20.0, atol=1e-2)
+    suv["thermal"]["copper_coefficient"] = 0.00393
+    warm = solve(suv, [both(5.0, OPEN)], times, initial_angle=0.7)
+    by_warmth = 0.708 * (1.0 + 0.00393 * (warm.left_winding_temperature - 20.0))
+    np.testing.assert_allclose(warm.left_current[1:], 12.0 / by_warmth[1:], rtol=2e-5)
+
+
+def test_a_shaft_breaks_loose_above_its_static_friction_and_slides_on_below_it(
+    suv: dict[str, Any],
+) -> None:
+    """τ_s = 1.5 τ_C: 1.3 τ_C hold it, and move it once 1.6 τ_C have."""
+    suv["friction"] = {"static_ratio": 1.5}
+    suv["spring"] |= {"stiffness": 0.0, "preload": 0.0}
+    suv["gate"]["mass"] = 1e-3  # nothing to lift
+    unit = 0.013628 * 0.708 / 0.0122  # V for τ_C at rest
+    held = DriveInput("voltage", 1.3 * unit)
+    phases = [both(0.1, held), both(0.2, DriveInput("voltage", 1.6 * unit)), both(0.3, held)]
+    s = solve(suv, phases, np.array([0.05, 0.1, 0.2, 0.3]), initial_angle=0.7)
+    assert s.left_speed[0] == s.left_speed[1] == 0.0
+    assert s.left_speed[2] > 0.5
+    assert s.left_speed[3] > 0.2
+
+
+def test_friction_by_speed_load_temperature_and_place(suv: dict[str, Any]) -> None:
+    """What a steady motion takes, on the shaft."""
+    suv["friction"] = {
+        "static_ratio": 1.4, "stribeck_speed": 40.0, "viscous": 2e-5, "temperature_coefficient": 0.01,
+        "position_table": [[0.0, 1.0], [1.0, 2.0]],
+    }  # fmt: skip
+    suv["spindle"]["load_friction"] = 0.1
+    s = solve(suv, [both(2.0, OPEN, ambient=-10.0)], np.array([1.9]))
+    geometry, advance = Geometry(suv["gate"]), 0.010 / 29
+    n, factor = (
+        float(s.left_speed[0]),
+        1.3 * (1.0 + s.left_position[0] * advance / geometry.open_travel),
+    )
+    dry = 0.013628 * (1.0 + 0.4 * math.exp(-((n / 40.0) ** 2)))
+    lever = advance / (2.0 * math.pi)
+    force = float(s.left_force[0])
+    taken = factor * (dry + 2e-5 * n) + 0.1 * lever * abs(force) + lever * force
+    assert 0.0122 * s.left_current[0] == pytest.approx(taken, rel=0.02)  # it hardly accelerates
+
+
 def test_symmetric_start_at_the_play_of_zero_does_not_chatter(suv: dict[str, Any]) -> None:
     suv["gear"]["backlash"] = 0.0
     s = solve(suv, [both(1.0, COAST)], np.array([1.0]), initial_angle=math.radians(40))

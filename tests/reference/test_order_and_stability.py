@@ -9,7 +9,18 @@ import pytest
 
 from liftgate_plant.dynamics import DriveState, State
 from liftgate_plant.vehicle import plant_of
-from tests.plant.runs import CLOSE, OPEN, at_rest, column, fast_run, inputs, run_phases, suv, tables
+from tests.plant.runs import (
+    CLOSE,
+    GATE,
+    OPEN,
+    at_rest,
+    column,
+    fast_run,
+    inputs,
+    run_phases,
+    suv,
+    tables,
+)
 from tests.reference.event_solution import DriveInput, Phase, solve
 
 CYCLE = [
@@ -25,7 +36,7 @@ def test_the_error_falls_with_the_square_of_the_step_while_the_gate_travels() ->
     plant = plant_of(vehicle)
     exact = solve(tables(), [CYCLE[0]], np.array([0.0, 1.0, 3.0]), tolerance=1e-12)
     drive = DriveState(
-        exact.left_current[1], exact.left_speed[1], exact.left_position[1], 20.0, 20.0
+        exact.left_current[1], exact.left_speed[1], exact.left_position[1], 20.0, 20.0, 20.0
     )
     start = State(drive, drive, float(exact.angle[1]), float(exact.rate[1]), 0.0)
     errors = []
@@ -60,7 +71,7 @@ def test_every_step_from_10_us_to_5_ms_tells_the_same_story(step: float) -> None
     assert np.isfinite(opened).all()
     # Stalled in the stop: 12 V/0.708 Ω, and the angle of the reference table.
     assert opened[-1][0] == pytest.approx(16.949, abs=1e-3)
-    assert math.degrees(opened[-1][10]) == pytest.approx(80.602, abs=2e-3)
+    assert math.degrees(opened[-1][GATE]) == pytest.approx(80.602, abs=2e-3)
 
 
 @pytest.mark.parametrize("step", [1e-3, 5e-3])

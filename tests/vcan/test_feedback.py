@@ -76,6 +76,10 @@ def test_a_signal_turns_the_motors_off_and_says_so(
     ):
         bus.wait_for_more(GATE, 50)
         assert bus.last(rig, "LeftDrive")["HallCount"] > 10
+        for _ in range(50):  # a machine that stands still for 100 ms makes a command time out
+            if bus.last(rig, "BenchStatus")["EmulatorState"] == RUNNING:
+                break
+            bus.wait_for_more(BENCH_STATUS, 1)
         assert bus.last(rig, "BenchStatus")["EmulatorState"] == RUNNING
         out = ended(gate, number)
     assert out.startswith("ticks ")

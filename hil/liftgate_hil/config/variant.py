@@ -27,12 +27,16 @@ _BUILD = (
     "current_window",
     "shunt_low_side",
     "shunt_sampled_on",
+    "commutator_segments",
+    "commutator_brushes",
 )
 _LAW = ("static_ratio", "stribeck_speed", "viscous")  # of friction over speed
 _TABLES = {**DRIVE_TABLES, **BODY_TABLES}
 IDEAL = {
     "friction": tuple(key for key in keys_of(DRIVE_TABLES["friction"]) if key not in _LAW),
     "thermal": ("enabled",),
+    "clutch": ("torque",),
+    "cutout": ("resistance",),
     "bridge": ("pwm_frequency", "freewheeling"),
     "sensors": tuple(key for key in keys_of(BODY_TABLES["sensors"]) if key not in _BUILD),
     "gate": ("torsional_stiffness", "torsional_damping", "torsional_inertia"),

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, get_type_hints
 
 from liftgate_plant.bridge import Bridge
+from liftgate_plant.clutch import Clutch
+from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
 from liftgate_plant.gate import Gate
 from liftgate_plant.motor import Motor
@@ -27,6 +29,8 @@ DRIVE_TABLES: Mapping[str, type] = {
     "friction": Friction,
     "bridge": Bridge,
     "thermal": Thermal,
+    "clutch": Clutch,
+    "cutout": Cutout,
 }
 BODY_TABLES: Mapping[str, type] = {
     "gate": Gate,

@@ -19,13 +19,13 @@ from __future__ import annotations
 
 import math
 
-from liftgate_plant import dynamics, electrics, friction, gate, thermal, transmission
+from liftgate_plant import dynamics, electrics, friction, gate, transmission
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import NO_TRANSIENT, Electric
 from liftgate_plant.gate import Linkage
-from liftgate_plant.integrate import Flow, path_in
+from liftgate_plant.integrate import Flow, path_in, warmed
 from liftgate_plant.motor import Response, mean_current
 
 PASSES = 2  # fixed-point turns of the step's middle
@@ -53,18 +53,15 @@ def angle_at(link: Linkage, extended: float) -> float:
 
 
 @compilable
-def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electric, Electric]:
+def static_electrics(
+    plant: Plant, state: State, inputs: Inputs, step: float
+) -> tuple[Electric, Electric]:
     """Both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed all along."""
     source = plant.source_resistance
     left, right = plant.left, plant.right
-    r_l = left.motor.resistance * thermal.resistance_factor(
-        left.thermal, state.left.winding_temperature
-    )
-    r_r = right.motor.resistance * thermal.resistance_factor(
-        right.thermal, state.right.winding_temperature
-    )
-    f_l = thermal.flux_factor(left.thermal, state.left.housing_temperature)
-    f_r = thermal.flux_factor(right.thermal, state.right.housing_temperature)
+    winding_l, fuse_l = dynamics.resistances_soon(left, state.left, 0.5 * step)
+    winding_r, fuse_r = dynamics.resistances_soon(right, state.right, 0.5 * step)
+    r_l, r_r = winding_l + fuse_l, winding_r + fuse_r
     # A coasting or absent motor has no current.
     on_l = left.active * (1.0 - inputs.left.coast)
     on_r = right.active * (1.0 - inputs.right.coast)
@@ -73,8 +70,8 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
     scale = 1.0 / (a * d - b * b)
     u_l = on_l * (inputs.left.voltage + d_l * inputs.load.supply_voltage)
     u_r = on_r * (inputs.right.voltage + d_r * inputs.load.supply_voltage)
-    e_l = on_l * left.motor.speed_constant * f_l
-    e_r = on_r * right.motor.speed_constant * f_r
+    e_l = on_l * dynamics.emf_constant(left, state.left)
+    e_r = on_r * dynamics.emf_constant(right, state.right)
     now_l, now_r = scale * (d * u_l - b * u_r), scale * (a * u_r - b * u_l)
     own_l, other_l = -scale * d * e_l, scale * b * e_r
     own_r, other_r = -scale * a * e_r, scale * b * e_l
@@ -84,16 +81,14 @@ def static_electrics(plant: Plant, state: State, inputs: Inputs) -> tuple[Electr
         Electric(
             Response(now_l + half_l, 0.5 * own_l, 0.5 * other_l, now_l, own_l, other_l),
             NO_TRANSIENT,
-            r_l,
-            left.motor.torque_constant * f_l,
+            dynamics.torque_constant(left, state.left),
             0.0,
             NO_SWITCHING,
         ),
         Electric(
             Response(now_r + half_r, 0.5 * own_r, 0.5 * other_r, now_r, own_r, other_r),
             NO_TRANSIENT,
-            r_r,
-            right.motor.torque_constant * f_r,
+            dynamics.torque_constant(right, state.right),
             0.0,
             NO_SWITCHING,
         ),
@@ -123,7 +118,7 @@ def step_rigid(
     """
     load, link = inputs.load, plant.link
     if order == 2:
-        electric_l, electric_r = static_electrics(plant, state, inputs)
+        electric_l, electric_r = static_electrics(plant, state, inputs, step)
     else:
         electric_l, electric_r = electrics.electrics_of(plant, state, inputs, step)
     left, right = plant.left, plant.right
@@ -167,60 +162,50 @@ def step_rigid(
     if way != 0.0:
         way += step * electric_l.transient.drift
     position = state.left.position + way
-    after_l = next_motor(left, state.left, electric_l, inputs.left.coast, new, position, load, step)
-    after_r = next_motor(
-        right, state.right, electric_r, inputs.right.coast, new, position, load, step
-    )
-    if order == 2:
-        flow = Flow(static_path(electric_l, after_l), static_path(electric_r, after_r))
-    else:
-        flow = Flow(
-            path_in(left, electric_l, state.left, after_l, new, step),
-            path_in(right, electric_r, state.right, after_r, new, step),
-        )
+    path_l = path_of(left, electric_l, state.left, inputs.left.coast, new, step, order)
+    path_r = path_of(right, electric_r, state.right, inputs.right.coast, new, step, order)
+    ambient = load.ambient_temperature
+    after_l = next_motor(left, state.left, path_l, new, position, ambient, step)
+    after_r = next_motor(right, state.right, path_r, new, position, ambient, step)
     # The angle follows from the position: `follow`.
-    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0), flow
+    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0), Flow(
+        path_l, path_r
+    )
 
 
 @compilable
-def static_path(electric: Electric, after: DriveState) -> CurrentPath:
-    """A current that follows its voltage at once and then goes on a straight line."""
-    mean = mean_current(electric.response, after.speed, after.speed)
-    return CurrentPath(2.0 * mean - after.current, after.current, mean, 0.0, 1.0, NO_SWITCHING)
+def path_of(
+    drive: Drive,
+    electric: Electric,
+    state: DriveState,
+    coast: float,
+    speed: float,
+    step: float,
+    order: int,
+) -> CurrentPath:
+    """What one motor's current does during the step; of the second order it follows its voltage at once and then
+    goes on a straight line.
+    """
+    if order != 2 or drive.active == 0.0:
+        return path_in(drive, electric, state, coast, speed, speed, step)
+    mean = mean_current(electric.response, speed, speed)
+    end = electrics.final_current(electric, coast, speed, speed)
+    return CurrentPath(2.0 * mean - end, end, mean, 0.0, 1.0, NO_SWITCHING)
 
 
 @compilable
 def next_motor(
     drive: Drive,
     state: DriveState,
-    electric: Electric,
-    coast: float,
+    path: CurrentPath,
     speed: float,
     position: float,
-    load: Load,
+    ambient: float,
     step: float,
 ) -> DriveState:
-    """One motor's state at the end of the step, at the common speed and position."""
-    if drive.active == 0.0:
-        return DriveState(
-            0.0, speed, position, state.winding_temperature, state.housing_temperature
-        )
-    mean = mean_current(electric.response, speed, speed)
-    winding, housing = thermal.warm(
-        drive.thermal,
-        state.winding_temperature,
-        state.housing_temperature,
-        load.ambient_temperature,
-        electric.resistance * mean * mean,
-        step,
-    )
-    return DriveState(
-        electrics.final_current(electric, coast, speed, speed),
-        speed,
-        position,
-        winding,
-        housing,
-    )
+    """One motor's state after a step with that current, at the common speed and position."""
+    winding, housing, fuse = warmed(drive, state, path, ambient, step)
+    return DriveState(path.end, speed, position, winding, housing, fuse, 0.0)
 
 
 @compilable
@@ -235,6 +220,8 @@ def rigid_start(state: State) -> State:
             left.position,
             right.winding_temperature,
             right.housing_temperature,
+            right.cutout_temperature,
+            0.0,
         ),
         state.gate_angle,
         state.gate_rate,

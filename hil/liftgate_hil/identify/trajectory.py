@@ -40,7 +40,9 @@ OUTPUTS = (
 # done after it, the currents shown, the state.
 _STRETCH = 100_000
 _ROW, _STEPS, _SHOWN = 0, 1, 2
-_AT_LEFT, _AT_RIGHT, _ANGLE, _RATE, _LATCHED, _TWIST, _KEPT = 4, 9, 14, 15, 16, 17, 19
+_DRIVE = len(DriveState._fields)
+_AT_LEFT, _AT_RIGHT, _ANGLE = 4, 4 + _DRIVE, 4 + 2 * _DRIVE
+_RATE, _LATCHED, _TWIST, _KEPT = _ANGLE + 1, _ANGLE + 2, _ANGLE + 3, _ANGLE + 5
 _LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
 _RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
@@ -72,8 +74,8 @@ def moving_state(start: Start, angle: float, rate: float, ambient: float) -> Sta
     winding, housing = ambient + start.warmth, ambient + start.housing_warmth
     left, right = start.left_position, start.left_position + start.right_ahead
     return State(
-        DriveState(start.left_current, start.speed, left, winding, housing),
-        DriveState(start.right_current, start.speed, right, winding, housing),
+        DriveState(start.left_current, start.speed, left, winding, housing, ambient, 0.0),
+        DriveState(start.right_current, start.speed, right, winding, housing, ambient, 0.0),
         angle,
         rate,
         start.latched,

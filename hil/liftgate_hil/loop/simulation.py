@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -33,6 +34,7 @@ from liftgate_plant.sensors import Sensors, SensorState
 Floats = NDArray[np.float64]
 
 _BLOCK = 2000  # steps, some milliseconds: nobody can stop it within
+_AHEAD = 4  # blocks: where one takes longer to make, or to write, the other side need not wait
 
 
 class Block(NamedTuple):
@@ -124,17 +126,20 @@ def block(
 
 
 def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
-    """Rows and Hall edges from the initial state to that after `steps` steps, in blocks, the next one made while
+    """Rows and Hall edges from the initial state to that after `steps` steps, in blocks, the next few made while
     the caller has the last. A row holds a state and the inputs from then on.
 
     Raises PlantDivergedError.
     """
     blocks = _blocks(offline, state, samples, steps)
     with ThreadPoolExecutor(1) as pool:  # machine code needs no interpreter lock
-        ahead = pool.submit(next, blocks, None)
-        while (made := ahead.result()) is not None:
-            ahead = pool.submit(next, blocks, None)
-            yield made
+        ahead = deque(pool.submit(next, blocks, None) for _ in range(_AHEAD))
+        try:
+            while (made := ahead.popleft().result()) is not None:
+                ahead.append(pool.submit(next, blocks, None))
+                yield made
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:

@@ -1,0 +1,60 @@
+"""The drive's thermal cut-out, optional: a PTC thermistor in the motor's line, which a current that lasts too long
+heats until it lets next to none through.
+
+    C dT/dt = R i² − (T − T_amb)/R_th        R = R_0 for T ≤ T_c, R_0 e^((T − T_c)/w) above
+
+It stays hot as long as the little that it lets through keeps it so. The defaults go with R_0 = 36 mΩ and are those
+of a polymer one that holds 5 A at 20 °C, trips at 8.5 A, and within 3.6 s at 25 A: the trip current gives
+R_th = (T_c − 20 °C)/(R_0 I²), the time C = R_0 I² t/(T_c − 20 °C). w is chosen: a factor of 7 every 10 K.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity
+
+_MOST = 1e6  # Ω
+
+
+class Cutout(NamedTuple):
+    """Table `[cutout]`."""
+
+    resistance: Annotated[
+        float, Quantity("R_0", "Ω", 0.0, 10.0, "of the PTC thermistor when cold; 0: none")
+    ] = 0.0
+    thermal_resistance: Annotated[
+        float, Quantity("R_th", "K/W", 0.1, 1e4, "to the surroundings")
+    ] = 39.0
+    capacity: Annotated[float, Quantity("C", "J/K", 1e-2, 1e4, "")] = 0.75
+    temperature: Annotated[float, Quantity("T_c", "°C", 40.0, 300.0, "at which it trips")] = 125.0
+    width: Annotated[
+        float, Quantity("w", "K", 1.0, 50.0, "in which its resistance grows by e above that")
+    ] = 5.0
+
+
+@compilable
+def resistance_at(cutout: Cutout, temperature: float) -> float:
+    """R [Ω] at a temperature [°C]."""
+    if cutout.resistance == 0.0:
+        return 0.0
+    above = max(0.0, temperature - cutout.temperature) / cutout.width
+    return min(_MOST, cutout.resistance * math.exp(min(above, 50.0)))
+
+
+@compilable
+def soon(cutout: Cutout, temperature: float, current: float, ahead: float) -> float:
+    """R [Ω] in so many seconds, which are few, with its present current [A]."""
+    now = resistance_at(cutout, temperature)
+    return resistance_at(cutout, temperature + ahead * now * current * current / cutout.capacity)
+
+
+@compilable
+def warm(cutout: Cutout, temperature: float, ambient: float, loss: float, step: float) -> float:
+    """Its temperature [°C] after a step with that mean loss [W]; implicit in what goes to the surroundings."""
+    if cutout.resistance == 0.0:
+        return temperature
+    stored = cutout.capacity * temperature + step * (loss + ambient / cutout.thermal_resistance)
+    return stored / (cutout.capacity + step / cutout.thermal_resistance)

@@ -1,0 +1,64 @@
+"""The study of random vehicles, on a few of them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from liftgate_hil.config.vehicle import vehicle_of
+from tools.accuracy.cases import NAMES, case
+from tools.accuracy.page import page_of
+from tools.accuracy.study import ANGLE_BAR, CURRENT_BAR, Errors, errors_of
+
+
+@pytest.mark.parametrize("number", [1, 16, 29, 35, 60, 76, 112, 150])
+def test_a_random_vehicle_meets_the_bar(number: int) -> None:
+    """Those that once did not, and one more."""
+    found = errors_of(number)
+    assert found.is_met, found
+    assert found.warmth < 0.01
+
+
+def test_a_case_is_the_same_each_time_and_none_is_like_another() -> None:
+    assert case(3) == case(3)
+    assert case(3) != case(4)
+    assert vehicle_of(case(3).vehicle, "case 3") == vehicle_of(case(3).vehicle, "case 3")
+
+
+def test_all_options_are_among_the_cases() -> None:
+    """All that the study says of itself."""
+    cases = [case(number) for number in range(40)]
+    phases = [phase for each in cases for phase in each.phases]
+    tables = [each.vehicle for each in cases]
+    assert {each["drives"] for each in tables} == {1, 2}
+    assert len(NAMES) == 3
+    modes = {phase.left.mode for phase in phases}
+    assert modes == {"open", "close", "brake", "coast", "voltage"}
+    assert any(each.latched for each in cases)
+    assert any(not phase.released for phase in phases)
+    for name in ("supply_voltage", "supply_end", "obstacle"):
+        assert any(getattr(phase, name) is not None for phase in phases), name
+    for name in ("external_torque", "hand_force", "wind_pressure", "snow_mass"):
+        assert any(getattr(phase, name) for phase in phases), name
+    for table, key in (
+        ("friction", "position_table"), ("friction", "viscous"), ("spindle", "load_friction"),
+        ("spring", "gas_force"), ("gate", "torsional_stiffness"), ("gate", "hinge_friction"),
+    ):  # fmt: skip
+        assert any(each[table].get(key) for each in tables), key
+    assert any(each.get("thermal", {}).get("enabled") for each in tables)
+
+
+def test_the_page_counts_what_meets_the_bars_and_tells_what_does_not() -> None:
+    page = page_of(
+        [
+            Errors(0, 0.1, 1e-4, 0.0),
+            Errors(1, CURRENT_BAR, 1e-4, 0.0),
+            Errors(2, 0.1, ANGLE_BAR, 0.0),
+            Errors(3, math.nan, math.nan, math.nan, "the reference gave up"),
+        ]
+    )
+    assert "**1 of 3**" in page
+    assert "| 1 | 2.000 | 0.00010 |" in page
+    assert "| 2 | 0.100 | 0.00200 |" in page
+    assert "- case 3: the reference gave up" in page

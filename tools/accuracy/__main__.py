@@ -1,0 +1,39 @@
+"""`python -m tools.accuracy --output FOLDER`: writes accuracy.md; `--case N` tells one case."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from tools.accuracy.page import page_of
+from tools.accuracy.study import errors_of
+
+CASES = 300
+
+
+def main() -> int:
+    """The command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tools.accuracy", description=__doc__)
+    parser.add_argument("--output", metavar="FOLDER", default="docs")
+    parser.add_argument("--cases", type=int, default=CASES, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first")
+    parser.add_argument("--case", type=int, metavar="N", help="print one, write nothing")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N")
+    args = parser.parse_args()
+    if args.case is not None:
+        print(errors_of(args.case))
+        return 0
+    found = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for each in pool.map(errors_of, range(args.first, args.first + args.cases)):
+            found.append(each)
+            if not each.is_met:
+                print(each, flush=True)
+    Path(args.output, "accuracy.md").write_text(page_of(found), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

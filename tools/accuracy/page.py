@@ -1,0 +1,51 @@
+"""docs/accuracy.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tools.accuracy.study import ANGLE_BAR, CURRENT_BAR, STEP, TOLERANCE, Errors
+
+_HEAD = """# How exact a step is
+
+`make accuracy` wrote this: {count} vehicles drawn at random about the three shipped ones, each in three to five
+phases drawn at random (`tools/accuracy/cases.py`), at a step of {step:g} ms, against a solution in which every
+change of regime is a located event (`tests/reference/event_solution.py`, relative tolerance {tolerance:g}).
+Among them: one drive and two, unlike and alike; duties, applied voltages, braking, coasting; source resistance,
+steps and ramps of the supply; friction over speed, load, temperature and place; hinge friction; gas springs;
+gates that twist; motors that warm up; obstacles with gap and damping anywhere along the edge; hand, wind, snow,
+slope; the latch.
+
+"""
+
+
+def page_of(found: Sequence[Errors]) -> str:
+    """The page."""
+    solved = [each for each in found if not each.trouble]
+    met = [each for each in solved if each.is_met]
+    lines = [
+        _HEAD.format(count=len(found), step=1e3 * STEP, tolerance=TOLERANCE),
+        f"**{len(met)} of {len(solved)}** stay under {CURRENT_BAR:g} mA rms of each current and "
+        f"{ANGLE_BAR:g}° of angle and twist at worst.\n\n",
+        "| | median | 90 % | 99 % | worst |\n|---|---|---|---|---|\n",
+    ]
+    for name, unit, digits in (("current", "mA rms", 3), ("angle", "°", 6), ("warmth", "K", 5)):
+        values = [getattr(each, name) for each in solved]
+        cells = [f"{np.quantile(values, share):.{digits}f}" for share in (0.5, 0.9, 0.99, 1.0)]
+        what = {"current": "current", "angle": "angle, twist", "warmth": "temperatures"}[name]
+        lines.append(f"| {what} [{unit}] | {' | '.join(cells)} |\n")
+    if len(met) < len(solved):
+        lines.append(
+            "\nThose that do not:\n\n| case | current [mA rms] | angle [°] |\n|---|---|---|\n"
+        )
+        lines += [
+            f"| {each.number} | {each.current:.3f} | {each.angle:.5f} |\n"
+            for each in solved
+            if not each.is_met
+        ]
+    if len(solved) < len(found):
+        lines.append("\nThe reference could not solve:\n\n")
+        lines += [f"- case {each.number}: {each.trouble}\n" for each in found if each.trouble]
+    return "".join(lines)
