@@ -24,6 +24,7 @@ from vcan_support import (
     run,
     sending,
     sent_by,
+    standstills,
     summary_of,
     wait_for,
 )
@@ -92,10 +93,9 @@ def feedback_within(seconds: float) -> bool:
 
 
 def check_shown(losses: list[int], story: Story) -> None:
-    """Each loss was told soon after the last command before it. The machine may be late one time in twenty."""
+    """Each loss was told soon after the last command before it, but where the machine stood still."""
     lags = sorted(told - max(tick for tick in story.accepted if tick <= told) for told in losses)
-    assert lags[len(lags) * 19 // 20 - 1] <= SHOWN, lags
-    assert lags[-1] <= 1000, lags
+    assert lags[len(lags) - 1 - standstills(len(lags))] <= SHOWN, lags
 
 
 @pytest.mark.parametrize(("told", "breaks", "mends"), FAULTS.values(), ids=FAULTS)
@@ -113,7 +113,7 @@ def test_a_lost_link_is_told_the_motors_coast_and_it_returns(
                 gate.wait_for_news(told, cycle + 1)
                 time.sleep(OUTAGE)
                 ip.do(*mends)
-                assert feedback_within(1.0)
+                assert feedback_within(PATIENCE)
                 gate.wait_for_news("is back", cycle + 1)
                 time.sleep(0.05)
             assert gate.holds() == held
@@ -132,9 +132,9 @@ def test_a_lost_link_is_told_the_motors_coast_and_it_returns(
     story = story_of(record)
     check_coasting(story)
     check_shown(losses, story)
-    # One for each loss, one at the end, and those where the ECU itself was late.
+    # One for each loss, one at the end, and those where the machine stood still.
     assert summary["command_timeouts"] == len(story.stale)
-    assert link_cycles + 1 <= len(story.stale) <= link_cycles + 5
+    assert link_cycles + 1 <= len(story.stale) <= link_cycles + 1 + standstills(link_cycles)
     for tick in losses:
         assert any(driven - 200 <= tick <= driven + 1000 for _, driven in story.stale)
 
@@ -148,7 +148,7 @@ def test_a_link_that_flaps_is_told_and_counted_once(
         for cycle in range(link_cycles):
             ip.do(*steps)
             gate.wait_for_news("is back", cycle + 1)
-            assert feedback_within(1.0)
+            assert feedback_within(PATIENCE)
         assert gate.holds() == held
         news = gate.news()
         summary = summary_of(gate)
@@ -165,7 +165,7 @@ def test_an_interface_down_for_less_than_a_look_does_no_harm(
         for _ in range(link_cycles):
             ip.do(DOWN, UP)
             time.sleep(0.05)
-            assert feedback_within(1.0)
+            assert feedback_within(PATIENCE)
         assert gate.holds() == held
         summary = summary_of(gate)
     assert summary["link"]["losses"] <= link_cycles
@@ -176,7 +176,7 @@ def test_a_burst_of_flaps_is_survived(ip: Tool, bus: Bus, link_cycles: int) -> N
     with emulator(bus, "--json") as gate:
         held = gate.holds()
         ip.do(*[DOWN, UP, GONE, THERE, UP] * link_cycles)
-        assert feedback_within(1.0)
+        assert feedback_within(PATIENCE)
         gate.wait_for_news("is back", 1)
         assert gate.holds() == held
         summary = summary_of(gate)
@@ -284,7 +284,7 @@ def test_a_full_send_queue_is_counted_and_commands_are_heard(
                 queue(FULL)
                 time.sleep(0.05)
                 queue(FREE)
-                assert feedback_within(1.0)
+                assert feedback_within(PATIENCE)
             sent = sent_by(ecu)
         assert gate.holds() == held
         time.sleep(0.1)
@@ -306,4 +306,4 @@ def test_a_full_send_queue_is_counted_and_commands_are_heard(
     assert (summary["received"]["accepted"], summary["received"]["lost"]) == (sent, 0)
     story = story_of(record)
     check_coasting(story)
-    assert summary["command_timeouts"] == len(story.stale) <= 5
+    assert summary["command_timeouts"] == len(story.stale) <= standstills(link_cycles)

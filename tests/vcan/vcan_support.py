@@ -166,6 +166,14 @@ def received(summary: dict[str, Any]) -> int:
     return sum(number for cause, number in counts.items() if cause != "lost")
 
 
+def standstills(cycles: int) -> int:
+    """How often of these a shared machine may have stood still for longer than what is judged.
+
+    Four of a hundred were seen. A fault of the emulator shows in each cycle or in each second one.
+    """
+    return cycles // 4
+
+
 def write_log(path: Path, frames: Sequence[str]) -> Path:
     """A log for canplayer: one frame every command period."""
     path.write_text(
