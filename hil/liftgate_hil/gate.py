@@ -26,6 +26,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.reference import message_rows
 from liftgate_hil.errors import ConfigError, PlantDivergedError
 from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
@@ -46,8 +47,8 @@ from liftgate_hil.signals import (
 from liftgate_hil.stimuli.mailbox import HELD, nothing_held
 from liftgate_hil.stimuli.timeline import no_timeline
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import initial_state
 from liftgate_plant.hall import RING_SIZE
+from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle
 
@@ -83,7 +84,9 @@ class Gate:
         self._drives = vehicle.drives
         self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
-        state = initial_state(self._config.plant, angle, latched=float(initial == "closed"))
+        state = initial_state(self._config.plant, angle)
+        if initial == "closed":
+            state = closed_state(self._config.plant, self._config.load)
         self._memory = Memory(_ROWS, _FRAMES)
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
@@ -100,6 +103,7 @@ class Gate:
         self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 0, 0, 0)
         self._run = compiled(run_stretch)
         self._values: NDArray[np.float64] | None = None  # what is sent cyclically
+        self._cinching = message_rows(rig, ["latch_cinch"])
         self._sent = np.zeros(len(self._config.inputs.messages), dtype=np.int64)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._distance = vehicle.gate.length
@@ -163,7 +167,8 @@ class Gate:
     def command(self, command: None = None, /, **quantities: float | str | bool) -> None:
         """What is sent every command cycle from now on, by quantity, through rig and codec, with counter and
         checksum: `left_duty`, `right_duty` [%], `left_direction`, `right_direction` or `direction` for both
-        (coast, open, close, brake), `latch_release`. What is not named is 0 (coast). `command(None)` goes silent.
+        (coast, open, close, brake), `latch_release`; `latch_cinch` is sent where it is named. What is not
+        named is 0 (coast). `command(None)` goes silent.
 
         Raises ConfigError.
         """
@@ -177,7 +182,8 @@ class Gate:
             return
         values = np.full(INPUT_COUNT, np.nan)
         both = quantities.pop("direction", None)
-        known = ("left_duty", "right_duty", "left_direction", "right_direction", "latch_release")
+        latch = ("latch_release", "latch_cinch")
+        known = ("left_duty", "right_duty", "left_direction", "right_direction", *latch)
         for name in quantities:
             if name not in known:
                 raise ConfigError(f"`command` {name}: allowed: {', '.join((*known, 'direction'))}")
@@ -190,10 +196,12 @@ class Gate:
             number = _direction(f"{side}_direction", "coast" if direction is None else direction)
             values[getattr(IN, f"{side}_duty")] = duty
             values[getattr(IN, f"{side}_direction")] = number
-        release = quantities.get("latch_release", False)
-        if not isinstance(release, Real | np.bool_) or release not in (0, 1):
-            raise ConfigError(f"`latch_release` {show(release)}: allowed: True, False")
-        values[IN.latch_release] = float(release)
+        for name in latch:
+            on = quantities.get(name, False)
+            if not isinstance(on, Real | np.bool_) or on not in (0, 1):
+                raise ConfigError(f"`{name}` {show(on)}: allowed: True, False")
+            if name == "latch_release" or name in quantities:
+                values[getattr(IN, name)] = float(on)
         self._check_said(values)
         self._values = values
 
@@ -220,7 +228,7 @@ class Gate:
 
     def set(self, **surroundings: float | None) -> None:
         """Surroundings from the next tick on: `road_slope_deg=8`, `supply_voltage_v`, `hand_force_n` and so on;
-        None clears. Raises ConfigError.
+        switches (`handle_pulled`) take True and False; None clears. Raises ConfigError.
         """
         self._check_open()
         held = {}
@@ -228,12 +236,12 @@ class Gate:
             if name not in PROFILES:
                 raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
             signal = PROFILES[name]
-            given = (
-                math.nan
-                if value is None
-                else number_of(name, value, signal.low, signal.high, signal.unit)
-            )
-            held[name] = given
+            if value is None:
+                held[name] = math.nan
+            elif signal.values and isinstance(value, bool):
+                held[name] = float(value)
+            else:
+                held[name] = number_of(name, value, signal.low, signal.high, signal.unit)
         self._hold(held)
 
     def obstacle(
@@ -367,9 +375,12 @@ class Gate:
     def _command_frames(self, values: NDArray[np.float64]) -> list[tuple[int, int, bytes]]:
         """One cycle's command, of the messages that an ECU sends."""
         bus = self._bus.node.reference
-        frames = empty_frames(len(bus.commands))
+        rows = [int(row) for row in bus.commands]
+        if not np.isnan(values[IN.latch_cinch]):
+            rows += [row for row in self._cinching if row not in rows]
+        frames = empty_frames(len(rows))
         found = []
-        for place, row in enumerate(bus.commands):
+        for place, row in enumerate(rows):
             encode(bus.outputs, row, values, int(self._sent[row]), frames, place)
             self._sent[row] += 1
             length = int(frames.lengths[place])

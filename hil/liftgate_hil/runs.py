@@ -296,7 +296,8 @@ def _run(
         return _on_bus(job, parts, nobody, seen, stopped, memory)
     with contextlib.ExitStack() as stack:
         with _foreign_code(memory):
-            adapter = adapter_for(job.ecu, parts.rig, parts.setup.vehicle.drives)
+            car = parts.setup.vehicle
+            adapter = adapter_for(job.ecu, parts.rig, car.drives, coding=car.coding)
         stack.callback(_close, adapter, memory)
         if job.options.clock == "free":
             return _free(job, parts, adapter, seen, stopped, memory)

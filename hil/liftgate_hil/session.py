@@ -25,8 +25,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
 from liftgate_hil.recording.rotation import Limit
 from liftgate_hil.signals import OUT
-from liftgate_plant.dynamics import initial_state
 from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 NS = 1_000_000_000
@@ -224,7 +224,9 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
 
 def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
     """A loop whose gate rests at an angle [rad]; closed it is latched."""
-    return initial_loop(config, initial_state(config.plant, angle, latched=float(angle == 0.0)))
+    if angle == 0.0:
+        return initial_loop(config, closed_state(config.plant, config.load))
+    return initial_loop(config, initial_state(config.plant, angle))
 
 
 def ticks_of(duration: float | None, rate: float) -> int | None:

@@ -11,6 +11,8 @@ from collections import namedtuple
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_plant.signals import (
+    EDGE_AGE,
+    LATCH_CINCHED,
     LATCH_RELEASED,
     PINCH_FORCE,
     Drives,
@@ -24,6 +26,8 @@ from liftgate_plant.signals import (
 
 DIRECTIONS = ("coast", "open", "close", "brake")
 LATCH_COMMANDS = ("hold", "release")
+CINCH_COMMANDS = ("off", "pull")
+EDGE_NUMBERS = 256  # an edge's number is told modulo this
 EMULATOR_STATES = ("waiting", "running", "timeout", "stopped")
 
 _DUTY = Signal("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped")
@@ -39,6 +43,10 @@ class Command(NamedTuple):
     left_direction: Annotated[float, _DIRECTION]
     right_direction: Annotated[float, _DIRECTION]
     latch_release: Annotated[float, Signal("", 0.0, 1.0, "drives the latch open", LATCH_COMMANDS)]
+    latch_cinch: Annotated[
+        float,
+        Signal("", 0.0, 1.0, "drives the cinching motor, of a latch as built", CINCH_COMMANDS),
+    ]
 
 
 class Rod(NamedTuple):
@@ -59,6 +67,28 @@ OBSTACLE: dict[str, Signal] = {
     "lateral": Signal("m", -5.0, 5.0, "from the gate's middle, positive to the left"),
     "gap": Signal("m", -1.0, 1.0, "before the gate touches it at that angle"),
 }
+
+
+_NUMBER = Signal("", 0.0, EDGE_NUMBERS - 1.0, "Hall edges so far, modulo 256", is_whole=True)
+_AGES = [
+    EDGE_AGE._replace(meaning=f"since the last Hall edge {which}; before it since the start")
+    for which in ("", "but one", "but two", "but three")
+]
+
+
+class EdgeTimes(NamedTuple):
+    """The last Hall edges of each drive, for an ECU's timer; all of them are recorded beside the rows."""
+
+    left_edge_number: Annotated[float, _NUMBER]
+    left_edge_age_1: Annotated[float, _AGES[0]]
+    left_edge_age_2: Annotated[float, _AGES[1]]
+    left_edge_age_3: Annotated[float, _AGES[2]]
+    left_edge_age_4: Annotated[float, _AGES[3]]
+    right_edge_number: Annotated[float, _NUMBER]
+    right_edge_age_1: Annotated[float, _AGES[0]]
+    right_edge_age_2: Annotated[float, _AGES[1]]
+    right_edge_age_3: Annotated[float, _AGES[2]]
+    right_edge_age_4: Annotated[float, _AGES[3]]
 
 
 class Status(NamedTuple):
@@ -139,6 +169,7 @@ _OUTPUTS: _Parts = {
     "truth": {_true_name(name, signal): signal for name, signal in _TRUTH.items()},
     "status": signals_of(Status),
     "timing": signals_of(Timing),
+    "edges": signals_of(EdgeTimes),
 }
 BUS_OUTPUTS: dict[str, Signal] = _whole(_OUTPUTS)
 INPUT_COUNT = len(BUS_INPUTS)
@@ -169,6 +200,7 @@ INPUT_SIGNALS: dict[str, Signal] = {
     **signals_of(Drives),
     **PROFILES,
     "latch_released": LATCH_RELEASED,
+    "latch_cinched": LATCH_CINCHED,
 }
 # What says nothing new beside the inputs that a file of `simulate` was made from, and holds from its row on, where
 # a recording's led to it.

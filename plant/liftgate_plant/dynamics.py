@@ -6,7 +6,8 @@ For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_
     2πJ_d dn/dt = c1Φ i − τ_friction(n) − F_d ρ/2π                          transmission, friction
     F_d        = mechanism_force(x_d, dx_d/dt)                             transmission: play, stiffness
     J_L φ̈      = Σ_d (F_d + F_F,d − F_open,d + F_closed,d) r_AP(φ)          spring, gate
-                 − M_W(φ) + M_2(l_S) + F_o r_o − τ_hinge + τ_external       gate, seal, obstacle, environment
+                 − M_W(φ) + M_2(l_S) + M_claw(φ) + M_hook(φ, φ̇)            gate, seal, latch
+                 + F_o r_o − τ_hinge + τ_external                          obstacle, environment
     J_t ψ̈      = M_left − M_right + Σ_j (y_j/w) M_j − d_t ψ̇ − k_t ψ         torsion: where the gate twists
 
 A drive sees the gate at φ ± ψ, what acts at y at φ + ψ y/w; M_left and M_right are the drives' terms of the sum,
@@ -29,6 +30,7 @@ from liftgate_plant import (
     cutout,
     environment,
     gate,
+    latch,
     obstacle,
     seal,
     spring,
@@ -42,6 +44,7 @@ from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
+from liftgate_plant.latch import NOT_LATCHED, Claw, LatchState
 from liftgate_plant.motor import Motor
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pwm import SLOW, Chopper, course
@@ -85,6 +88,7 @@ class Plant(NamedTuple):
     weight_moment: float  # m g r_GP0, N m
     hinge: DryFriction
     seal: Seal
+    latch: Claw
     environment: Environment
     source_resistance: float  # Ω
     pinch_limit: float  # N
@@ -105,7 +109,7 @@ class DriveState(NamedTuple):
 
 
 class State(NamedTuple):
-    """The plant's state; gate angle [rad] and rate [rad/s], latched 1.0 or 0.0, twist ψ [rad] and its rate."""
+    """The plant's state; gate angle [rad] and rate [rad/s], fully latched 1.0 or 0.0, twist ψ [rad], its rate."""
 
     left: DriveState
     right: DriveState
@@ -114,6 +118,7 @@ class State(NamedTuple):
     latched: float
     twist: float = 0.0
     twist_rate: float = 0.0
+    latch: LatchState = NOT_LATCHED
 
 
 class Load(NamedTuple):
@@ -128,6 +133,9 @@ class Load(NamedTuple):
     hand_force: float
     external_torque: float
     latch_released: float
+    latch_cinched: float
+    handle_pulled: float
+    button_pressed: float
     obstacle: Obstacle
 
 
@@ -176,6 +184,7 @@ class Outputs(NamedTuple):
     pinch_force: float
     terminal_voltage: float
     gate_acceleration: float
+    latch_force: float
 
 
 @compilable
@@ -195,6 +204,9 @@ def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
             hand_force=load.hand_force,
             external_torque=load.external_torque,
             latch_released=load.latch_released,
+            latch_cinched=load.latch_cinched,
+            handle_pulled=load.handle_pulled,
+            button_pressed=load.button_pressed,
             obstacle=load.obstacle,
         ),
         inputs.frictions,
@@ -362,6 +374,9 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
         + side_torque(plant.right, plant.link, state.right, places.right, ambient)
         + body_torque(plant, load, state.gate_angle, state.twist)
         + plant.seal.arm * contact.force(plant.seal.stiffness, 0.0, rubber, 0.0)
+        + latch.torque(
+            plant.latch, state.latch, state.gate_angle, state.gate_rate, load.latch_cinched
+        )
         + load.obstacle.direction * load.obstacle.distance * pinch_of(plant, state, load)
     )
 
@@ -483,7 +498,7 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
         state.right.current,
     )
     acceleration = 0.0
-    if state.latched == 0.0:
+    if state.latched == 0.0 or plant.latch.half > 0.0:
         torque = torque_at(plant, state, inputs.load, places)
         limit = plant.hinge.coulomb
         if rate > 0.0:
@@ -501,25 +516,16 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
         pinch_of(plant, state, inputs.load),
         terminal,
         acceleration,
+        latch_force(plant, state, inputs.load),
     )
-
-
-NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @compilable
-def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> State:
-    """At rest at `angle` [rad], each drive in the middle of its play, warm as the surroundings."""
-    ambient = plant.environment.ambient_temperature
-    extended = gate.extension(plant.link, angle)
-    left = plant.left.active * extended / plant.left.travel
-    right = plant.right.active * extended / plant.right.travel
-    return State(
-        DriveState(0.0, 0.0, left, ambient, ambient, ambient, 0.0),
-        DriveState(0.0, 0.0, right, ambient, ambient, ambient, 0.0),
-        angle,
-        0.0,
-        float(latched),
-        0.0,
-        0.0,
-    )
+def latch_force(plant: Plant, state: State, load: Load) -> float:
+    """What the latch's hook pulls the gate home with [N]; 0 of a latch without positions."""
+    claw, angle = plant.latch, state.gate_angle
+    drawn = latch.drawing(claw, state.latch, angle, load.latch_cinched)
+    return latch.hook_force(claw, state.latch, angle, state.gate_rate, drawn)
+
+
+NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -19,43 +19,37 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant import (
-    clutch,
-    contact,
-    cutout,
-    dynamics,
-    electrics,
-    friction,
-    gate,
-    latch,
-    obstacle,
-    seal,
-    thermal,
-    transmission,
-)
+from liftgate_plant import clutch, dynamics, electrics, friction, latch
 from liftgate_plant.clutch import GRIP, Slips
 from liftgate_plant.compiler import compilable
-from liftgate_plant.contact import LinearizedForce
-from liftgate_plant.current import CurrentPath, effective, held
-from liftgate_plant.dynamics import Drive, DriveState, Frictions, Inputs, Load, Plant, State
+from liftgate_plant.current import CurrentPath, held
+from liftgate_plant.drive_step import (
+    MomentumEquation,
+    balance,
+    drive_push,
+    next_drive,
+    path_in,
+    sliding,
+    slip_way,
+    would_slip,
+)
+from liftgate_plant.dynamics import Frictions, Inputs, Load, Plant, State
 from liftgate_plant.electrics import Electric
-from liftgate_plant.gate import Linkage
-from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.torsion import Torsion, is_rigid, share_at, twist_momentum
+from liftgate_plant.gate_step import (
+    Motion,
+    at_side,
+    halfway,
+    home_contacts,
+    middle_of,
+    pinch_contact,
+    side_torque,
+    stop_contacts,
+)
+from liftgate_plant.torsion import is_rigid, share_at, twist_momentum
 
 PASSES = 2
 _PASSES_SLIPPING = 3  # of a step in which a clutch slips
 _MOST_PASSES = 5  # of one in which the latch catches the gate
-
-
-class MomentumEquation(NamedTuple):
-    """One drive's momentum over the step: A n1 = R + B ω1 − τ Sgn(n1); it gives the gate C n1."""
-
-    speed: float  # A
-    constant: float  # R
-    rate: float  # B
-    limit: float  # τ
-    to_gate: float  # C
 
 
 class Speeds(NamedTuple):
@@ -74,35 +68,6 @@ class Flow(NamedTuple):
     right: CurrentPath
 
 
-class Midpoint(NamedTuple):
-    """The gate's path at one of its sides or in its middle: lever [m] and extension l_S [m] at half the step, and
-    the extension at its start.
-    """
-
-    lever: float
-    halfway: float
-    extension: float
-
-
-class Motion(NamedTuple):
-    """The gate at one of its sides or where a contact is: angle [rad] and rate [rad/s] at the start, the rate at
-    the end, and the inertia [kg m²] that it has there.
-    """
-
-    angle: float
-    rate: float
-    rate_end: float
-    inertia: float
-
-
-class Stretch(NamedTuple):
-    """A mechanism's extension x_d [m] at a step's start, and its rates [m/s] there and at the end."""
-
-    extension: float
-    rate: float
-    rate_end: float
-
-
 class GateMomentum(NamedTuple):
     """What the gate's momentum over the step says of ω1 and ψ̇1, without the drives' new speeds:
 
@@ -114,58 +79,6 @@ class GateMomentum(NamedTuple):
     twist: float
     constant: float
     twist_constant: float
-
-
-@compilable
-def balance(
-    drive: Drive,
-    state: DriveState,
-    electric: Electric,
-    push: LinearizedForce,
-    lever: float,
-    guess: float,
-    guess_other: float,
-    guess_rate: float,
-    nominal: float,
-    step: float,
-) -> MomentumEquation:
-    """One drive's momentum balance (3.2, 4.2, 4.5), for a guess of its own, the other drive's and the gate's
-    speed; `nominal` is its friction by that of the law. The gate has a speed of its own, where (4.7) gives it the
-    drive's.
-    """
-    response, torque_constant = electric.response, electric.torque_constant
-    kappa, rho = drive.torque_per_force, drive.travel
-    inertia = 2.0 * math.pi * drive.inertia / step
-    viscous = 0.5 * nominal * drive.friction.viscous
-    current = response.mean + response.mean_other * guess_other
-    constant = (inertia - viscous) * state.speed + torque_constant * current - kappa * push.constant
-    force = push.constant + push.slope * (rho * guess - lever * guess_rate)
-    limit = nominal * friction.level(drive.friction, 0.5 * (state.speed + guess))
-    limit += drive.load_friction * kappa * abs(force)
-    if state.speed == 0.0 and guess != 0.0:
-        along = math.copysign(1.0, guess)
-        start = along * (torque_constant * state.current - kappa * force)
-        final = start - along * torque_constant * electric.transient.amplitude
-        limit = friction.breakaway(limit, start, final, electric.transient.decay, step)
-    own = inertia + viscous - torque_constant * response.mean_own + kappa * rho * push.slope
-    if state.speed != 0.0 and state.speed * guess <= 0.0:
-        momentum = constant + kappa * push.slope * lever * guess_rate - (own - inertia) * guess
-        if friction.turns(limit, inertia * state.speed, momentum):
-            constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
-            limit = 0.0
-    return MomentumEquation(
-        own,
-        constant,
-        kappa * push.slope * lever,
-        limit,
-        lever * push.slope * rho,
-    )
-
-
-@compilable
-def sliding(drive: MomentumEquation, rate: float) -> float:
-    """What moves a drive's shaft against its friction, at a rate of its side of the gate; 0: it is held."""
-    return friction.soft_threshold(drive.constant + drive.rate * rate, drive.limit)
 
 
 @compilable
@@ -219,136 +132,6 @@ def solve_speeds(
 
 
 @compilable
-def gate_contact(
-    stiffness: float,
-    damping: float,
-    depth: float,
-    lever: float,
-    arm: float,
-    motion: Motion,
-    step: float,
-) -> LinearizedForce:
-    """Mean torque of a contact on the gate, linear in ω1: its depth shrinks by lever · ω, its arm is `arm`."""
-    if stiffness == 0.0:
-        return LinearizedForce(0.0, 0.0)
-    mobility = lever * arm / motion.inertia
-    rate, rate_end = -lever * motion.rate, -lever * motion.rate_end
-    when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
-    push = contact.push(stiffness, damping, depth, rate, mobility, step, when)
-    return LinearizedForce(arm * push.constant, -arm * lever * push.slope)
-
-
-@compilable
-def stop_contacts(
-    drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float
-) -> LinearizedForce:
-    """Mean torque of one drive's two end stops."""
-    if drive.active == 0.0:
-        return LinearizedForce(0.0, 0.0)
-    k, c, r = drive.spring.stop_stiffness, drive.spring.stop_damping, middle.lever
-    opened = gate_contact(k, c, middle.extension - stroke, -r, -r, side, step)
-    closed = gate_contact(k, c, -middle.extension, r, r, side, step)
-    return LinearizedForce(opened.constant + closed.constant, opened.slope + closed.slope)
-
-
-@compilable
-def pinch_contact(body: Obstacle, place: Motion, step: float) -> LinearizedForce:
-    """Mean torque of an obstacle on the gate where it is."""
-    depth = obstacle.depth(body, place.angle)
-    arm = body.direction * body.distance
-    return gate_contact(body.stiffness, body.damping, depth, arm, arm, place, step)
-
-
-@compilable
-def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
-    """Where what starts there is at half the step, its rate on a straight line."""
-    return start + 0.125 * step * (3.0 * rate + rate_end)
-
-
-@compilable
-def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
-    """Lever and extensions along the path."""
-    middle = halfway(motion.angle, motion.rate, motion.rate_end, step)
-    return Midpoint(
-        gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle)
-    )
-
-
-@compilable
-def stretch_in(
-    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float
-) -> Stretch:
-    """What the mechanism's extension does in a step at whose end the motor has that speed; the gate's goes along
-    the actuator with dl_S/dt = r_AP ω (3.42).
-    """
-    return Stretch(
-        state.position * drive.travel - state.slip - middle.extension,
-        drive.travel * state.speed - middle.lever * side.rate,
-        drive.travel * speed - middle.lever * side.rate_end,
-    )
-
-
-@compilable
-def drive_push(
-    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
-) -> LinearizedForce:
-    """The mechanism's mean force on the gate."""
-    if drive.active == 0.0:
-        return LinearizedForce(0.0, 0.0)
-    stretch = stretch_in(drive, state, middle, side, guess)
-    return transmission.mechanism_push(
-        drive.mechanism.stiffness,
-        drive.mechanism.damping,
-        drive.half_play,
-        stretch.extension,
-        stretch.rate,
-        stretch.rate_end,
-        middle.lever * middle.lever / side.inertia + dynamics.shaft_mobility(drive),
-        step,
-    )
-
-
-@compilable
-def slip_way(
-    drive: Drive,
-    state: DriveState,
-    middle: Midpoint,
-    side: Motion,
-    speed: float,
-    slipping: float,
-    step: float,
-) -> float:
-    """How far [m] the drive's clutch slips in a step at whose end the motor has that speed."""
-    stretch = stretch_in(drive, state, middle, side, speed)
-    return clutch.way(
-        slipping,
-        drive.mechanism.stiffness,
-        drive.mechanism.damping,
-        drive.half_play,
-        stretch.extension,
-        0.5 * step * (stretch.rate + stretch.rate_end),
-        step,
-    )
-
-
-@compilable
-def side_torque(
-    drive: Drive,
-    link: Linkage,
-    middle: Midpoint,
-    push: LinearizedForce,
-    stops: LinearizedForce,
-    ambient: float,
-) -> LinearizedForce:
-    """Mean torque of drive, spring and stops on one side of the gate (3.32, 3.34), linear in its rate at the end;
-    what the drive's own new speed adds is in its equation.
-    """
-    r = middle.lever
-    force = push.constant + dynamics.spring_force(drive, link, middle.halfway, ambient)
-    return LinearizedForce(r * force + stops.constant, stops.slope - r * r * push.slope)
-
-
-@compilable
 def new_speeds(
     plant: Plant,
     state: State,
@@ -358,9 +141,11 @@ def new_speeds(
     guess: Speeds,
     slips: Slips,
     held: bool,
+    pulling: float,
     step: float,
 ) -> tuple[Speeds, Slips]:
     """One pass: linearise about the guess, solve. Also which clutches would have slipped with these speeds.
+    `pulling` is how fast [m/s] the latch draws the gate home.
 
     The gate takes each drive's own force, where (4.6) and (4.11) halve one and the same for both.
     """
@@ -373,10 +158,10 @@ def new_speeds(
     side_l, side_r, mid_l, mid_r, place = own, own, middle, middle, own
     share = share_at(torsion, load.obstacle.lateral)
     if not rigid:
-        side_l = at_side(own, state, guess, torsion, 1.0)
-        side_r = at_side(own, state, guess, torsion, -1.0)
+        side_l = at_side(own, state, guess.twist_rate, torsion, 1.0)
+        side_r = at_side(own, state, guess.twist_rate, torsion, -1.0)
         mid_l, mid_r = middle_of(link, side_l, step), middle_of(link, side_r, step)
-        place = at_side(own, state, guess, torsion, share)
+        place = at_side(own, state, guess.twist_rate, torsion, share)
     grip_l = drive_push(plant.left, state.left, mid_l, side_l, guess.left, step)
     grip_r = drive_push(plant.right, state.right, mid_r, side_r, guess.right, step)
     push_l = clutch.push_through(slips.left, grip_l)
@@ -393,16 +178,15 @@ def new_speeds(
     stop_r = stop_contacts(plant.right, mid_r, link.stroke, side_r, step)
     torque_l = side_torque(plant.left, link, mid_l, push_l, stop_l, ambient)
     torque_r = side_torque(plant.right, link, mid_r, push_r, stop_r, ambient)
-    depth = seal.depth(plant.seal, middle.extension)
-    rubber = gate_contact(plant.seal.stiffness, 0.0, depth, middle.lever, plant.seal.arm, own, step)
+    home = home_contacts(plant, state, middle, own, pulling, step)
     pinch = pinch_contact(load.obstacle, place, step)
 
     angle = halfway(own.angle, own.rate, own.rate_end, step)
     twist = halfway(state.twist, state.twist_rate, guess.twist_rate, step)
     carry = inertia / step * own.rate
     constant = carry + dynamics.body_torque(plant, load, angle, twist)
-    constant += torque_l.constant + torque_r.constant + rubber.constant + pinch.constant
-    slope = torque_l.slope + torque_r.slope + rubber.slope + pinch.slope
+    constant += torque_l.constant + torque_r.constant + home.constant + pinch.constant
+    slope = torque_l.slope + torque_r.slope + home.slope + pinch.slope
     cross, own_twist, constant_twist = 0.0, 0.0, 0.0
     if not rigid:
         mode = twist_momentum(torsion, state.twist, state.twist_rate, step)
@@ -427,92 +211,6 @@ def new_speeds(
 
 
 @compilable
-def would_slip(
-    drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float
-) -> float:
-    """What a drive's clutch lets through with these new speeds of motor and gate; 0: it grips."""
-    if drive.clutch_force == 0.0:
-        return 0.0
-    force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)
-    return clutch.slipping(drive.clutch_force, force)
-
-
-@compilable
-def at_side(own: Motion, state: State, guess: Speeds, torsion: Torsion, share: float) -> Motion:
-    """The gate's motion at the lateral position y, `share` = y/w; it is lighter there by what the twist gives."""
-    return Motion(
-        own.angle + share * state.twist,
-        own.rate + share * state.twist_rate,
-        own.rate_end + share * guess.twist_rate,
-        1.0 / (1.0 / own.inertia + share * share / torsion.inertia),
-    )
-
-
-@compilable
-def path_in(
-    drive: Drive,
-    electric: Electric,
-    state: DriveState,
-    coast: float,
-    speed: float,
-    other: float,
-    step: float,
-) -> CurrentPath:
-    """What one drive's current does during the step, for its own and the other's final speed [rev/s]."""
-    if drive.active == 0.0:
-        return held(0.0)
-    final = electrics.final_current(electric, coast, speed, other)
-    return electrics.path_of(electric, state.current, final, speed, other, step)
-
-
-@compilable
-def next_drive(
-    drive: Drive,
-    state: DriveState,
-    electric: Electric,
-    path: CurrentPath,
-    speed: float,
-    slipped: float,
-    ambient: float,
-    step: float,
-) -> DriveState:
-    """One drive's state at the end of a step with that current, in which its clutch has slipped so far; its
-    position by (4.3).
-    """
-    if drive.active == 0.0:
-        return state
-    winding, housing, fuse = warmed(drive, state, path, ambient, step)
-    way = 0.5 * step * (state.speed + speed)
-    if way != 0.0:  # a held shaft stays exactly where it is
-        way += step * electric.transient.drift
-    return DriveState(
-        path.end, speed, state.position + way, winding, housing, fuse, state.slip + slipped
-    )
-
-
-@compilable
-def warmed(
-    drive: Drive, state: DriveState, path: CurrentPath, ambient: float, step: float
-) -> tuple[float, float, float]:
-    """The temperatures [°C] of winding, housing and cut-out after a step with that current."""
-    if drive.thermal.enabled == 0.0 and drive.cutout.resistance == 0.0:
-        return state.winding_temperature, state.housing_temperature, state.cutout_temperature
-    current = effective(path, step)
-    by_winding, by_fuse = dynamics.resistances_soon(drive, state, 0.5 * step)
-    winding, housing = thermal.warm(
-        drive.thermal,
-        state.winding_temperature,
-        state.housing_temperature,
-        ambient,
-        by_winding * current * current,
-        step,
-    )
-    loss = by_fuse * current * current
-    fuse = cutout.warm(drive.cutout, state.cutout_temperature, ambient, loss, step)
-    return winding, housing, fuse
-
-
-@compilable
 def slipped_in(
     plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
 ) -> tuple[float, float]:
@@ -523,8 +221,8 @@ def slipped_in(
     own = Motion(state.gate_angle, state.gate_rate, new.rate, inertia)
     side_l, side_r = own, own
     if not is_rigid(plant.torsion):
-        side_l = at_side(own, state, new, plant.torsion, 1.0)
-        side_r = at_side(own, state, new, plant.torsion, -1.0)
+        side_l = at_side(own, state, new.twist_rate, plant.torsion, 1.0)
+        side_r = at_side(own, state, new.twist_rate, plant.torsion, -1.0)
     mid_l, mid_r = middle_of(plant.link, side_l, step), middle_of(plant.link, side_r, step)
     return (
         slip_way(plant.left, state.left, mid_l, side_l, new.left, slips.left, step),
@@ -538,7 +236,13 @@ def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[St
     load = inputs.load
     windings = electrics.electrics_of(plant, state, inputs, step)
     frictions = dynamics.frictions_at(plant, inputs)
-    held = state.latched > 0.0 and load.latch_released == 0.0
+    claw, caught = plant.latch, state.latch
+    is_simple = claw.half == 0.0
+    held = is_simple and state.latched > 0.0 and load.latch_released == 0.0
+    pulling, drawn = 0.0, 0.0
+    if not is_simple:
+        pulling = latch.pull_speed(claw, caught, state.gate_angle, load.latch_cinched, step)
+        drawn = max(0.0, pulling)
 
     rate = 0.0 if held else state.gate_rate
     new = Speeds(state.left.speed, state.right.speed, rate, state.twist_rate)
@@ -546,13 +250,15 @@ def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[St
     for k in range(_MOST_PASSES):
         if k == count:
             comes_home = latch.is_reached(state.gate_angle, state.gate_rate, new.rate, step)
-            if latched or load.latch_released != 0.0 or not comes_home:
+            if latched or not is_simple or load.latch_released != 0.0 or not comes_home:
                 break
             # Once more with a gate that comes home within the step and stays there.
             latched, count = True, _MOST_PASSES
             rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
             new = Speeds(new.left, new.right, rate, new.twist_rate)
-        new, would = new_speeds(plant, state, load, frictions, windings, new, slips, latched, step)
+        new, would = new_speeds(
+            plant, state, load, frictions, windings, new, slips, latched, drawn, step
+        )
         if k == 0 and (would.left != 0.0 or would.right != 0.0):
             slips, count = would, _PASSES_SLIPPING
     electric_l, electric_r = windings
@@ -561,7 +267,7 @@ def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[St
     if not latched:
         rate = new.rate
         angle = state.gate_angle + 0.5 * step * (state.gate_rate + rate)
-        if latch.takes_up(angle, load.latch_released):  # it was beyond all along
+        if is_simple and latch.takes_up(angle, load.latch_released):  # it was beyond all along
             angle, rate, latched = 0.0, 0.0, True
     elif held:
         angle = state.gate_angle
@@ -581,8 +287,13 @@ def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[St
     )
     flow = Flow(path_l, path_r)
     twist = state.twist + 0.5 * step * (state.twist_rate + new.twist_rate)
+    if is_simple:
+        caught = latch.held_home(latched)
+    else:
+        caught = latch.next_latch(claw, caught, angle, pulling, load.latch_released, step)
+        latched = caught.claw == latch.FULL
     is_latched = 1.0 if latched else 0.0
-    return State(left, right, angle, rate, is_latched, twist, new.twist_rate), flow
+    return State(left, right, angle, rate, is_latched, twist, new.twist_rate, caught), flow
 
 
 @compilable

@@ -1,8 +1,119 @@
-"""The latch: holds φ = 0 until released, takes up again when the gate comes home."""
+"""The latch: without positions it holds φ = 0 until released, and takes up again when the gate comes home.
+
+As built (`[latch] half` in the file) it is a claw in which a striker on the gate lies, s = r_l φ from home:
+
+    claw's spring    M_claw = r_l F_claw (1 − s/s_entry)        for s < s_entry; opens
+    hook             M_hook = −r_l (k_l (s − q) + c_l (ṡ − q̇))   for s > q, closes; never positive
+
+The pawl holds the claw in its half position, q = s_half, once the striker has come as far as s_half, and in its
+full one, q = s_full, once it has come home. Released, it is lifted after some time and stays so for some more;
+where it falls, the claw is caught as far as the striker is in. A cinching motor draws a half closed claw home by
+itself or on command, q = s_half − p, as fast as the hook's spring leaves it, and goes back to its own home after:
+
+    ṗ = v_c (1 − k_l (s − q)/F_c) ≥ 0 while it pulls (a stalled gear does not let go),    ṗ = −v_c else, to p = 0
+"""
 
 from __future__ import annotations
 
+from typing import Annotated, NamedTuple
+
+from liftgate_plant import contact
 from liftgate_plant.compiler import compilable
+from liftgate_plant.quantity import Quantity, choice
+
+CINCHES = ("none", "automatic", "commanded")
+NO_CINCH, AUTOMATIC, COMMANDED = range(3)
+
+# Where the pawl holds the claw.
+OPEN, HALF, FULL = 0.0, 1.0, 2.0
+
+
+class Latch(NamedTuple):
+    """Table `[latch]`; the defaults beside `half` are assumptions of a size that such latches have."""
+
+    half: Annotated[
+        float,
+        Quantity("s_half", "m", 0.0, 0.1, "of the striker from home, in the half position; 0: no positions"),
+    ] = 0.0  # fmt: skip
+    full: Annotated[float, Quantity("s_full", "m", 0.0, 0.05, "the same, in the full position")] = (
+        0.0005
+    )
+    entry: Annotated[
+        float, Quantity("s_entry", "m", 1e-3, 0.2, "the same, where it meets the claw")
+    ] = 0.020
+    distance: Annotated[
+        float, Quantity("r_l", "m", 0.05, 10.0, "of the striker from the hinge")
+    ] = 1.0
+    claw_force: Annotated[
+        float, Quantity("F_claw", "N", 0.0, 1e4, "of the claw's spring with the striker at home")
+    ] = 40.0
+    stiffness: Annotated[float, Quantity("k_l", "N/m", 1e5, 1e9, "of hook and striker")] = 2e6
+    damping: Annotated[float, Quantity("c_l", "N s/m", 0.0, 1e6, "beside it")] = 3e3
+    release_time: Annotated[
+        float, Quantity("", "s", 0.0, 5.0, "from the release until the pawl is lifted")
+    ] = 0.05
+    hold_time: Annotated[
+        float, Quantity("", "s", 0.0, 10.0, "that it stays lifted after the release")
+    ] = 0.3
+    cinch: Annotated[
+        str, choice(CINCHES, "what draws a half closed latch home; commanded: `latch_cinch`")
+    ] = "none"
+    cinch_speed: Annotated[
+        float, Quantity("v_c", "m/s", 1e-4, 1.0, "of the striker, without load")
+    ] = 0.012
+    cinch_force: Annotated[
+        float, Quantity("F_c", "N", 1.0, 1e5, "at the striker, at which it stalls")
+    ] = 1200.0
+
+
+class Claw(NamedTuple):
+    """The constants of a latch, ready for use."""
+
+    half: float  # m; 0: a latch without positions
+    full: float
+    entry: float
+    distance: float
+    spring: float  # F_claw/s_entry, N/m
+    stiffness: float
+    damping: float
+    release_time: float  # s
+    hold_time: float
+    cinch: float  # one of NO_CINCH, AUTOMATIC, COMMANDED
+    cinch_speed: float  # m/s
+    cinch_force: float  # N
+
+
+class LatchState(NamedTuple):
+    """Of a latch with positions."""
+
+    claw: float  # OPEN, HALF, FULL
+    pull: float  # p, of the cinching motor from its home, m
+    driven: float  # how long the release has been driven, s
+    lifted: float  # how long the pawl still stays lifted, s
+
+
+NOT_LATCHED = LatchState(OPEN, 0.0, 0.0, 0.0)
+
+
+def claw_of(latch: Latch) -> Claw:
+    """The constants that follow from the table."""
+    return Claw(
+        half=latch.half,
+        full=latch.full,
+        entry=latch.entry,
+        distance=latch.distance,
+        spring=latch.claw_force / latch.entry,
+        stiffness=latch.stiffness,
+        damping=latch.damping,
+        release_time=latch.release_time,
+        hold_time=latch.hold_time,
+        cinch=float(CINCHES.index(latch.cinch)),
+        cinch_speed=latch.cinch_speed,
+        cinch_force=latch.cinch_force,
+    )
+
+
+# Without positions.
 
 
 @compilable
@@ -21,3 +132,97 @@ def is_reached(angle: float, rate: float, rate_end: float, step: float) -> bool:
 def rate_home(angle: float, rate: float, step: float) -> float:
     """The rate [rad/s] at the end of a step in which a gate comes to φ = 0, if it goes on a straight line."""
     return -2.0 * angle / step - rate
+
+
+@compilable
+def held_home(latched: bool) -> LatchState:
+    """The state of a latch without positions."""
+    return LatchState(FULL if latched else OPEN, 0.0, 0.0, 0.0)
+
+
+@compilable
+def at_first(claw: Claw, latched: bool) -> LatchState:
+    """In which a run begins: fully closed, or as if it had been released for long."""
+    driven = 0.0 if latched else claw.release_time
+    return LatchState(FULL if latched else OPEN, 0.0, driven, 0.0)
+
+
+# With positions.
+
+
+@compilable
+def hook_place(claw: Claw, state: LatchState) -> float:
+    """How far from home the striker may go, q [m], where the claw is held."""
+    return claw.full if state.claw == FULL else claw.half - state.pull
+
+
+@compilable
+def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float, step: float) -> float:
+    """The cinching motor's speed dp/dt [m/s] over a step from that angle [rad], implicit in the hook's spring; it
+    goes back where it is not to pull. 0 s: now.
+    """
+    wanted = claw.cinch == AUTOMATIC or (claw.cinch == COMMANDED and cinched > 0.0)
+    if state.claw != HALF or not wanted:
+        return -claw.cinch_speed if state.pull > 0.0 else 0.0
+    free = claw.cinch_speed
+    bent = claw.distance * angle - hook_place(claw, state)
+    yielding = free * claw.stiffness / claw.cinch_force
+    return min(free, max(0.0, free - yielding * bent) / (1.0 + yielding * step))
+
+
+@compilable
+def drawing(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
+    """How fast [m/s] the hook draws the striker home now."""
+    return max(0.0, pull_speed(claw, state, angle, cinched, 0.0))
+
+
+@compilable
+def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, drawn: float) -> float:
+    """What the hook, itself drawn at a speed [m/s], pulls the striker home with [N], at an angle [rad] and a rate
+    [rad/s] of the gate.
+    """
+    if claw.half == 0.0 or state.claw == OPEN:
+        return 0.0
+    beyond = claw.distance * angle - hook_place(claw, state)
+    return contact.force(claw.stiffness, claw.damping, beyond, claw.distance * rate + drawn)
+
+
+@compilable
+def claw_depth(claw: Claw, angle: float) -> float:
+    """How far [m] the striker has turned the claw against its spring."""
+    return claw.entry - claw.distance * angle
+
+
+@compilable
+def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
+    """Torque [N m] of hook and claw on the gate."""
+    if claw.half == 0.0:
+        return 0.0
+    spring = contact.force(claw.spring, 0.0, claw_depth(claw, angle), 0.0)
+    drawn = drawing(claw, state, angle, cinched)
+    return claw.distance * (spring - hook_force(claw, state, angle, rate, drawn))
+
+
+@compilable
+def next_latch(
+    claw: Claw, state: LatchState, angle: float, pulling: float, released: float, step: float
+) -> LatchState:
+    """The latch after a step at whose end the gate is at that angle [rad], in which the cinching motor pulled at a
+    speed [m/s].
+    """
+    place = claw.distance * angle
+    driven, lifted, is_driven = 0.0, max(0.0, state.lifted - step), False
+    if released > 0.0:
+        driven = state.driven + step
+        is_driven = driven >= claw.release_time - 0.5 * step
+    if is_driven:
+        lifted = claw.hold_time
+    pull = min(max(0.0, state.pull + step * pulling), claw.entry)
+    held = state.claw
+    if is_driven or lifted > 0.5 * step:
+        held = OPEN
+    elif place <= 0.0:
+        held = FULL
+    elif held == OPEN and place <= claw.half - pull:  # not behind a hook that is drawn home
+        held = HALF
+    return LatchState(held, pull, driven, lifted)

@@ -18,7 +18,7 @@ from liftgate_plant.integrate import Flow
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
 from liftgate_plant.sensors import Sensors
-from liftgate_plant.signals import Drives, Surroundings, Truth
+from liftgate_plant.signals import Drives, Surroundings, Truth, switched
 
 _DEGREES = 180.0 / math.pi
 
@@ -37,7 +37,12 @@ def rise_under(rise: float, said: Surroundings) -> float:
 
 @compilable
 def overlaid(
-    base: Load, said: Surroundings, supply_rise: float, latch_released: float, obstacle: Obstacle
+    base: Load,
+    said: Surroundings,
+    supply_rise: float,
+    latch_released: float,
+    latch_cinched: float,
+    obstacle: Obstacle,
 ) -> Load:
     """What acts on the gate: `base` where `said` is silent (NaN), and what it says elsewhere."""
     return Load(
@@ -50,12 +55,17 @@ def overlaid(
         hand_force=value_or(said.hand_force_n, base.hand_force),
         external_torque=value_or(said.external_torque_nm, base.external_torque),
         latch_released=latch_released,
+        latch_cinched=latch_cinched,
+        handle_pulled=value_or(said.handle_pulled, base.handle_pulled),
+        button_pressed=value_or(said.button_pressed, base.button_pressed),
         obstacle=obstacle,
     )
 
 
 # The columns of offline inputs, and where each stands in a row.
-INPUT_COLUMNS: tuple[str, ...] = (*Drives._fields, *Surroundings._fields, "latch_released")
+INPUT_COLUMNS: tuple[str, ...] = (
+    *Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched",
+)  # fmt: skip
 AT: Any = namedtuple("InputRow", INPUT_COLUMNS)(*range(len(INPUT_COLUMNS)))
 _DRIVES = Drives(**{name: getattr(AT, name) for name in Drives._fields})
 _SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings._fields})
@@ -66,6 +76,7 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
     """What a row of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
     drives, said = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
     released = value_or(row[AT.latch_released], base.latch_released)
+    cinched = value_or(row[AT.latch_cinched], base.latch_cinched)
     return Inputs(
         DriveInput(
             duty=value_or(drives.left_duty, 0.0),
@@ -77,7 +88,7 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
             voltage=value_or(drives.right_voltage_v, 0.0),
             coast=value_or(drives.right_coast, 0.0),
         ),
-        overlaid(base, said, rise_under(base.supply_rise, said), released, base.obstacle),
+        overlaid(base, said, rise_under(base.supply_rise, said), released, cinched, base.obstacle),
         frictions,
     )
 
@@ -93,6 +104,8 @@ def surroundings_of(load: Load) -> Surroundings:
         snow_mass_kg=load.snow_mass,
         hand_force_n=load.hand_force,
         external_torque_nm=load.external_torque,
+        handle_pulled=load.handle_pulled,
+        button_pressed=load.button_pressed,
     )
 
 
@@ -141,6 +154,8 @@ def truth_of(
         snow_mass_kg=around.snow_mass_kg,
         hand_force_n=around.hand_force_n,
         external_torque_nm=around.external_torque_nm,
+        handle_pulled=switched(around.handle_pulled >= 0.5),
+        button_pressed=switched(around.button_pressed >= 0.5),
         left_winding_temperature_degc=left.winding_temperature,
         right_winding_temperature_degc=right.winding_temperature,
         left_housing_temperature_degc=left.housing_temperature,
@@ -159,4 +174,7 @@ def truth_of(
         right_cutout_temperature_degc=right.cutout_temperature,
         left_clutch_slip_m=left.slip,
         right_clutch_slip_m=right.slip,
+        latch_position=state.latch.claw,
+        latch_force_n=shown.latch_force,
+        latch_pull_m=state.latch.pull,
     )

@@ -33,8 +33,10 @@ from liftgate_plant.hall import (
     read_hall,
 )
 from liftgate_plant.integrate import Flow
+from liftgate_plant.latch import HALF
 from liftgate_plant.motor import Motor
 from liftgate_plant.noise import disturbance
+from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.shunt import (
     Commutation,
@@ -47,7 +49,7 @@ from liftgate_plant.shunt import (
     low_passed,
     windowed,
 )
-from liftgate_plant.signals import Sensed
+from liftgate_plant.signals import Sensed, switched
 
 _LEAST_FILTER = 1e-9  # s; a quicker low-pass is none
 
@@ -89,7 +91,7 @@ class Sensors(NamedTuple):
         float, Quantity("", "1", 0.0, 1.0, "1: that shunt is read while the PWM is on")
     ] = 0.0
     ripple: Annotated[float, Quantity("", "1", 0.0, 1.0, "commutation, share of current")] = 0.0
-    ripple_emf: Annotated[
+    commutator_ripple: Annotated[
         float,
         Quantity("", "1", 0.0, 20.0, "commutation, by the EMF's ripple of an ideal commutator"),
     ] = 0.0
@@ -110,6 +112,12 @@ class Sensors(NamedTuple):
     ] = 0.9
     voltage_noise: Annotated[float, Quantity("σ", "V", 0.0, 10.0, "terminal voltage")] = 0.0
     temperature_offset: Annotated[float, Quantity("", "K", -50.0, 50.0, "all thermometers")] = 0.0
+    strip_force: Annotated[
+        float, Quantity("", "N", 0.0, 1e3, "at which a pinch strip closes; 0: there are none")
+    ] = 0.0
+    strip_begin: Annotated[
+        float, Quantity("", "m", 0.0, 5.0, "of each strip, from the gate's middle to its side")
+    ] = 0.3
 
 
 class SensorState(NamedTuple):
@@ -171,11 +179,11 @@ def sensed_current(
     """
     step, gathered = when.length, 0.0
     order = amplitude = 0.0
-    if sensors.ripple > 0.0 or sensors.ripple_emf > 0.0:
+    if sensors.ripple > 0.0 or sensors.commutator_ripple > 0.0:
         order = commutations(sensors.commutator_segments, sensors.commutator_brushes)
-    if sensors.ripple_emf > 0.0:
+    if sensors.commutator_ripple > 0.0:
         middle = 0.5 * (before.speed + now.speed)
-        share = sensors.ripple_emf * ideal_ripple(order)
+        share = sensors.commutator_ripple * ideal_ripple(order)
         amplitude = emf_ripple(share, motor, order, middle)
     ripple = Commutation(sensors.ripple, amplitude)
     if sensors.shunt_low_side > 0.0:
@@ -200,6 +208,13 @@ def sensed_current(
     reading = quantised(reading, sensors.current_resolution)
     reading = min(max(reading, -sensors.current_limit), sensors.current_limit)
     return Window(current, gathered), reading
+
+
+@compilable
+def strip_closes(sensors: Sensors, side: float, rod: Obstacle, force: float) -> bool:
+    """Whether the pinch strip on a side (1 left, −1 right) is pressed by what the closing gate meets."""
+    met = rod.direction > 0.0 and side * rod.lateral >= sensors.strip_begin
+    return bool(met and sensors.strip_force > 0.0 and force >= sensors.strip_force)
 
 
 def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> SensorState:
@@ -248,7 +263,7 @@ def sense(
         )
         currents[drive, 0], currents[drive, 2] = window
         read_hall(encoder, halls, after, when, drive, memory.edges)
-    hall_l, hall_r = halls[LEFT], halls[RIGHT]
+    hall_l, hall_r, pinched = halls[LEFT], halls[RIGHT], outputs.pinch_force
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
@@ -294,5 +309,11 @@ def sense(
             + sensors.temperature_offset,
             road_slope_deg=slope * degrees,
             gate_acceleration_mps2=acceleration,
+            latch_half=switched(state.latch.claw >= HALF),
+            latch_home=switched(state.latch.pull == 0.0),
+            left_pinch_strip=switched(strip_closes(sensors, 1.0, load.obstacle, pinched)),
+            right_pinch_strip=switched(strip_closes(sensors, -1.0, load.obstacle, pinched)),
+            handle_pulled=switched(load.handle_pulled >= 0.5),
+            button_pressed=switched(load.button_pressed >= 0.5),
         ),
     )

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+from liftgate_plant.compiler import compilable
 from liftgate_plant.quantity import Quantity
 
 # What a unit adds to a column's name.
@@ -58,6 +59,8 @@ class Signal(NamedTuple):
 
 
 LATCH_STATES = ("open", "latched")
+LATCH_POSITIONS = ("open", "half", "full")
+SWITCH = ("off", "on")
 
 TIME = Signal("s", 0.0, 1e9, "model time")
 MOTOR_VOLTAGE = Signal("V", -1e3, 1e3, "on the motor's terminals")
@@ -103,6 +106,19 @@ PINCH_CONTACT_ANGLE = Signal(
 TERMINAL_VOLTAGE = Signal("V", -1e3, 1e3, "at the bridges")
 LATCHED = Signal("", 0.0, 1.0, "latch", LATCH_STATES, "latch_state", is_whole=True)
 LATCH_RELEASED = Signal("", 0.0, 1.0, "latch driven open", is_whole=True)
+LATCH_CINCHED = Signal("", 0.0, 1.0, "cinching motor driven", is_whole=True)
+LATCH_POSITION = Signal(
+    "", 0.0, 2.0, "where the latch's pawl holds its claw", LATCH_POSITIONS, is_whole=True
+)
+LATCH_FORCE = Signal("N", 0.0, 1e7, "of the latch's hook on the striker")
+LATCH_PULL = Signal("m", 0.0, 1.0, "of the cinching motor from its home, at the striker")
+LATCH_HALF = Signal(
+    "", 0.0, 1.0, "switch of the latch: half closed, or more", SWITCH, is_whole=True
+)
+LATCH_HOME = Signal("", 0.0, 1.0, "switch of the cinching motor: at home", SWITCH, is_whole=True)
+PINCH_STRIP = Signal("", 0.0, 1.0, "contact strip on this side of the gate", SWITCH, is_whole=True)
+HANDLE = Signal("", 0.0, 1.0, "the gate's outer handle is pulled", SWITCH, is_whole=True)
+BUTTON = Signal("", 0.0, 1.0, "the gate's button is pressed", SWITCH, is_whole=True)
 # 60 V: above that no road vehicle's low-voltage supply goes (voltage class A of ISO 6469-3).
 SUPPLY_VOLTAGE = Signal("V", 0.0, 60.0, "of the source, open-circuit")
 ROAD_SLOPE = Signal("deg", -45.0, 45.0, "positive with the rear of the car raised")
@@ -138,6 +154,14 @@ class Surroundings(NamedTuple):
     snow_mass_kg: Annotated[float, SNOW_MASS]
     hand_force_n: Annotated[float, HAND_FORCE]
     external_torque_nm: Annotated[float, EXTERNAL_TORQUE]
+    handle_pulled: Annotated[float, HANDLE]
+    button_pressed: Annotated[float, BUTTON]
+
+
+@compilable
+def switched(is_on: bool) -> float:
+    """What a switch says."""
+    return 1.0 if is_on else 0.0
 
 
 NOTHING_SAID = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan))
@@ -175,6 +199,8 @@ class Truth(NamedTuple):
     snow_mass_kg: Annotated[float, SNOW_MASS]
     hand_force_n: Annotated[float, HAND_FORCE]
     external_torque_nm: Annotated[float, EXTERNAL_TORQUE]
+    handle_pulled: Annotated[float, HANDLE]
+    button_pressed: Annotated[float, BUTTON]
     left_winding_temperature_degc: Annotated[float, WINDING_TEMPERATURE]
     right_winding_temperature_degc: Annotated[float, WINDING_TEMPERATURE]
     left_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
@@ -193,6 +219,9 @@ class Truth(NamedTuple):
     right_cutout_temperature_degc: Annotated[float, CUTOUT_TEMPERATURE]
     left_clutch_slip_m: Annotated[float, CLUTCH_SLIP]
     right_clutch_slip_m: Annotated[float, CLUTCH_SLIP]
+    latch_position: Annotated[float, LATCH_POSITION]
+    latch_force_n: Annotated[float, LATCH_FORCE]
+    latch_pull_m: Annotated[float, LATCH_PULL]
 
 
 class Sensed(NamedTuple):
@@ -230,6 +259,12 @@ class Sensed(NamedTuple):
     right_housing_temperature_degc: Annotated[float, HOUSING_TEMPERATURE]
     road_slope_deg: Annotated[float, ROAD_SLOPE]
     gate_acceleration_mps2: Annotated[float, GATE_ACCELERATION]
+    latch_half: Annotated[float, LATCH_HALF]
+    latch_home: Annotated[float, LATCH_HOME]
+    left_pinch_strip: Annotated[float, PINCH_STRIP]
+    right_pinch_strip: Annotated[float, PINCH_STRIP]
+    handle_pulled: Annotated[float, HANDLE]
+    button_pressed: Annotated[float, BUTTON]
 
 
 def signals_of(row: type[Any]) -> dict[str, Signal]:

@@ -8,11 +8,13 @@ from typing import NamedTuple
 from liftgate_plant import environment, gate, transmission
 from liftgate_plant.bridge import Bridge
 from liftgate_plant.clutch import Clutch
+from liftgate_plant.coding import Coding
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.dynamics import NO_OBSTACLE, Drive, Load, Plant
 from liftgate_plant.environment import Environment
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import GRAVITY, Gate
+from liftgate_plant.latch import Latch, claw_of
 from liftgate_plant.motor import Motor
 from liftgate_plant.pwm import FREEWHEELING
 from liftgate_plant.seal import Seal
@@ -47,9 +49,11 @@ class Vehicle(NamedTuple):
     right: DriveTables
     gate: Gate
     seal: Seal
+    latch: Latch
     supply: Supply
     environment: Environment
     sensors: Sensors
+    coding: Coding
 
 
 def drive_of(tables: DriveTables, active: bool) -> Drive:
@@ -101,6 +105,7 @@ def plant_of(vehicle: Vehicle) -> Plant:
         weight_moment=vehicle.gate.mass * GRAVITY * link.gravity_radius,
         hinge=DryFriction(vehicle.gate.hinge_friction, 1.0, 0.0, 0.0),
         seal=vehicle.seal,
+        latch=claw_of(vehicle.latch),
         environment=vehicle.environment,
         source_resistance=vehicle.supply.internal_resistance,
         pinch_limit=vehicle.gate.pinch_limit,
@@ -120,5 +125,8 @@ def load_of(vehicle: Vehicle) -> Load:
         hand_force=place.hand_force,
         external_torque=0.0,
         latch_released=0.0,
+        latch_cinched=0.0,
+        handle_pulled=0.0,
+        button_pressed=0.0,
         obstacle=NO_OBSTACLE,
     )

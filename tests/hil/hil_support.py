@@ -28,7 +28,7 @@ from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.timeline import Timeline, no_timeline
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import initial_state
+from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
@@ -39,6 +39,7 @@ NO_TIMELINE = no_timeline()
 COMMAND, BENCH_CONTROL = 0x120, 0x6E1
 LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS = 0x210, 0x211, 0x220, 0x230, 0x6E0
 LEFT_HALL, RIGHT_HALL = 0x212, 0x213
+LEFT_EDGES, RIGHT_EDGES, SWITCHES = 0x214, 0x215, 0x221
 
 COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
 

@@ -207,7 +207,9 @@ def test_a_measurement_file_is_written_too(tmp_path: Path) -> None:
     path = tmp_path / "x.mf4"
     assert lh.run(SHORT, record=path).verdict == "pass"
     with can.LogReader(path) as reader:
-        assert len(list(reader)) == 5 + 4 * 10 + 5 + 7  # commands, drives, the gate, the last tick
+        assert (
+            len(list(reader)) == 5 + 6 * 10 + 2 * 5 + 10
+        )  # commands, drives, the gate, the last tick
 
 
 @pytest.mark.parametrize(

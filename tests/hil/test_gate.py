@@ -14,9 +14,12 @@ from hil_support import (
     BENCH_CONTROL,
     GATE,
     LEFT_DRIVE,
+    LEFT_EDGES,
     LEFT_HALL,
     RIGHT_DRIVE,
+    RIGHT_EDGES,
     RIGHT_HALL,
+    SWITCHES,
     panel_frame,
     shipped_rig,
 )
@@ -45,12 +48,12 @@ def test_step_gives_the_frames_that_the_gate_sent_meanwhile() -> None:
     with lh.Gate() as gate:
         frames = gate.step(0.010)
         assert [frame.arbitration_id for frame in frames] == [
-            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL,
-            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, GATE,
+            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
+            LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES, GATE, SWITCHES,
         ]  # fmt: skip
-        assert [frame.timestamp for frame in frames] == [0.005] * 4 + [0.010] * 5
+        assert [frame.timestamp for frame in frames] == [0.005] * 6 + [0.010] * 8
         assert gate.step(0.001) == []
-        decoded = shipped_rig().messages["Gate"].decode(frames[-1].data, decode_choices=False)
+        decoded = shipped_rig().messages["Gate"].decode(frames[-2].data, decode_choices=False)
         assert decoded["LatchState"] == 1
 
 

@@ -23,6 +23,7 @@ from liftgate_hil.signals import (
     ROW_WIDTH,
     SENSED_PREFIX,
     Command,
+    EdgeTimes,
     Rod,
     Status,
     Timing,
@@ -51,12 +52,12 @@ def test_no_name_stands_twice() -> None:
     assert list(BUS_INPUTS) == inputs
     assert list(PANEL) == [*Rod._fields, *panel]
     assert len(set(inputs)) == len(inputs)
-    outputs = len(Sensed._fields) + len(Truth._fields) + len(Status._fields) + len(Timing._fields)
+    outputs = sum(len(row._fields) for row in (Sensed, Truth, Status, Timing, EdgeTimes))
     assert len(BUS_OUTPUTS) == outputs == OUTPUT_COUNT
     assert list(COLUMNS) == [*Truth._fields, *(f"{SENSED_PREFIX}{name}" for name in Sensed._fields)]
     assert ROW_WIDTH == len(COLUMNS) == len(Truth._fields) + len(Sensed._fields)
     assert list(PROFILES) == list(Surroundings._fields)
-    offline = [*Drives._fields, *Surroundings._fields, "latch_released"]
+    offline = [*Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched"]
     assert list(INPUT_SIGNALS) == list(INPUT_COLUMNS) == offline
     assert len(set(offline)) == len(offline)
     held = [
@@ -65,12 +66,14 @@ def test_no_name_stands_twice() -> None:
         *Timing._fields,
     ]
     assert list(HELD._fields) == held
-    for row in (*ROWS, Command, Rod, Status, Timing):
+    for row in (*ROWS, Command, Rod, Status, Timing, EdgeTimes):
         assert max(Counter(row._fields).values()) == 1
 
 
 def test_a_row_begins_where_its_first_name_stands() -> None:
-    starts = {"sensed": Sensed, "truth": Truth, "status": Status, "timing": Timing}
+    starts = {
+        "sensed": Sensed, "truth": Truth, "status": Status, "timing": Timing, "edges": EdgeTimes,
+    }  # fmt: skip
     assert OUT_ROWS._fields == tuple(starts)
     first = {name: row._fields[0] for name, row in starts.items()}
     assert (first["sensed"], first["truth"]) == ("left_current_a", "time_s")

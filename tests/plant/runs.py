@@ -17,8 +17,10 @@ from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.compiler import fill as put
-from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, initial_state, supplied
+from liftgate_plant.dynamics import DriveState, Inputs, Load, Plant, State, supplied
 from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
+from liftgate_plant.initial import initial_state
+from liftgate_plant.latch import LatchState
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.reference import event_solution
@@ -33,7 +35,9 @@ COLUMNS = (
     "latched",
     "twist",
     "twist_rate",
+    *LatchState._fields,
 )
+LATCH = COLUMNS.index(LatchState._fields[0])
 
 OPEN, CLOSE = DriveInput(1.0, 0.0, 0.0), DriveInput(-1.0, 0.0, 0.0)
 BRAKE, COAST = DriveInput(0.0, 0.0, 0.0), DriveInput(0.0, 0.0, 1.0)
@@ -78,6 +82,7 @@ def fill(
         rows[k, GATE + 2] = state.latched
         rows[k, GATE + 3] = state.twist
         rows[k, GATE + 4] = state.twist_rate
+        put(rows[k], LATCH, state.latch)
 
 
 def run(plant: Plant, state: State, inputs: Inputs, h: float, n: int) -> np.ndarray:
@@ -99,7 +104,8 @@ def fast_run(
 def state_of(row: Sequence[float]) -> State:
     """The state of one row of `run`."""
     values = [float(value) for value in row]
-    return State(DriveState(*values[:WIDTH]), DriveState(*values[WIDTH:GATE]), *values[GATE:])
+    left, right = DriveState(*values[:WIDTH]), DriveState(*values[WIDTH:GATE])
+    return State(left, right, *values[GATE:LATCH], LatchState(*values[LATCH:]))
 
 
 def column(rows: np.ndarray, name: str) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 from liftgate_hil import load_vehicle
 from liftgate_plant import integrate
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import NOMINAL, Frictions, initial_state
+from liftgate_plant.dynamics import NOMINAL, Frictions
 from liftgate_plant.friction_profile import (
     LEAST,
     FrictionProfile,
@@ -16,6 +16,7 @@ from liftgate_plant.friction_profile import (
     friction_profile,
     frictions_in,
 )
+from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import OPEN, inputs
 

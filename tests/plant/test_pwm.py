@@ -11,7 +11,8 @@ from liftgate_plant import current, integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
-from liftgate_plant.dynamics import State, initial_state, outputs
+from liftgate_plant.dynamics import State, outputs
+from liftgate_plant.initial import initial_state
 from liftgate_plant.pwm import Chopper, course
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import inputs

@@ -65,6 +65,11 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
         "pinch_contact_s": contact.begin,
         "pinch_contact_deg": contact.angle * DEGREES,
         "gate_twist_deg": state.twist * DEGREES,
+        "handle_pulled": 1.0,
+        "button_pressed": 1.0,
+        "latch_position": state.latch.claw,
+        "latch_force_n": shown.latch_force,
+        "latch_pull_m": state.latch.pull,
     }
     for side in ("left", "right"):
         drive, given = getattr(state, side), getattr(inputs, side)
@@ -84,7 +89,7 @@ def test_every_field_of_the_truth_is_taken_from_where_it_is(which: str) -> None:
         }
     assert expected.keys() == {*Truth._fields}
     assert truth._asdict() == pytest.approx(expected, rel=1e-15)
-    assert len({*truth}) == len(Truth._fields)
+    assert len({*truth}) == len(Truth._fields) - 1  # both switches are on
 
 
 IDEAL = Sensors(acceleration_distance=0.7)
@@ -119,6 +124,12 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
         "ambient_temperature_degc": load.ambient_temperature,
         "road_slope_deg": load.road_slope * DEGREES,
         "gate_acceleration_mps2": 0.7 * shown.gate_acceleration + weight,
+        "latch_half": 1.0,
+        "latch_home": 0.0,
+        "left_pinch_strip": 0.0,
+        "right_pinch_strip": 0.0,
+        "handle_pulled": 1.0,
+        "button_pressed": 1.0,
     }
     for side in ("left", "right"):
         drive = getattr(state, side)
@@ -221,6 +232,8 @@ def load_by_name(load: Load) -> dict[str, float]:
         "snow_mass_kg": load.snow_mass,
         "hand_force_n": load.hand_force,
         "external_torque_nm": load.external_torque,
+        "handle_pulled": load.handle_pulled,
+        "button_pressed": load.button_pressed,
     }
 
 
@@ -229,17 +242,19 @@ def test_every_column_of_surroundings_reaches_its_own_field(which: str) -> None:
     numbers = count(1.5)
     base, said = distinct(Load, numbers), distinct(Surroundings, numbers)
     call = called(overlaid, which)
-    load = call(base, said, base.supply_rise, base.latch_released, base.obstacle)
+    below = (base.supply_rise, base.latch_released, base.latch_cinched, base.obstacle)
+    load = call(base, said, *below)
     assert load_by_name(load) == pytest.approx(said._asdict())
     assert (load.latch_released, load.obstacle) == (base.latch_released, base.obstacle)
-    rise, latch, obstacle = next(numbers), next(numbers), distinct(Obstacle, numbers)
-    load = call(base, said, rise, latch, obstacle)
-    assert (load.supply_rise, load.latch_released, load.obstacle) == (rise, latch, obstacle)
+    given = (next(numbers), next(numbers), next(numbers), distinct(Obstacle, numbers))
+    load = call(base, said, *given)
+    told = (load.supply_rise, load.latch_released, load.latch_cinched, load.obstacle)
+    assert told == given
     silent = Surroundings(*([math.nan] * len(Surroundings._fields)))
-    assert call(base, silent, base.supply_rise, base.latch_released, base.obstacle) == base
+    assert call(base, silent, *below) == base
     for name in Surroundings._fields:
         one = silent._replace(**{name: getattr(said, name)})
-        alone = call(base, one, base.supply_rise, base.latch_released, base.obstacle)
+        alone = call(base, one, *below)
         assert load_by_name(alone) == pytest.approx(
             {**load_by_name(base), name: getattr(said, name)}
         )
@@ -285,6 +300,7 @@ def test_every_column_of_offline_inputs_reaches_its_own_field(which: str) -> Non
         {name: said[name] for name in Surroundings._fields}
     )
     assert inputs.load.latch_released == said["latch_released"]
+    assert inputs.load.latch_cinched == said["latch_cinched"]
     assert inputs.load.obstacle == base.obstacle
     nothing = np.full(len(INPUT_COLUMNS), math.nan)
     silent = DriveInput(duty=0.0, voltage=0.0, coast=0.0)

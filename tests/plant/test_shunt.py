@@ -15,7 +15,8 @@ from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, charge_at, held, part_of
-from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, initial_state, outputs
+from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, outputs
+from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.shunt import (
     Commutation,
@@ -285,7 +286,7 @@ def rippling(settings: list[str]) -> tuple[list[float], float]:
 def test_another_commutator_has_another_ripple() -> None:
     """12 segments and 4 brushes: 12 commutations a turn, in the spectrum of what is read at 10 kHz."""
     keys = [
-        "sensors.ripple_emf=1",
+        "sensors.commutator_ripple=1",
         "sensors.commutator_segments=12",
         "sensors.commutator_brushes=4",
     ]
@@ -310,7 +311,7 @@ def test_the_ripple_of_an_ideal_commutator_is_what_its_emf_drives_through_the_wi
     assert emf_ripple(share, motor, order, speed) == pytest.approx(expected)
     assert emf_ripple(share, motor, order, -speed) == pytest.approx(-expected)
     # In the reading: what is read at 10 kHz swings by it.
-    keys = ["sensors.ripple_emf=1"]
+    keys = ["sensors.commutator_ripple=1"]
     seen, turning = rippling(keys)
     level = emf_ripple(share, motor, order, turning)
     # The mean over a tick of 100 µs leaves sin(π f T)/(π f T) of it.

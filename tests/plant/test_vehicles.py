@@ -12,7 +12,7 @@ import pytest
 
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_plant import bridge, dynamics, gate, integrate
+from liftgate_plant import bridge, dynamics, gate, initial, integrate
 from liftgate_plant.bridge import drive_input
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs, Load, Plant, State
@@ -74,7 +74,7 @@ def force_on_a_drive(name: str, angle: float, slope: float) -> float:
     p = plant(name)
     # A drive in the middle of its play pushes nothing.
     torque = dynamics.gate_torque(
-        p, dynamics.initial_state(p, angle), surroundings(name, slope=slope)
+        p, initial.initial_state(p, angle), surroundings(name, slope=slope)
     )
     return torque / gate.lever(p.link, angle) / vehicle(name).drives
 
@@ -109,13 +109,13 @@ def run(
 
 @functools.cache
 def opening(name: str) -> np.ndarray:
-    start = dynamics.initial_state(plant(name))
+    start = initial.initial_state(plant(name))
     return run(name, start, bridge.OPEN, surroundings(name), 9.0)[1]
 
 
 @functools.cache
 def closing(name: str, voltage: float = 12.0, slope: float = 0.0) -> np.ndarray:
-    start = dynamics.initial_state(plant(name), vehicle(name).gate.open_angle)
+    start = initial.initial_state(plant(name), vehicle(name).gate.open_angle)
     load = surroundings(name, slope=slope, voltage=voltage)
     return run(name, start, bridge.CLOSE, load, 10.0)[1]
 
@@ -157,7 +157,7 @@ def test_stays_exactly_where_it_is_left(name: str, slope: float, command: int) -
     load = surroundings(name, slope=slope)
     top = math.degrees(vehicle(name).gate.open_angle) - 1.0
     for angle in np.linspace(held_from(name, slope) + 0.1, top, 6):
-        start = dynamics.initial_state(plant(name), math.radians(angle))
+        start = initial.initial_state(plant(name), math.radians(angle))
         settled, _ = run(name, start, command, load, 3.0)
         later, _ = run(name, settled, command, load, 60.0, step=5e-3)
         # It falls through the play of the drives, and then is at rest.
@@ -180,7 +180,7 @@ def test_seal_overcomes_the_drives_of_a_closed_gate(name: str, slope: float) -> 
 @pytest.mark.parametrize("command", [bridge.BRAKE, bridge.COAST], ids=["braked", "coasting"])
 @every_vehicle
 def test_released_gate_springs_out_of_the_seal_and_stops(name: str, command: int) -> None:
-    start = dynamics.initial_state(plant(name))
+    start = initial.initial_state(plant(name))
     end, record = run(name, start, command, surroundings(name), 5.0)
     assert 0.3 < math.degrees(end.gate_angle) < 4.0
     assert np.degrees(np.ptp(record[-1000:, ANGLE])) < 1e-6
@@ -255,7 +255,7 @@ def test_closing_drives_have_reserve_over_the_seal_at_9_volts(name: str, slope: 
 
 @pytest.mark.parametrize("name", BALANCED)
 def test_rear_lowered_or_raised_changes_little(name: str) -> None:
-    start = dynamics.initial_state(plant(name))
+    start = initial.initial_state(plant(name))
     top = vehicle(name).gate.open_angle
     for slope in (-8.0, 8.0):
         _, record = run(name, start, bridge.OPEN, surroundings(name, slope=slope), 9.0)
@@ -279,7 +279,7 @@ def test_suv_hand_checks() -> None:
 
 def test_suv_opens_as_the_event_located_solution_says() -> None:
     step = 1e-4
-    start = dynamics.initial_state(plant("suv"))
+    start = initial.initial_state(plant("suv"))
     _, record = run("suv", start, bridge.OPEN, surroundings("suv"), 6.0, step=step)
     rows = [
         # t [s], i [A], n [rev/s], φ [deg]

@@ -155,14 +155,15 @@ def test_can_logger_records_and_cantools_decodes_every_frame(tmp_path: Path, gro
     assert not [line for line in decoded if "Unknown" in line or "wrong" in line]
     names = {line.split("::")[1].split("(")[0].strip() for line in decoded}
     assert names == {
-        "LeftDrive", "RightDrive", "LeftHall", "RightHall", "Gate", "Sensors",
+        "LeftDrive", "RightDrive", "LeftHall", "RightHall", "LeftEdges", "RightEdges",
+        "Gate", "Switches", "Sensors",
         "BenchStatus", "BenchTiming", "BenchDelay",
     }  # fmt: skip
 
 
 def test_cantools_monitor_shows_the_gate(group: str) -> None:
     ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 50, 140, 0, 0))
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 100, 140, 0, 0))
     monitor = (
         "-m", "cantools", "monitor", "-i", "udp_multicast", "-c", group, str(DBC),
     )  # fmt: skip

@@ -114,8 +114,8 @@ def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
 ) -> None:
     sharp = identified(capsys, log)
     result = identified(capsys, with_late_stamps(log, tmp_path / "late.log", 3))
-    # The estimate itself scatters by a quarter from seed to seed.
-    assert result["input_jitter"] == pytest.approx(1e-3 / math.sqrt(12.0), rel=0.5)
+    # The estimate itself is 0.27 to 0.51 ms from seed to seed.
+    assert 0.7 < result["input_jitter"] / (1e-3 / math.sqrt(12.0)) < 2.0
     assert f"scatter by {1e3 * result['input_jitter']:.2g} ms" in result["covariance_kind"]
     wider = [result["parameters"][name]["std"] / sharp["parameters"][name]["std"] for name in TRUTH]
     assert max(wider) > 1.5

@@ -38,8 +38,8 @@ def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path
             logs[name] = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in reader]
     frames = logs.pop("run.log")
     assert len(frames) == summary["frames_sent"] > 100
-    assert {identifier for identifier, _, _ in frames[-9:]} == {
-        0x210, 0x211, 0x212, 0x213, 0x220, 0x230, 0x6E0, 0x6E2, 0x6E3,
+    assert {identifier for identifier, _, _ in frames[-12:]} == {
+        0x210, 0x211, 0x212, 0x213, 0x214, 0x215, 0x220, 0x221, 0x230, 0x6E0, 0x6E2, 0x6E3,
     }  # fmt: skip
     assert [payload for identifier, _, payload in frames if identifier == 0x6E0][-1][7] & 3 == 3
     for name, others in logs.items():

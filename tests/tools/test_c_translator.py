@@ -12,7 +12,8 @@ import pytest
 from liftgate_hil import session as vehicles
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import Inputs, initial_state
+from liftgate_plant.dynamics import Inputs
+from liftgate_plant.initial import initial_state
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import load_of, plant_of
 from tests.plant.runs import BRAKE, CLOSE, COAST, OPEN

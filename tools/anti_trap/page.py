@@ -27,7 +27,8 @@ _INTRODUCTION = f"""# The reference ECU's anti-trap
 
 Made by `make anti-trap`. The reference ECU is no product: it shows what software can do with what the bus says, as
 something to compare your own with. It knows the gate by its bus only, and has one calibration for all vehicles
-(`hil/liftgate_hil/ecu/calibration.py`).
+(`hil/liftgate_hil/ecu/calibration.py`), which each vehicle's `[coding]` scales: how fast it closes, how much is
+tolerated.
 
 It judges the **load** of the drives, i − K dn/dt, with the motors' currents and their speed by the period of the
 Hall edges (`LeftHall`, `RightHall`), both behind the same filter: something in the way slows the rotors down
@@ -73,8 +74,8 @@ def _travel(travel: Mapping[str, Mapping[str, Outcome]]) -> list[str]:
         f"{len(GAPS)} gaps from {GAPS[0]:g}° ({1e3 * DISTANCE * math.radians(GAPS[0]):.0f} mm at the edge) to "
         f"{GAPS[-1]:g}°, under {len(CONDITIONS)} conditions: {'; '.join(CONDITIONS)}. After learning, at 12 V.",
         "",
-        "| | opens in | closes in | largest force | where | false reversals |",
-        "|---|---|---|---|---|---|",
+        "| | opens in | closes in | largest force | where | false reversals | rods not reached |",
+        "|---|---|---|---|---|---|---|",
     ]
     for vehicle in VEHICLES:
         outcomes = travel[vehicle]
@@ -82,9 +83,10 @@ def _travel(travel: Mapping[str, Mapping[str, Outcome]]) -> list[str]:
         peak, name, gap = _worst(outcomes)
         false = sum(each.false for each in outcomes.values())
         judged = 2 * FREE * len(outcomes)
+        missed = sum(each.missed for each in outcomes.values())
         lines.append(
             f"| {vehicle} | {plain.opening:.1f} s | {plain.closing:.1f} s | **{peak:.0f} N** | {gap:g}°, {name} "
-            f"| {false} of {judged} |"
+            f"| {false} of {judged} | {missed} of {len(GAPS) * len(outcomes)} |"
         )
     return [*lines, ""]
 

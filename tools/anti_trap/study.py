@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil import session
-from liftgate_hil.ecu.calibration import Calibration
+from liftgate_hil.ecu.calibration import Calibration, coded
+from liftgate_plant.coding import Coding
 from liftgate_plant.vehicle import plant_of
 from tools.anti_trap.trials import DISTANCE, Car, Outcome, Trial, run
 
@@ -59,20 +60,12 @@ class Energy(NamedTuple):
 
 def widened(calibration: Calibration, factor: float) -> Calibration:
     """All limits of the anti-trap times a factor."""
-    return calibration._replace(
-        excess_learned=factor * calibration.excess_learned,
-        excess_unlearned=factor * calibration.excess_unlearned,
-        excess_share=factor * calibration.excess_share,
-        excess_per_slope=factor * calibration.excess_per_slope,
-        inertia_error=factor * calibration.inertia_error,
-    )
+    return coded(calibration, Coding(anti_trap_limits=factor))
 
 
 def slowed(calibration: Calibration, pace: float) -> Calibration:
     """Closing at another pace."""
-    return calibration._replace(
-        closing_speed=tuple(pace * each for each in calibration.closing_speed),
-        closing_start=pace * calibration.closing_start,
+    return coded(calibration, Coding(closing_speed=pace))._replace(
         creep_speed=min(calibration.creep_speed, max(40.0, pace * calibration.creep_speed)),
     )
 
@@ -103,7 +96,7 @@ def over_the_travel(calibration: Calibration) -> dict[str, dict[str, Outcome]]:
 
 def drawn(vehicle: str, number: int) -> Task:
     """A car of the production in weather of its own, and where it meets its rod."""
-    random = np.random.default_rng(number)
+    random = np.random.default_rng((number, VEHICLES.index(vehicle)))
     settings = (
         f"supply.voltage={random.uniform(9.5, 15.0):.2f}",
         f"environment.ambient_temperature_degc={random.uniform(-20.0, 60.0):.1f}",

@@ -16,7 +16,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.config.variant import Variant
 from liftgate_hil.ecu.adapter import ReferenceEcu
-from liftgate_hil.ecu.calibration import Calibration
+from liftgate_hil.ecu.calibration import Calibration, coded
 from liftgate_hil.ecu.events import (
     BLOCKED_CLOSING,
     BLOCKED_OPENING,
@@ -119,7 +119,7 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     config = session.loop_config_of(setup.vehicle, _rig(), RATE, setup.seed)
     kept = _Kept()
     with ReferenceEcu(_rig(), setup.vehicle.drives) as ecu:
-        own = ecu_config(_rig(), setup.vehicle.drives, calibration)
+        own = ecu_config(_rig(), setup.vehicle.drives, coded(calibration, setup.vehicle.coding))
         ecu.node = ecu.node._replace(reference=own)
         start = session.start_of(config, setup.start_angle)
         episode = Episode(

@@ -42,7 +42,8 @@ from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
-from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
+from liftgate_plant.dynamics import Inputs, Plant, State
+from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.benchmark.processes import whole_process
 

@@ -108,7 +108,7 @@ def plant_steps(
     rows = replay.rows
     for k in range(len(rows)):
         body = replay.obstacle if rows[k, 5] > 0.0 else NO_OBSTACLE
-        load = overlaid(config.load, NOTHING_SAID, 0.0, rows[k, 4], body)
+        load = overlaid(config.load, NOTHING_SAID, 0.0, rows[k, 4], 0.0, body)
         inputs = Inputs(
             DriveInput(rows[k, 0], 0.0, rows[k, 2]),
             DriveInput(rows[k, 1], 0.0, rows[k, 3]),

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil import session
-from liftgate_plant import dynamics, integrate, sensors
+from liftgate_plant import dynamics, initial, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled, fill
-from liftgate_plant.dynamics import Inputs, Load, Plant, initial_state
+from liftgate_plant.dynamics import Inputs, Load, Plant
 from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
+from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors, SensorState, initial_sensors
 from liftgate_plant.signals import Sensed
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -32,12 +33,13 @@ PARTS: dict[str, Sequence[str]] = {
     "motors that warm up": ["thermal.enabled=1"],
     "slip clutch": ["clutch.torque=4"],
     "thermal cut-out": ["cutout.resistance=0.036"],
+    "latch as built": ["latch.half=0.008"],
     "PWM, slow": ["bridge.pwm_frequency=20000"],
     "PWM, diode": ["bridge.pwm_frequency=20000", "bridge.freewheeling=diode"],
     "low-pass of the current": ["sensors.current_filter=0.002"],
     "mean over a window": ["sensors.current_window=0.0005"],
     "commutation ripple of the current": ["sensors.ripple=0.1"],
-    "commutation ripple of the EMF": ["sensors.ripple_emf=1"],
+    "commutation ripple of the EMF": ["sensors.commutator_ripple=1"],
     "noise of the currents": ["sensors.current_noise=0.03"],
     "errors of the encoders": ["sensors.hall_pitch_error=0.02", "sensors.hall_jitter_deg=1"],
 }
@@ -63,7 +65,7 @@ class Cost(NamedTuple):
 @compilable
 def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int) -> float:
     """`count` steps with their sensors; where the gate is in the end [rad]."""
-    state = dynamics.initial_state(case.plant, 0.1, 0.0)
+    state = initial.initial_state(case.plant, 0.1, 0.0)
     drive = DriveInput(0.6, 0.0, 0.0)
     for k in range(count):
         frictions = frictions_in(case.friction, case.plant, state, STEP)

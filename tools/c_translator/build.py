@@ -22,7 +22,8 @@ from liftgate_hil import session as vehicles
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import Inputs, Plant, State, initial_state
+from liftgate_plant.dynamics import Inputs, Plant, State
+from liftgate_plant.initial import initial_state
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.c_translator.names import fields_of, is_struct

@@ -33,7 +33,7 @@ TOP = {
 PROFILE = {
     "quantity": ("required", "", "one of those below; each once"),
     "points": ("required", "[[time, value], …]", "the value at each time; before the first the vehicle's"),
-    "interpolation": ("linear", "", "straight lines between the points, or each held until the next"),
+    "interpolation": ("linear", "", "straight lines, or each held until the next, as switches are"),
 }  # fmt: skip
 OBSTACLE = {
     "start": ("0", "", "when it is put there; it counts only once the gate has been clear of it"),

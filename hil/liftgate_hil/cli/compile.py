@@ -88,8 +88,8 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
     from liftgate_hil.loop.simulation import Offline, simulate
     from liftgate_hil.session import setup_of
     from liftgate_hil.stimuli.samples import constant_voltage
-    from liftgate_plant.dynamics import initial_state
     from liftgate_plant.friction_profile import friction_profile
+    from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
     from liftgate_plant.vehicle import load_of, plant_of
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
+from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
@@ -42,11 +43,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "stop (repeatable)",
     )
     parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
+    parser.add_argument(
+        "--coding",
+        type=_coding,
+        default=UNCODED,
+        metavar="SPEED,LIMITS",
+        help="closing_speed and anti_trap_limits of the vehicle file's [coding] (default: 1,1)",
+    )
     parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
     parser.add_argument(
         "--realtime", action="store_true", help="ask for FIFO scheduling; what is refused is told"
     )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def _coding(text: str) -> Coding:
+    """An argparse type: two shares."""
+    from liftgate_hil.config.vehicle_keys import keys_of
+
+    known = keys_of(Coding)
+    values = text.split(",")
+    if len(values) != len(known):
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: SPEED,LIMITS")
+    bounds = [options.bounded(each.quantity.low, each.quantity.high, "") for each in known.values()]
+    return Coding(*(bound(value) for bound, value in zip(bounds, values, strict=True)))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,7 +90,9 @@ def run(args: argparse.Namespace) -> int:
         with (
             contextlib.suppress(GivenUpError),
             told_of_compiling(teller, stop),
-            adapter_for(options.ecu_of(args), rig, args.drives, shares_clock=False) as adapter,
+            adapter_for(
+                options.ecu_of(args), rig, args.drives, shares_clock=False, coding=args.coding
+            ) as adapter,
         ):
             _drive(args, rig, scenario, adapter, stop, teller)
     except EcuError as error:

@@ -33,7 +33,9 @@ def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
         except ValueError:
             number = math.nan
         if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{value!r}; allowed: {low:g} to {high:g} {unit}")
+            raise argparse.ArgumentTypeError(
+                f"{value!r}; allowed: {low:g} to {high:g} {unit}".rstrip()
+            )
         return number
 
     return convert

@@ -93,8 +93,8 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.signals import columns_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
-    from liftgate_plant.dynamics import initial_state
     from liftgate_plant.friction_profile import friction_profile
+    from liftgate_plant.initial import initial_state
     from liftgate_plant.vehicle import load_of, plant_of
 
     setup = options.setup_of(args)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.listener import Listener
     from liftgate_hil.runs import Job, Parts, Result
+    from liftgate_plant.vehicle import Vehicle
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
@@ -63,7 +64,7 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
     """With the ECU in a second process on the same bus. Raises LiftgateError."""
     from liftgate_hil import runs
 
-    with _ecu_process(args, parts.setup.vehicle.drives, job.listener) as child:
+    with _ecu_process(args, parts.setup.vehicle, job.listener) as child:
         result = runs.execute(
             replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
         )
@@ -92,10 +93,13 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
 
 
 @contextlib.contextmanager
-def _ecu_process(args: argparse.Namespace, drives: int, teller: Listener) -> Iterator[EcuProcess]:
+def _ecu_process(
+    args: argparse.Namespace, vehicle: Vehicle, teller: Listener
+) -> Iterator[EcuProcess]:
     """`liftgate-hil ecu` on the same bus; ended with this process."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
-    command += ["--drives", str(drives), "--ecu", args.ecu]
+    command += ["--drives", str(vehicle.drives), "--ecu", args.ecu]
+    command += ["--coding", ",".join(map(str, vehicle.coding))]
     for flag in ("scenario", "rig", "bus", "interface", "channel", "bitrate"):
         value = getattr(args, flag)
         if value is not None:

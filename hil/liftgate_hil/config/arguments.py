@@ -19,7 +19,7 @@ def number_of(name: str, value: object, low: float, high: float, unit: str) -> f
     """A number within [low, high]. Raises ConfigError."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not low <= value <= high:  # type: ignore[operator]  # Real knows no floats
-        raise ConfigError(f"`{name}` {show(value)}: allowed: {low:g} to {high:g} {unit}")
+        raise ConfigError(f"`{name}` {show(value)}: allowed: {low:g} to {high:g} {unit}".rstrip())
     return float(value)  # type: ignore[arg-type]
 
 

@@ -170,9 +170,9 @@ def _tables(issues: ConfigIssues, raw: Table, key: str) -> list[tuple[int, Table
 def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile]:
     known_keys(issues, key, given, ("quantity", "points", "interpolation"))
     name = text(issues, f"{key}.quantity", given.get("quantity"), PROFILES)
-    how = text(
-        issues, f"{key}.interpolation", given.get("interpolation", "linear"), ("linear", "hold")
-    )
+    is_switch = bool(name in PROFILES and PROFILES[name].values)
+    kinds = ("hold",) if is_switch else ("linear", "hold")
+    how = text(issues, f"{key}.interpolation", given.get("interpolation", kinds[0]), kinds)
     points: list[tuple[float, float]] = []
     raw_points = given.get("points")
     if not isinstance(raw_points, list) or not raw_points:
@@ -184,7 +184,10 @@ def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile
             issues.add(f"{key}.points[{i}]", f"{show(point)}; allowed: [time, value]")
             continue
         time = number(issues, f"{key}.points[{i}][0]", point[0], 0.0, 1e6, "s")
-        points.append((time, number(issues, f"{key}.points[{i}][1]", point[1], low, high)))
+        value = number(issues, f"{key}.points[{i}][1]", point[1], low, high)
+        if is_switch and 0.0 < value < 1.0:
+            issues.add(f"{key}.points[{i}][1]", f"{value:g}; allowed: 0 (off) or 1 (on)")
+        points.append((time, value))
         if len(points) > 1 and points[-1][0] <= points[-2][0]:
             issues.add(f"{key}.points[{i}][0]", f"{time:g}; allowed: later than the point before")
     return name, Profile(points, how == "linear")

@@ -17,6 +17,7 @@ from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
 from liftgate_plant.friction_profile import MOST_PLACES, places_of
 from liftgate_plant.gate import Gate
+from liftgate_plant.latch import Latch
 from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
@@ -68,6 +69,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     _check_encoder(issues, vehicle.sensors)
     _check_shunt(issues, vehicle.sensors)
     _check_bridges(issues, vehicle)
+    _check_latch(issues, raw.get("latch", {}), vehicle.latch)
     issues.raise_if_any()
     _check_friction(issues, vehicle)
     issues.raise_if_any()
@@ -238,6 +240,18 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
             )
         if prefix == "bridge":
             break
+
+
+def _check_latch(issues: ConfigIssues, given: Table, own: Latch) -> None:
+    """A striker meets the claw, then its half and then its full position."""
+    if given and "half" not in given:
+        issues.add("latch.half", "missing; allowed: above 0, or no table [latch]")
+    if own.half == 0.0:
+        return
+    if own.full >= own.half:
+        issues.add("latch.full", f"{own.full:g}; allowed: less than half = {own.half:g} m")
+    if own.entry < own.half:
+        issues.add("latch.entry", f"{own.entry:g}; allowed: half = {own.half:g} m or more")
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:

@@ -8,9 +8,11 @@ from typing import Any, NamedTuple, get_type_hints
 
 from liftgate_plant.bridge import Bridge
 from liftgate_plant.clutch import Clutch
+from liftgate_plant.coding import Coding
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
 from liftgate_plant.gate import Gate
+from liftgate_plant.latch import Latch
 from liftgate_plant.motor import Motor
 from liftgate_plant.quantity import Quantity
 from liftgate_plant.seal import Seal
@@ -35,9 +37,11 @@ DRIVE_TABLES: Mapping[str, type] = {
 BODY_TABLES: Mapping[str, type] = {
     "gate": Gate,
     "seal": Seal,
+    "latch": Latch,
     "supply": Supply,
     "environment": Environment,
     "sensors": Sensors,
+    "coding": Coding,
 }
 SIDES = ("left", "right")
 

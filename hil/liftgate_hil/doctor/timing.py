@@ -56,7 +56,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     from liftgate_hil.stimuli.mailbox import nothing_held
     from liftgate_hil.stimuli.timeline import no_timeline
     from liftgate_plant.compiler import compiled
-    from liftgate_plant.dynamics import initial_state
+    from liftgate_plant.initial import initial_state
 
     config = session.loop_config_of(
         session.vehicle_from("suv"), session.rig_from("liftgate"), rate, 0

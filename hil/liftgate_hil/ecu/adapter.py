@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from liftgate_hil.ecu import wire
+from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.events import Event, events_since
 from liftgate_hil.ecu.needs import check_rig
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, Node, NodeState
@@ -25,8 +26,14 @@ class Adapter:
 
     kind = NO_ECU
 
-    def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
-        config = ecu_config(rig, drives)
+    def __init__(
+        self,
+        rig: Rig,
+        drives: int,
+        shares_clock: bool = True,
+        calibration: Calibration = CALIBRATED,
+    ) -> None:
+        config = ecu_config(rig, drives, calibration)
         self.shares_clock = (
             shares_clock  # its time is the gate's, else begins when the gate is heard
         )
@@ -72,9 +79,15 @@ class ReferenceEcu(Adapter):
 
     kind = REFERENCE
 
-    def __init__(self, rig: Rig, drives: int, shares_clock: bool = True) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        drives: int,
+        shares_clock: bool = True,
+        calibration: Calibration = CALIBRATED,
+    ) -> None:
         check_rig(rig, drives)
-        super().__init__(rig, drives, shares_clock)
+        super().__init__(rig, drives, shares_clock, calibration)
 
     def events(self, told: int = 0) -> list[Event]:
         """See Adapter."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_plant.coding import Coding
+
 
 class Calibration(NamedTuple):
     """The reference ECU's constants. Chosen by hand on the three shipped vehicles."""
@@ -41,7 +43,7 @@ class Calibration(NamedTuple):
     excess_learned: float = 0.12  # A over the learned reference
     excess_unlearned: float = 0.60  # A over this run's own recent load
     excess_share: float = 0.03  # of the load itself: ripple, warm magnets
-    excess_per_slope: float = 2.5  # counts that a place may be off, where the reference is steep
+    excess_per_slope: float = 2.0  # counts that a place may be off, where the reference is steep
     reference_time: float = 0.50  # s, how fast what moves the whole reference is followed
     blank_time: float = 0.50  # s after a start in which nothing is judged
     detection_time: float = 0.005  # s without a break
@@ -55,6 +57,23 @@ class Calibration(NamedTuple):
     seal_stall_time: float = 1.0  # s, in the seal zone
     hold_time: float = 0.25  # s of braking after a stop
     latch_pulse: float = 1.0  # s at most
+
+
+CALIBRATED = Calibration()
+
+
+def coded(calibration: Calibration, coding: Coding) -> Calibration:
+    """The calibration of a vehicle."""
+    pace, limits = coding.closing_speed, coding.anti_trap_limits
+    return calibration._replace(
+        closing_speed=tuple(pace * speed for speed in calibration.closing_speed),
+        closing_start=pace * calibration.closing_start,
+        inertia_error=limits * calibration.inertia_error,
+        excess_learned=limits * calibration.excess_learned,
+        excess_unlearned=limits * calibration.excess_unlearned,
+        excess_share=limits * calibration.excess_share,
+        excess_per_slope=limits * calibration.excess_per_slope,
+    )
 
 
 # Shares of the travel; closing, of what is left to the seal.

@@ -46,6 +46,7 @@ class Feedback(NamedTuple):
     left_turning: float  # rev/s; NaN: the bus does not say
     right_turning: float
     latched: bool
+    caught: bool  # by the latch, half or fully
     voltage: float  # V
 
 
@@ -132,24 +133,41 @@ def travel_or(memory: Memory, default: float) -> float:
 
 
 @compilable
+def begin_motion(memory: Memory) -> None:
+    """Whatever goes on in a state begins here."""
+    control = memory.control[0]
+    control.since = control.now
+    control.still = 0.0
+    control.wanted = control.ramp = 0.0
+    control.free = np.nan
+    if is_moving(control.state):
+        for i in range(len(memory.drives)):
+            memory.drives[i].start = memory.drives[i].count
+            memory.drives[i].integral = 0.0
+    if control.state in (OPENING, CLOSING):
+        begin_run(guard_of(memory, control.state))
+
+
+@compilable
+def is_releasing(constants: Constants, memory: Memory) -> bool:
+    """Whether the latch is to let the gate go, which takes it some time."""
+    control = memory.control[0]
+    if control.caught == 0 or control.state not in (OPENING, REVERSING):
+        return False
+    return bool(control.now - control.entered < constants.calibration.latch_pulse)
+
+
+@compilable
 def enter(constants: Constants, memory: Memory, state: int, event: int, verdict: Verdict) -> None:
     """Go into a state."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time
     control.state = state
-    control.since = control.now
-    control.still = 0.0
-    control.wanted = control.ramp = 0.0
-    control.free = np.nan
+    control.entered = control.now
     if event != _SILENT:
         note_event(memory, event, verdict)
-    if is_moving(state):
-        for i in range(len(memory.drives)):
-            memory.drives[i].start = memory.drives[i].count
-            memory.drives[i].integral = 0.0
-    if state in (OPENING, CLOSING):
-        begin_run(guard_of(memory, state))
+    begin_motion(memory)
 
 
 @compilable
@@ -218,7 +236,10 @@ def hold(memory: Memory) -> DriveCommand:
 @compilable
 def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveCommand:
     """A cycle of a motion: is it at its end, is something trapped, what do the drives get."""
-    c, control = constants.calibration, memory.control[0]
+    control = memory.control[0]
+    control.caught = int(feedback.caught)
+    if is_releasing(constants, memory):
+        begin_motion(memory)
     if control.state == CLOSING and feedback.latched:
         if (
             not control.is_zero_known
@@ -237,7 +258,6 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     sign = -1.0 if control.state == CLOSING else 1.0
     want(constants, memory, wanted_speed(constants, memory))
     wanted = sign * control.wanted
-    elapsed = control.now - control.since
     left = drive_duty(constants, memory, 0, wanted, feedback.voltage)
     right = left
     if len(memory.drives) > 1:
@@ -245,7 +265,7 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     return DriveCommand(
         left_duty=left,
         right_duty=right,
-        latch_release=sign > 0.0 and feedback.latched and elapsed < c.latch_pulse,
+        latch_release=is_releasing(constants, memory),
     )
 
 
@@ -327,7 +347,7 @@ def stalled(constants: Constants, memory: Memory) -> None:
     control = memory.control[0]
     if control.state == CLOSING:
         enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
-    elif control.state == OPENING and np.isnan(control.travel):
+    elif control.state == OPENING and np.isnan(control.travel) and control.caught == 0:
         # The stalled drive has squeezed the mechanism; the stop is where the load began.
         if not np.isnan(control.free):
             control.travel = control.free

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.ecu.calibration import CALIBRATED, coded
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.errors import ConfigError, EcuError, text_of
+from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
@@ -19,8 +21,11 @@ _LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
 _CLASS = re.compile(r"[\w.]+:\w+$")
 
 
-def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> Adapter:
+def adapter_for(
+    ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED
+) -> Adapter:
     """The adapter of an ECU; the clock by which it gets requests is the gate's, or begins when it hears the gate.
+    `coding` is the vehicle's, for the reference ECU.
 
     Raises ConfigError.
     """
@@ -32,7 +37,7 @@ def adapter_for(ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> A
         return PythonEcu(ecu, rig, drives, shares_clock)
     name = str(ecu)
     if name == "reference":
-        return ReferenceEcu(rig, drives, shares_clock)
+        return ReferenceEcu(rig, drives, shares_clock, coded(CALIBRATED, coding))
     if _LIBRARY.fullmatch(name):
         check_ecu(name)
         return LibraryEcu(Path(name), rig, drives, shares_clock)

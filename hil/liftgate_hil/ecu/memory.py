@@ -53,7 +53,9 @@ CONTROL = np.dtype(
         ("state", "i8"),
         ("began_ns", "i8"),  # what its clock counts from; -1: from when the gate is first heard
         ("now", "f8"),  # s
-        ("since", "f8"),  # when the state was entered
+        ("entered", "f8"),  # when the state was entered
+        ("since", "f8"),  # the same, or when the latch let go
+        ("caught", "i8"),  # whether the latch holds the gate, half or fully
         ("brake_until", "f8"),
         ("wanted", "f8"),  # speed, counts/s
         ("ramp", "f8"),  # how fast that changes or has lately changed, counts/s²

@@ -7,6 +7,7 @@ part of the episode.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from liftgate_hil.codec.receive import (
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
-from liftgate_hil.ecu.calibration import Calibration
+from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, is_moving, update
 from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
 from liftgate_hil.ecu.wire import next_time
@@ -61,13 +62,13 @@ class EcuState(NamedTuple):
     frames: Frames  # what it sends in this cycle
 
 
-def ecu_config(rig: Rig, drives: int, calibration: Calibration | None = None) -> EcuConfig:
+def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> EcuConfig:
     """The ECU of a rig."""
-    outputs, commands = rig.input_config(), _command_rows(rig)
+    outputs, commands = rig.input_config(), message_rows(rig, (*COMMANDS, "latch_release"))
     command_ms, current_ms = rig.command_cycle_ms(), rig.current_cycle_ms()
     cycle_ms = current_ms if 0.0 < current_ms < command_ms else command_ms
     return EcuConfig(
-        constants=constants_of(calibration or Calibration(), cycle_ms * 1e-3),
+        constants=constants_of(calibration, cycle_ms * 1e-3),
         drives=drives,
         inputs=rig.output_config(sending=False),
         outputs=outputs,
@@ -93,10 +94,10 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     )
 
 
-def _command_rows(rig: Rig) -> list[int]:
-    """The messages that an ECU sends; the test bench's are not its own."""
+def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
+    """The messages with these inputs; those of the test bench are none of an ECU's."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
-    own = {each.message for each in rig.inputs if each.quantity in (*COMMANDS, "latch_release")}
+    own = {each.message for each in rig.inputs if each.quantity in quantities}
     return [row for row, name in enumerate(names) if name in own]
 
 
@@ -124,6 +125,7 @@ def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, F
         left_turning=values[OUT.left_period_speed],
         right_turning=values[OUT.right_period_speed],
         latched=latched > 0.5,
+        caught=latched > 0.5 or values[OUT.latch_half] > 0.5,
         voltage=_NOMINAL_V if np.isnan(voltage) else float(voltage),
     )
 

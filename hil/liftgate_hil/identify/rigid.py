@@ -22,10 +22,11 @@ import math
 from liftgate_plant import dynamics, electrics, friction, gate, transmission
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath
+from liftgate_plant.drive_step import path_in, warmed
 from liftgate_plant.dynamics import Drive, DriveState, Inputs, Load, Plant, State
 from liftgate_plant.electrics import NO_TRANSIENT, Electric
 from liftgate_plant.gate import Linkage
-from liftgate_plant.integrate import Flow, path_in, warmed
+from liftgate_plant.integrate import Flow
 from liftgate_plant.motor import Response, mean_current
 
 PASSES = 2  # fixed-point turns of the step's middle
@@ -168,9 +169,9 @@ def step_rigid(
     after_l = next_motor(left, state.left, path_l, new, position, ambient, step)
     after_r = next_motor(right, state.right, path_r, new, position, ambient, step)
     # The angle follows from the position: `follow`.
-    return State(after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0), Flow(
-        path_l, path_r
-    )
+    return State(
+        after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0, state.latch
+    ), Flow(path_l, path_r)
 
 
 @compilable
@@ -228,4 +229,5 @@ def rigid_start(state: State) -> State:
         state.latched,
         0.0,
         0.0,
+        state.latch,
     )

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from liftgate_hil.identify import rigid
 from liftgate_hil.identify.workers import check_wanted
-from liftgate_plant import dynamics, gate, integrate
+from liftgate_plant import dynamics, gate, initial, integrate
 from liftgate_plant.compiler import compilable, compiled, fill, picked
 from liftgate_plant.dynamics import NOMINAL, DriveState, Load, Plant, State
+from liftgate_plant.latch import Claw, LatchState, at_first
 from liftgate_plant.rows import inputs_of
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.shunt import low_passed
@@ -42,9 +43,11 @@ _STRETCH = 100_000
 _ROW, _STEPS, _SHOWN = 0, 1, 2
 _DRIVE = len(DriveState._fields)
 _AT_LEFT, _AT_RIGHT, _ANGLE = 4, 4 + _DRIVE, 4 + 2 * _DRIVE
-_RATE, _LATCHED, _TWIST, _KEPT = _ANGLE + 1, _ANGLE + 2, _ANGLE + 3, _ANGLE + 5
+_RATE, _LATCHED, _TWIST, _CLAW = _ANGLE + 1, _ANGLE + 2, _ANGLE + 3, _ANGLE + 5
+_KEPT = _CLAW + len(LatchState._fields)
 _LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
 _RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
+_LATCH = LatchState(*range(_CLAW, _KEPT))
 _CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
 
 
@@ -69,7 +72,7 @@ REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compilable
-def moving_state(start: Start, angle: float, rate: float, ambient: float) -> State:
+def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: float) -> State:
     """A gate that goes along with its drives."""
     winding, housing = ambient + start.warmth, ambient + start.housing_warmth
     left, right = start.left_position, start.left_position + start.right_ahead
@@ -81,6 +84,7 @@ def moving_state(start: Start, angle: float, rate: float, ambient: float) -> Sta
         start.latched,
         0.0,
         0.0,
+        at_first(claw, start.latched > 0.0),
     )
 
 
@@ -88,7 +92,7 @@ def moving_state(start: Start, angle: float, rate: float, ambient: float) -> Sta
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
     """Torque [N m] on a gate that goes along with its drives, at an angle: falls as the angle grows."""
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
-    state = moving_state(start, angle, rate, load.ambient_temperature)
+    state = moving_state(plant.latch, start, angle, rate, load.ambient_temperature)
     share = start.speed / (abs(start.speed) + _CREEP)
     return dynamics.gate_torque(plant, state, load) - plant.hinge.coulomb * share
 
@@ -112,15 +116,15 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
     """The state in which a trajectory begins."""
     ambient = plant.environment.ambient_temperature
     if start.balanced == 0.0:
-        state = dynamics.initial_state(plant, start.angle, start.latched)
+        state = initial.initial_state(plant, start.angle, start.latched)
         return rigid.rigid_start(state) if model else state
     if model:
-        return rigid.rigid_start(moving_state(start, 0.0, 0.0, ambient))
+        return rigid.rigid_start(moving_state(plant.latch, start, 0.0, 0.0, ambient))
     if start.latched > 0.0:
-        return moving_state(start, 0.0, 0.0, ambient)
+        return moving_state(plant.latch, start, 0.0, 0.0, ambient)
     angle = balanced_angle(plant, load, start) + start.angle
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle) + start.rate
-    return moving_state(start, angle, rate, ambient)
+    return moving_state(plant.latch, start, angle, rate, ambient)
 
 
 @compilable
@@ -130,6 +134,7 @@ def keep(kept: Floats, state: State, left: float, right: float) -> None:
     fill(kept, _AT_RIGHT, state.right)
     kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
     kept[_TWIST], kept[_TWIST + 1] = state.twist, state.twist_rate
+    fill(kept, _CLAW, state.latch)
     kept[_SHOWN], kept[_SHOWN + 1] = left, right
 
 
@@ -144,6 +149,7 @@ def state_in(kept: Floats) -> State:
         kept[_LATCHED],
         kept[_TWIST],
         kept[_TWIST + 1],
+        picked(kept, _LATCH),
     )
 
 

@@ -79,7 +79,8 @@ def inputs_at(
     obstacle = obstacle_at(timeline, time)
     arming, obstacle = armed(arming, obstacle, angle_at(offline.plant, state, obstacle.lateral))
     said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
-    base = overlaid(offline.base, said, rise, offline.base.latch_released, obstacle)
+    own = offline.base
+    base = overlaid(own, said, rise, own.latch_released, own.latch_cinched, obstacle)
     frictions = frictions_in(offline.friction, offline.plant, state, step)
     return arming, inputs_of(row, base, frictions)
 

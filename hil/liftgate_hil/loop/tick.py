@@ -12,7 +12,7 @@ state of one's own. Real time, the Python loop, lockstep and the episode all cal
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,14 @@ from liftgate_hil.codec.transmit import (
     transmit,
 )
 from liftgate_hil.signals import (
+    EDGE_NUMBERS,
     IN,
     IN_SURROUNDINGS,
     INPUT_COUNT,
     OUT,
     OUT_ROWS,
     OUTPUT_COUNT,
+    EdgeTimes,
     Status,
 )
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
@@ -51,6 +53,7 @@ from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_i
 from liftgate_plant.compiler import compilable, fill, overlay, picked
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
 from liftgate_plant.friction_profile import FrictionProfile, frictions_in
+from liftgate_plant.hall import LEFT, RIGHT
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
 from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
@@ -180,7 +183,8 @@ def surroundings(
     if config.latch_mapped == 0:
         released = 1.0 if opening else 0.0
     arming, obstacle = armed(arming, obstacle, angle_at(config.plant, state, obstacle.lateral))
-    return arming, overlaid(config.load, said, rise, released, obstacle)
+    cinched = value_or(values[IN.latch_cinch], 0.0)
+    return arming, overlaid(config.load, said, rise, released, cinched, obstacle)
 
 
 @compilable
@@ -207,14 +211,38 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 
 
 @compilable
+def edge_times(halls: Any, now: float) -> EdgeTimes:
+    """The last edges of both drives (2,) HALL, at a time [s]."""
+    left, right = halls[LEFT], halls[RIGHT]
+    return EdgeTimes(
+        left_edge_number=float(left.edges % EDGE_NUMBERS),
+        left_edge_age_1=now - left.last,
+        left_edge_age_2=now - left.second,
+        left_edge_age_3=now - left.third,
+        left_edge_age_4=now - left.fourth,
+        right_edge_number=float(right.edges % EDGE_NUMBERS),
+        right_edge_age_1=now - right.last,
+        right_edge_age_2=now - right.second,
+        right_edge_age_3=now - right.third,
+        right_edge_age_4=now - right.fourth,
+    )
+
+
+@compilable
 def line_up(
-    values: NDArray[np.float64], sensed: Sensed, truth: Truth, status: Status, outside: Outside
+    values: NDArray[np.float64],
+    sensed: Sensed,
+    truth: Truth,
+    status: Status,
+    outside: Outside,
+    edges: EdgeTimes,
 ) -> None:
     """Fill the values of all outputs (OUTPUT_COUNT,)."""
     fill(values, OUT_ROWS.sensed, sensed)
     fill(values, OUT_ROWS.truth, truth)
     fill(values, OUT_ROWS.status, status)
     fill(values, OUT_ROWS.timing, outside.timing)
+    fill(values, OUT_ROWS.edges, edges)
 
 
 @compilable
@@ -262,7 +290,8 @@ def tick(
             emulator_state=float(emulator_state(reception, timeouts, outside.is_stop)),
             pinch_force_max=hold,
         )
-        line_up(transmission.values, sensed, truth, status, outside)
+        edges = edge_times(memory.halls, done * config.step)
+        line_up(transmission.values, sensed, truth, status, outside, edges)
         hold_message, outputs = config.hold_message, config.outputs
         told = told_of(outputs, transmission, hold_message, OUT.pinch_force_max)
         replies = transmit(config.outputs, transmission, end_ns, outside.is_stop)

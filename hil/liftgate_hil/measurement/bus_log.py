@@ -237,8 +237,9 @@ def _inputs(
         drives = [bridge_command(float(duty), float(to), int(signed)) for duty, to in pairs]
         columns[f"{side}_duty"] = np.array([drive.duty for drive in drives])
         columns[f"{side}_coast"] = np.array([drive.coast for drive in drives])
-    if "latch_release" in wired:
-        columns["latch_released"] = np.nan_to_num(held("latch_release"), nan=0.0)
+    for name, column in (("latch_release", "latch_released"), ("latch_cinch", "latch_cinched")):
+        if name in wired:
+            columns[column] = np.nan_to_num(held(name), nan=0.0)
     for name, column in _PANEL.items():
         if name in given:
             first = before.get(column, float(given[name].values[0]))

@@ -210,7 +210,7 @@ def test_the_summary_is_json_and_nothing_else(capsys: pytest.CaptureFixture[str]
     assert summary["clock"] == "free"
     assert summary["received"]["accepted"] == 0
     assert summary["rejected_frames"] == 0
-    assert summary["frames_sent"] == 4 * 50 + 25 + 2 + 2 + 7
+    assert summary["frames_sent"] == 6 * 50 + 2 * 25 + 2 + 2 + 10
 
 
 def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str], bus: str):

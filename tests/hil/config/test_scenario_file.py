@@ -39,6 +39,19 @@ def test_the_demo_asks_open_close_open_close_around_an_obstacle():
     assert scenario.duration is not None
 
 
+def test_a_switch_is_on_or_off(tmp_path: Path):
+    """It is held from point to point, and has no values in between."""
+    path = tmp_path / "switch.toml"
+    lines = ["[[profile]]", 'quantity = "handle_pulled"', "points = [[0, 0], [1, 1], [2, 0]]"]
+    path.write_text("\n".join(lines))
+    timeline = load_scenario(path).timeline
+    for time, value in ((0.5, 0.0), (1.5, 1.0), (2.5, 0.0)):
+        assert profiles_over(timeline, time, 0.001).handle_pulled == value
+    lines[-1] = 'interpolation = "linear"\npoints = [[0, 0.5]]'
+    told = faults_of(tmp_path, "\n".join(lines))
+    assert keys_of(told) == ["profile[0].interpolation", "profile[0].points[0][1]"]
+
+
 def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
     text = """
 duration = -3

@@ -182,6 +182,12 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
         (["right.bridge.pwm_frequency=50"], "right.bridge.pwm_frequency: 50; allowed: 0, or 1000"),
         (["sensors.shunt_low_side=0.5"], "sensors.shunt_low_side: 0.5; allowed: 0 or 1"),
         (["sensors.shunt_sampled_on=1"], "without shunt_low_side; allowed: together"),
+        (["latch.distance=0.9"], "latch.half: missing; allowed: above 0, or no table [latch]"),
+        (
+            ["latch.half=0.004", "latch.full=0.004"],
+            "latch.full: 0.004; allowed: less than half = 0.004 m",
+        ),
+        (["latch.half=0.03"], "latch.entry: 0.02; allowed: half = 0.03 m or more"),
         (["sensors.current_window=0.001", "sensors.current_filter=0.01"], "allowed: one of them"),
     ],
 )

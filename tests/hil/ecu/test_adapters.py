@@ -231,7 +231,7 @@ def test_no_ecu_at_all_is_a_silent_bus(rig: Rig) -> None:
         assert adapter.last_frames() is None
         episode.close()
     assert keeper.wires(is_sent=False) == []
-    assert len(keeper.wires(is_sent=True)) == 4 * 20 + 10 + 1 + 1
+    assert len(keeper.wires(is_sent=True)) == 6 * 20 + 2 * 10 + 1 + 1
 
 
 # When a Python object is visited.

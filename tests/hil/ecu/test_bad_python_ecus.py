@@ -130,7 +130,7 @@ def test_the_recording_until_then_is_kept(tmp_path: Path) -> None:
     result = lh.run(SCENARIO, ecu, record=paths)
     assert (result.verdict, result.recording) == ("error", tuple(paths))
     assert len(paths[0].read_text().splitlines()) == 51
-    assert len(paths[1].read_text().splitlines()) == 4 * 10 + 5
+    assert len(paths[1].read_text().splitlines()) == 6 * 10 + 2 * 5
 
 
 @pytest.mark.parametrize("clock", ["free", "lockstep"])

@@ -14,7 +14,7 @@ from liftgate_hil.identify import rigid
 from liftgate_hil.identify.data import rows_of
 from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
 from liftgate_hil.session import vehicle_from
-from liftgate_plant import dynamics, gate
+from liftgate_plant import dynamics, gate, initial
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import Inputs
 from liftgate_plant.sensors import Sensors
@@ -338,7 +338,7 @@ def test_a_coasting_motor_has_no_current_and_runs_out(order: int) -> None:
     plant = plant_of(vehicle_from("suv"))
     base = load_of(vehicle_from("suv"))._replace(latch_released=1.0)
     coast = DriveInput(0.0, 0.0, 1.0)
-    state = dynamics.initial_state(plant, math.radians(40.0), False)
+    state = initial.initial_state(plant, math.radians(40.0), False)
     state = state._replace(left=state.left._replace(speed=100.0, current=1.0))
     state = rigid.rigid_start(state)
     speeds = []

@@ -24,7 +24,8 @@ from liftgate_hil.session import vehicle_from
 from liftgate_plant import gate, integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled, enabled
-from liftgate_plant.dynamics import Inputs, State, initial_state
+from liftgate_plant.dynamics import Inputs, State
+from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.plant.runs import suv

@@ -14,11 +14,14 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
+    LEFT_EDGES,
     LEFT_HALL,
     OPEN,
     RIGHT_DRIVE,
+    RIGHT_EDGES,
     RIGHT_HALL,
     SENSORS,
+    SWITCHES,
     both,
     command_payload,
     decoded,
@@ -266,7 +269,8 @@ def test_the_last_tick_has_the_motors_off_and_sends_everything(rig: Rig) -> None
     assert last[place["left_coast"]] == last[place["right_coast"]] == 1.0
     frames = [row for row in keeper.wires(is_sent=True) if row[0] == 604.0]
     assert sorted(identifier for _, identifier, _ in frames) == [
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, GATE, SENSORS, BENCH_STATUS,
+        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
+        GATE, SWITCHES, SENSORS, BENCH_STATUS,
     ]  # fmt: skip
     status = decoded(rig, frames_of([(number, data) for _, number, data in frames]), "BenchStatus")
     assert status[0]["EmulatorState"] == STOPPED

@@ -14,11 +14,14 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
+    LEFT_EDGES,
     LEFT_HALL,
     OPEN,
     RIGHT_DRIVE,
+    RIGHT_EDGES,
     RIGHT_HALL,
     SENSORS,
+    SWITCHES,
     both,
     command_payload,
     decoded,
@@ -195,7 +198,7 @@ def test_every_kind_of_frame_goes_both_ways(rig: Rig, log: tuple[Path, ...]) -> 
     assert not any(number & ERROR for _, number, _ in keeper.wires(is_sent=True))
     heard = [each for _, frames in ecu.heard for each in frames]
     assert {each.arbitration_id for each in heard} == {
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, GATE,
+        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES, GATE, SWITCHES,
     }  # fmt: skip
     assert not any(each.is_fd or each.is_remote_frame or each.is_extended_id for each in heard)
 

@@ -20,11 +20,14 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
+    LEFT_EDGES,
     LEFT_HALL,
     OPEN,
     RIGHT_DRIVE,
+    RIGHT_EDGES,
     RIGHT_HALL,
     SENSORS,
+    SWITCHES,
     both,
     catch_up,
     command_frame,
@@ -151,7 +154,8 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
     loop.finish()
     assert polled == [0, *(1_000_000 * (1 + number) for number in range(10))]
     assert sorted(row[0] for row in notes.sent[-1]) == [
-        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, GATE, SENSORS, BENCH_STATUS,
+        LEFT_DRIVE, RIGHT_DRIVE, LEFT_HALL, RIGHT_HALL, LEFT_EDGES, RIGHT_EDGES,
+        GATE, SWITCHES, SENSORS, BENCH_STATUS,
     ]  # fmt: skip
     status = decoded(rig, frames_of(transport.sent), "BenchStatus")
     assert status[-1]["EmulatorState"] == STOPPED

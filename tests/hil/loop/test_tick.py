@@ -54,7 +54,7 @@ from liftgate_hil.loop.tick import (
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.timeline import Timeline, obstacle_at
 from liftgate_plant.compiler import compiled
-from liftgate_plant.dynamics import initial_state
+from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Sensed, Truth
 
 NOTHING = empty_frames(0)

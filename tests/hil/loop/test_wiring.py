@@ -22,13 +22,14 @@ from liftgate_hil.loop import tick as tick_module
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.loop.rings import Memory, RingReader, note_row
-from liftgate_hil.loop.tick import STOPPED, line_up, tick
+from liftgate_hil.loop.tick import STOPPED, edge_times, line_up, tick
 from liftgate_hil.signals import (
     BUS_INPUTS,
     BUS_OUTPUTS,
     COLUMN_PLACE,
     OUTPUT_COUNT,
     ROW_WIDTH,
+    EdgeTimes,
     Status,
     Timing,
 )
@@ -54,6 +55,7 @@ class Rows(NamedTuple):
     truth: Truth
     status: Status
     timing: Timing
+    edges: EdgeTimes
 
     def by_name(self) -> dict[str, float]:
         """As a rig calls them."""
@@ -61,7 +63,7 @@ class Rows(NamedTuple):
             bus_name(name, signal): getattr(self.sensed, name)
             for name, signal in signals_of(Sensed).items()
         }
-        values |= self.status._asdict() | self.timing._asdict()
+        values |= self.status._asdict() | self.timing._asdict() | self.edges._asdict()
         for name, signal in signals_of(Truth).items():
             ours = bus_name(name, signal)
             values[f"true_{ours}" if ours in values else ours] = getattr(self.truth, name)
@@ -85,7 +87,7 @@ def test_every_output_carries_the_field_of_its_name(whole: Rig, which: str) -> N
         fill, send = compiled(line_up), compiled(transmit)
     around = outside()._replace(timing=rows.timing)
     values = np.full(OUTPUT_COUNT, np.nan)
-    fill(values, rows.sensed, rows.truth, rows.status, around)
+    fill(values, rows.sensed, rows.truth, rows.status, around, rows.edges)
     bus = whole.output_config()
     _, frames = transmitted(bus, values, call=send)
     found = outputs_in(whole, frames)
@@ -104,8 +106,9 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
         emulator_state=float(STOPPED),
         pinch_force_max=113.5,
     )
-    monkeypatch.setattr(sensors, "sense", lambda *given: (given[5], rows.sensed))
+    monkeypatch.setattr(sensors, "sense", lambda *given: (given[6], rows.sensed))
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
+    monkeypatch.setattr(tick_module, "edge_times", lambda *given: rows.edges)
     config = loop_config(rig=whole)
     state = start_of(config)._replace(
         timeouts=111, counts=NO_COUNTS._replace(wrong_length=113), pinch_hold=113.5
@@ -124,7 +127,8 @@ def test_timing_that_is_not_known_is_not_sent(whole: Rig, fast_tick: Tick) -> No
     found = outputs_in(whole, replies)
     assert found.keys() == BUS_OUTPUTS.keys() - {*Timing._fields}
     status = Status(0.0, 0.0, 0.0, float(STOPPED), 0.0)
-    told = Rows(sensed, truth, status, Timing(*(0.0 for _ in Timing._fields))).by_name()
+    edges = edge_times(start_of(config).sensors.halls, 0.001)
+    told = Rows(sensed, truth, status, Timing(*(0.0 for _ in Timing._fields)), edges).by_name()
     assert found == {name: told[name] for name in found}
 
 
@@ -135,6 +139,7 @@ SAID = {
     "left_direction": float(OPEN),
     "right_direction": float(CLOSE),
     "latch_release": 1.0,
+    "latch_cinch": 1.0,
     "obstacle_angle": 20.0,
     "obstacle_rate": 7.0,
     "supply_voltage": 11.0,
@@ -144,6 +149,8 @@ SAID = {
     "snow_mass": 5.0,
     "hand_force": -40.0,
     "external_torque": 13.0,
+    "handle_pulled": 1.0,
+    "button_pressed": 1.0,
 }
 
 
@@ -175,6 +182,9 @@ def test_every_input_reaches_what_its_name_says(
         "hand_force": -40.0,
         "external_torque": 13.0,
         "latch_released": 1.0,
+        "latch_cinched": 1.0,
+        "handle_pulled": 1.0,
+        "button_pressed": 1.0,
         "obstacle": Obstacle(
             angle=pytest.approx(math.radians(20.0)),
             distance=config.obstacle_distance,
@@ -233,7 +243,10 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
     config = loop_config(rig=whole)
     ranges = signals_of(Surroundings)
     levels = {
-        way: {name: 0.25 * k + 0.5 * SURROUNDINGS[name] for name in ranges}
+        way: {
+            name: k % 2 if signal.values else 0.25 * k + 0.5 * SURROUNDINGS[name]
+            for name, signal in ranges.items()
+        }
         for k, way in enumerate(("profile", "panel", "posted"))
     }
     timeline = timeline_of(

@@ -213,8 +213,8 @@ def test_a_log_without_frames_of_ours_is_a_fault(tmp_path: Path, rig: Rig, suffi
     with pytest.raises(ConfigError) as caught:
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
-        f"{path}: no frame of ours; allowed: DriveCommand (0x120), BenchControl (0x6E1), "
-        "LeftDrive (0x210), RightDrive (0x211), Gate (0x220)"
+        f"{path}: no frame of ours; allowed: DriveCommand (0x120), LatchCommand (0x128), "
+        "BenchControl (0x6E1), LeftDrive (0x210), RightDrive (0x211), Gate (0x220)"
     ]
 
 
@@ -224,7 +224,7 @@ def test_a_log_without_commands_or_sensors_is_a_fault(tmp_path: Path, rig: Rig) 
         read_measurement(path, {}, rig)
     assert caught.value.issues == [
         f"{path}: no sound command frame (1 frames of ours refused: 1 checksum); "
-        "allowed: DriveCommand (0x120)",
+        "allowed: DriveCommand (0x120), LatchCommand (0x128)",
         f"{path}: no sound sensor frame (1 frames of ours refused: 1 checksum); "
         "allowed: LeftDrive (0x210), RightDrive (0x211), Gate (0x220)",
     ]

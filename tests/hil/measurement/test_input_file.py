@@ -17,8 +17,8 @@ from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.session import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS
-from liftgate_plant.dynamics import initial_state
 from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.initial import initial_state
 from liftgate_plant.rows import AT
 from liftgate_plant.vehicle import load_of, plant_of
 
@@ -77,12 +77,16 @@ def test_one_voltage_is_both_motors_and_what_is_not_said_is_not_there(tmp_path: 
         np.testing.assert_equal(row[getattr(AT, name)], said.get(name, np.nan), name)
 
 
+LATCH = ("latch_released", "latch_cinched")  # shown by what the latch does
+
+
 def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> None:
     mild = {
         "left_voltage_v": 1.5, "right_voltage_v": -2.5, "left_duty": 0.0, "right_duty": 0.0,
         "left_coast": 0.0, "right_coast": 0.0, "supply_voltage_v": 11.0, "road_slope_deg": 3.0,
         "ambient_temperature_degc": -8.0, "wind_pressure_pa": 17.0, "snow_mass_kg": 5.0,
-        "hand_force_n": -40.0, "external_torque_nm": 13.0, "latch_released": 1.0,
+        "hand_force_n": -40.0, "external_torque_nm": 13.0, "handle_pulled": 1.0, "button_pressed": 0.0,
+        "latch_released": 1.0, "latch_cinched": 0.0,
     }  # fmt: skip
     assert mild.keys() == INPUT_SIGNALS.keys()
     vehicle = vehicle_from("suv", ideal=True)
@@ -104,10 +108,9 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
         samples, _ = read_samples(written(tmp_path, given), {})
         (block,) = simulate(offline, initial_state(plant, 0.5), samples, 3)
         last = block.rows[-1]
-        return {name: last[COLUMN_PLACE[name]] for name in mild if name != "latch_released"}
+        return {name: last[COLUMN_PLACE[name]] for name in mild if name not in LATCH}
 
-    seen = dict(mild)
-    del seen["latch_released"]
+    seen = {name: value for name, value in mild.items() if name not in LATCH}
     driven = {"left_duty": 0.25, "right_duty": -0.5}
     volts = {"left_voltage_v": 0.25 * 11.0, "right_voltage_v": -0.5 * 11.0}
     for found, expected in ((shown(), seen), (shown(**driven), {**seen, **driven, **volts})):

@@ -20,7 +20,8 @@ SAID = {
     "left_duty": 30.0, "right_duty": 55.0, "left_direction": float(OPEN), "right_direction": float(CLOSE),
     "latch_release": 1.0, "obstacle_angle": 20.0, "obstacle_rate": 0.0, "supply_voltage": 11.0,
     "road_slope": 3.0, "ambient_temperature": -8.0, "wind_pressure": 17.0, "snow_mass": 5.0,
-    "hand_force": -40.0, "external_torque": 13.0,
+    "hand_force": -40.0, "external_torque": 13.0, "handle_pulled": 1.0, "button_pressed": 1.0,
+    "latch_cinch": 1.0,
 }  # fmt: skip
 # Enumerations end at 1; all others take a number of their own.
 TOLD = {
@@ -51,6 +52,7 @@ def test_every_column_of_a_log_is_what_was_said_under_its_name(tmp_path: Path) -
     assert held("left_duty") == pytest.approx(0.30)
     assert held("right_duty") == pytest.approx(-0.55)
     assert (held("left_coast"), held("right_coast"), held("latch_released")) == (0.0, 0.0, 1.0)
+    assert held("latch_cinched") == 1.0
     sensed = {name: signal for name, signal in signals_of(Sensed).items() if name in OUTPUTS}
     assert {*sensed} == {
         "left_current_a", "right_current_a", "left_hall_count", "right_hall_count", "gate_angle_deg",

@@ -126,8 +126,11 @@ def test_columns_are_those_that_are_promised() -> None:
     assert list(COLUMNS)[: len(PROMISED)] == PROMISED
     # What the ECU sees stands beside the truth, with a prefix.
     assert {"sensed_left_current_a", "sensed_right_hall_count"} < set(COLUMNS)
-    units = ("_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_nm", "_ns", "_deg", "_degps", "_degc", "_pa",
-             "_kg", "_m", "_mps2", "_duty", "_coast", "latched", "_hall_b", "_hall_speed")  # fmt: skip
+    units = (
+        "_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_nm", "_ns", "_deg", "_degps", "_degc", "_pa", "_kg",
+        "_m", "_mps2", "_duty", "_coast", "latched", "_hall_b", "_hall_speed", "_pulled", "_pressed", "_position",
+        "_half", "_home", "_strip",
+    )  # fmt: skip
     assert all(name.endswith(units) for name in COLUMNS)
 
 

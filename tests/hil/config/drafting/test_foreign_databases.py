@@ -433,13 +433,18 @@ def test_our_own_database_drafts_to_our_own_rig():
     draft = draft_rig(root / "dbc/liftgate.dbc", root / "dbc/draft.toml")
     content = tomllib.loads(draft.text)
     to_choose = {"left_hall_speed", "right_hall_speed"}
+    # What few databases have is wired by hand.
+    to_choose |= {
+        name for name in own["outputs"] if re.search("edge_(number|age_.)|_half|_home|strip", name)
+    } | {"handle_pulled", "button_pressed"}
+    del own["inputs"]["latch_cinch"]
     # That it is the largest since the last frame, its comment alone says.
     own["outputs"]["pinch_force"] = own["outputs"].pop("pinch_force_max")
     assert content["inputs"] == own["inputs"]
     assert content["outputs"] == {
         key: value for key, value in own["outputs"].items() if key not in to_choose
     }
-    for message in own["messages"]:
+    for message in own["messages"].keys() & content["messages"].keys():
         assert content["messages"][message]["counter"] == own["messages"][message]["counter"]
         assert f'# checksum = "{own["messages"][message]["checksum"]}"' in draft.text
 

@@ -1,0 +1,21 @@
+"""What the reference ECU is told of this vehicle at the end of the line; nothing physical depends on it."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from liftgate_plant.quantity import Quantity
+
+
+class Coding(NamedTuple):
+    """Table `[coding]`."""
+
+    closing_speed: Annotated[
+        float, Quantity("", "1", 0.2, 2.0, "of the reference ECU; 1: as it is calibrated")
+    ] = 1.0
+    anti_trap_limits: Annotated[
+        float, Quantity("", "1", 0.2, 5.0, "of the reference ECU; 1: as they are calibrated")
+    ] = 1.0
+
+
+UNCODED = Coding()

@@ -1,0 +1,216 @@
+"""One drive over a step: its momentum, linear in its new speed, and its state at the end."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant import clutch, cutout, dynamics, electrics, friction, thermal, transmission
+from liftgate_plant.compiler import compilable
+from liftgate_plant.contact import LinearizedForce
+from liftgate_plant.current import CurrentPath, effective, held
+from liftgate_plant.dynamics import Drive, DriveState
+from liftgate_plant.electrics import Electric
+from liftgate_plant.gate_step import Midpoint, Motion
+
+
+class MomentumEquation(NamedTuple):
+    """One drive's momentum over the step: A n1 = R + B ω1 − τ Sgn(n1); it gives the gate C n1."""
+
+    speed: float  # A
+    constant: float  # R
+    rate: float  # B
+    limit: float  # τ
+    to_gate: float  # C
+
+
+class Stretch(NamedTuple):
+    """A mechanism's extension x_d [m] at a step's start, and its rates [m/s] there and at the end."""
+
+    extension: float
+    rate: float
+    rate_end: float
+
+
+@compilable
+def balance(
+    drive: Drive,
+    state: DriveState,
+    electric: Electric,
+    push: LinearizedForce,
+    lever: float,
+    guess: float,
+    guess_other: float,
+    guess_rate: float,
+    nominal: float,
+    step: float,
+) -> MomentumEquation:
+    """One drive's momentum balance (3.2, 4.2, 4.5), for a guess of its own, the other drive's and the gate's
+    speed; `nominal` is its friction by that of the law. The gate has a speed of its own, where (4.7) gives it the
+    drive's.
+    """
+    response, torque_constant = electric.response, electric.torque_constant
+    kappa, rho = drive.torque_per_force, drive.travel
+    inertia = 2.0 * math.pi * drive.inertia / step
+    viscous = 0.5 * nominal * drive.friction.viscous
+    current = response.mean + response.mean_other * guess_other
+    constant = (inertia - viscous) * state.speed + torque_constant * current - kappa * push.constant
+    force = push.constant + push.slope * (rho * guess - lever * guess_rate)
+    limit = nominal * friction.level(drive.friction, 0.5 * (state.speed + guess))
+    limit += drive.load_friction * kappa * abs(force)
+    if state.speed == 0.0 and guess != 0.0:
+        along = math.copysign(1.0, guess)
+        start = along * (torque_constant * state.current - kappa * force)
+        final = start - along * torque_constant * electric.transient.amplitude
+        limit = friction.breakaway(limit, start, final, electric.transient.decay, step)
+    own = inertia + viscous - torque_constant * response.mean_own + kappa * rho * push.slope
+    if state.speed != 0.0 and state.speed * guess <= 0.0:
+        momentum = constant + kappa * push.slope * lever * guess_rate - (own - inertia) * guess
+        if friction.turns(limit, inertia * state.speed, momentum):
+            constant -= friction.turning_bias(limit, inertia * state.speed, momentum)
+            limit = 0.0
+    return MomentumEquation(
+        own,
+        constant,
+        kappa * push.slope * lever,
+        limit,
+        lever * push.slope * rho,
+    )
+
+
+@compilable
+def sliding(drive: MomentumEquation, rate: float) -> float:
+    """What moves a drive's shaft against its friction, at a rate of its side of the gate; 0: it is held."""
+    return friction.soft_threshold(drive.constant + drive.rate * rate, drive.limit)
+
+
+@compilable
+def stretch_in(
+    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float
+) -> Stretch:
+    """What the mechanism's extension does in a step at whose end the motor has that speed; the gate's goes along
+    the actuator with dl_S/dt = r_AP ω (3.42).
+    """
+    return Stretch(
+        state.position * drive.travel - state.slip - middle.extension,
+        drive.travel * state.speed - middle.lever * side.rate,
+        drive.travel * speed - middle.lever * side.rate_end,
+    )
+
+
+@compilable
+def drive_push(
+    drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
+) -> LinearizedForce:
+    """The mechanism's mean force on the gate."""
+    if drive.active == 0.0:
+        return LinearizedForce(0.0, 0.0)
+    stretch = stretch_in(drive, state, middle, side, guess)
+    return transmission.mechanism_push(
+        drive.mechanism.stiffness,
+        drive.mechanism.damping,
+        drive.half_play,
+        stretch.extension,
+        stretch.rate,
+        stretch.rate_end,
+        middle.lever * middle.lever / side.inertia + dynamics.shaft_mobility(drive),
+        step,
+    )
+
+
+@compilable
+def slip_way(
+    drive: Drive,
+    state: DriveState,
+    middle: Midpoint,
+    side: Motion,
+    speed: float,
+    slipping: float,
+    step: float,
+) -> float:
+    """How far [m] the drive's clutch slips in a step at whose end the motor has that speed."""
+    stretch = stretch_in(drive, state, middle, side, speed)
+    return clutch.way(
+        slipping,
+        drive.mechanism.stiffness,
+        drive.mechanism.damping,
+        drive.half_play,
+        stretch.extension,
+        0.5 * step * (stretch.rate + stretch.rate_end),
+        step,
+    )
+
+
+@compilable
+def would_slip(
+    drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float
+) -> float:
+    """What a drive's clutch lets through with these new speeds of motor and gate; 0: it grips."""
+    if drive.clutch_force == 0.0:
+        return 0.0
+    force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)
+    return clutch.slipping(drive.clutch_force, force)
+
+
+@compilable
+def path_in(
+    drive: Drive,
+    electric: Electric,
+    state: DriveState,
+    coast: float,
+    speed: float,
+    other: float,
+    step: float,
+) -> CurrentPath:
+    """What one drive's current does during the step, for its own and the other's final speed [rev/s]."""
+    if drive.active == 0.0:
+        return held(0.0)
+    final = electrics.final_current(electric, coast, speed, other)
+    return electrics.path_of(electric, state.current, final, speed, other, step)
+
+
+@compilable
+def next_drive(
+    drive: Drive,
+    state: DriveState,
+    electric: Electric,
+    path: CurrentPath,
+    speed: float,
+    slipped: float,
+    ambient: float,
+    step: float,
+) -> DriveState:
+    """One drive's state at the end of a step with that current, in which its clutch has slipped so far; its
+    position by (4.3).
+    """
+    if drive.active == 0.0:
+        return state
+    winding, housing, fuse = warmed(drive, state, path, ambient, step)
+    way = 0.5 * step * (state.speed + speed)
+    if way != 0.0:  # a held shaft stays exactly where it is
+        way += step * electric.transient.drift
+    return DriveState(
+        path.end, speed, state.position + way, winding, housing, fuse, state.slip + slipped
+    )
+
+
+@compilable
+def warmed(
+    drive: Drive, state: DriveState, path: CurrentPath, ambient: float, step: float
+) -> tuple[float, float, float]:
+    """The temperatures [°C] of winding, housing and cut-out after a step with that current."""
+    if drive.thermal.enabled == 0.0 and drive.cutout.resistance == 0.0:
+        return state.winding_temperature, state.housing_temperature, state.cutout_temperature
+    current = effective(path, step)
+    by_winding, by_fuse = dynamics.resistances_soon(drive, state, 0.5 * step)
+    winding, housing = thermal.warm(
+        drive.thermal,
+        state.winding_temperature,
+        state.housing_temperature,
+        ambient,
+        by_winding * current * current,
+        step,
+    )
+    loss = by_fuse * current * current
+    fuse = cutout.warm(drive.cutout, state.cutout_temperature, ambient, loss, step)
+    return winding, housing, fuse

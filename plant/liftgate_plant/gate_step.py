@@ -1,0 +1,146 @@
+"""The gate over a step: where it goes, and the mean torques of what touches it, linear in its rate at the end."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from liftgate_plant import contact, dynamics, gate, latch, obstacle, seal
+from liftgate_plant.compiler import compilable
+from liftgate_plant.contact import LinearizedForce
+from liftgate_plant.dynamics import Drive, Plant, State
+from liftgate_plant.gate import Linkage
+from liftgate_plant.obstacle import Obstacle
+from liftgate_plant.torsion import Torsion
+
+
+class Midpoint(NamedTuple):
+    """The gate's path at one of its sides or in its middle: lever [m] and extension l_S [m] at half the step, and
+    the extension at its start.
+    """
+
+    lever: float
+    halfway: float
+    extension: float
+
+
+class Motion(NamedTuple):
+    """The gate at one of its sides or where a contact is: angle [rad] and rate [rad/s] at the start, the rate at
+    the end, and the inertia [kg m²] that it has there.
+    """
+
+    angle: float
+    rate: float
+    rate_end: float
+    inertia: float
+
+
+@compilable
+def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
+    """Where what starts there is at half the step, its rate on a straight line."""
+    return start + 0.125 * step * (3.0 * rate + rate_end)
+
+
+@compilable
+def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
+    """Lever and extensions along the path."""
+    middle = halfway(motion.angle, motion.rate, motion.rate_end, step)
+    return Midpoint(
+        gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle)
+    )
+
+
+@compilable
+def at_side(
+    own: Motion, state: State, twist_rate_end: float, torsion: Torsion, share: float
+) -> Motion:
+    """The gate's motion at the lateral position y, `share` = y/w; it is lighter there by what the twist gives.
+    The twist's rate [rad/s] at the end is a guess.
+    """
+    return Motion(
+        own.angle + share * state.twist,
+        own.rate + share * state.twist_rate,
+        own.rate_end + share * twist_rate_end,
+        1.0 / (1.0 / own.inertia + share * share / torsion.inertia),
+    )
+
+
+@compilable
+def gate_contact(
+    stiffness: float,
+    damping: float,
+    depth: float,
+    lever: float,
+    arm: float,
+    motion: Motion,
+    step: float,
+) -> LinearizedForce:
+    """Mean torque of a contact on the gate, linear in ω1: its depth shrinks by lever · ω, its arm is `arm`."""
+    if stiffness == 0.0:
+        return LinearizedForce(0.0, 0.0)
+    mobility = lever * arm / motion.inertia
+    rate, rate_end = -lever * motion.rate, -lever * motion.rate_end
+    when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
+    push = contact.push(stiffness, damping, depth, rate, mobility, step, when)
+    return LinearizedForce(arm * push.constant, -arm * lever * push.slope)
+
+
+@compilable
+def stop_contacts(
+    drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float
+) -> LinearizedForce:
+    """Mean torque of one drive's two end stops."""
+    if drive.active == 0.0:
+        return LinearizedForce(0.0, 0.0)
+    k, c, r = drive.spring.stop_stiffness, drive.spring.stop_damping, middle.lever
+    opened = gate_contact(k, c, middle.extension - stroke, -r, -r, side, step)
+    closed = gate_contact(k, c, -middle.extension, r, r, side, step)
+    return LinearizedForce(opened.constant + closed.constant, opened.slope + closed.slope)
+
+
+@compilable
+def home_contacts(
+    plant: Plant, state: State, middle: Midpoint, own: Motion, pulling: float, step: float
+) -> LinearizedForce:
+    """Mean torque of what is at the closed gate: seal, and the latch's claw and hook, which is drawn home at a
+    speed [m/s].
+    """
+    depth = seal.depth(plant.seal, middle.extension)
+    rubber = gate_contact(plant.seal.stiffness, 0.0, depth, middle.lever, plant.seal.arm, own, step)
+    claw, caught = plant.latch, state.latch
+    if claw.half == 0.0:
+        return rubber
+    r, depth = claw.distance, latch.claw_depth(claw, own.angle)
+    spring = gate_contact(claw.spring, 0.0, depth, r, r, own, step)
+    constant, slope = rubber.constant + spring.constant, rubber.slope + spring.slope
+    if caught.claw != latch.OPEN:
+        beyond, along = r * own.angle - latch.hook_place(claw, caught), pulling / r
+        relative = Motion(own.angle, own.rate + along, own.rate_end + along, own.inertia)
+        hook = gate_contact(claw.stiffness, claw.damping, beyond, -r, -r, relative, step)
+        constant += hook.constant + hook.slope * along
+        slope += hook.slope
+    return LinearizedForce(constant, slope)
+
+
+@compilable
+def pinch_contact(body: Obstacle, place: Motion, step: float) -> LinearizedForce:
+    """Mean torque of an obstacle on the gate where it is."""
+    depth = obstacle.depth(body, place.angle)
+    arm = body.direction * body.distance
+    return gate_contact(body.stiffness, body.damping, depth, arm, arm, place, step)
+
+
+@compilable
+def side_torque(
+    drive: Drive,
+    link: Linkage,
+    middle: Midpoint,
+    push: LinearizedForce,
+    stops: LinearizedForce,
+    ambient: float,
+) -> LinearizedForce:
+    """Mean torque of drive, spring and stops on one side of the gate (3.32, 3.34), linear in its rate at the end;
+    what the drive's own new speed adds is in its equation.
+    """
+    r = middle.lever
+    force = push.constant + dynamics.spring_force(drive, link, middle.halfway, ambient)
+    return LinearizedForce(r * force + stops.constant, stops.slope - r * r * push.slope)
