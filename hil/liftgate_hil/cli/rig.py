@@ -41,7 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     draft.add_argument("database", metavar="DBC", help="or ARXML, KCD, SYM")
     draft.add_argument(
-        "--output", metavar="FILE", help="where to write it, beside the database; default: stdout"
+        "--output",
+        metavar="FILE",
+        help="where to write it, beside the database; - or nothing: stdout",
     )
 
 
@@ -124,15 +126,16 @@ def _draft(args: argparse.Namespace) -> int:
 
     database = Path(args.database)
     beside = database.with_suffix(".toml") if database.name else database / "rig.toml"
-    target = Path(args.output) if args.output else beside
-    if args.output and is_there(target):
+    is_file = args.output not in (None, "-")
+    target = Path(args.output) if is_file else beside
+    if is_file and is_there(target):
         raise ConfigError(f"`output` {target}: is there already; allowed: a new file")
     draft = draft_rig(database, target)
-    if args.output:
+    if is_file:
         write_text(target, draft.text)
     else:
         print(draft.text, end="")
-    told = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if args.output else []
+    told = [f"{target}: mapped: {', '.join(draft.mapped) or 'nothing'}"] if is_file else []
     told += [f"to be filled in: {key}: {reason}" for key, reason in draft.open]
     for line in told:
         print(printable(line), file=sys.stderr)

@@ -449,6 +449,19 @@ def test_our_own_database_drafts_to_our_own_rig():
         assert f'# checksum = "{own["messages"][message]["checksum"]}"' in draft.text
 
 
+def test_a_dash_is_the_standard_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    database = str(FOLDER / "vw_german.dbc")
+    texts = []
+    for more in ([], ["--output", "-"]):
+        assert main(["rig", "draft", database, *more]) == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1] != ""
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_draft_is_written_once_and_never_over_a_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
