@@ -516,16 +516,10 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
         pinch_of(plant, state, inputs.load),
         terminal,
         acceleration,
-        latch_force(plant, state, inputs.load),
+        latch.hook_force(
+            plant.latch, state.latch, state.gate_angle, rate, inputs.load.latch_cinched
+        ),
     )
-
-
-@compilable
-def latch_force(plant: Plant, state: State, load: Load) -> float:
-    """What the latch's hook pulls the gate home with [N]; 0 of a latch without positions."""
-    claw, angle = plant.latch, state.gate_angle
-    drawn = latch.drawing(claw, state.latch, angle, load.latch_cinched)
-    return latch.hook_force(claw, state.latch, angle, state.gate_rate, drawn)
 
 
 NO_OBSTACLE = Obstacle(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

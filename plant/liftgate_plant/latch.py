@@ -11,6 +11,8 @@ where it falls, the claw is caught as far as the striker is in. A cinching motor
 itself or on command, q = s_half − p, as fast as the hook's spring leaves it, and goes back to its own home after:
 
     ṗ = v_c (1 − k_l (s − q)/F_c) ≥ 0 while it pulls (a stalled gear does not let go),    ṗ = −v_c else, to p = 0
+
+It pulls by s_entry at most.
 """
 
 from __future__ import annotations
@@ -171,19 +173,14 @@ def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float, step
 
 
 @compilable
-def drawing(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """How fast [m/s] the hook draws the striker home now."""
-    return max(0.0, pull_speed(claw, state, angle, cinched, 0.0))
-
-
-@compilable
-def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, drawn: float) -> float:
-    """What the hook, itself drawn at a speed [m/s], pulls the striker home with [N], at an angle [rad] and a rate
-    [rad/s] of the gate.
+def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
+    """What the hook pulls the striker home with [N], at an angle [rad] and a rate [rad/s] of the gate; a cinching
+    motor draws it meanwhile.
     """
     if claw.half == 0.0 or state.claw == OPEN:
         return 0.0
     beyond = claw.distance * angle - hook_place(claw, state)
+    drawn = max(0.0, pull_speed(claw, state, angle, cinched, 0.0))
     return contact.force(claw.stiffness, claw.damping, beyond, claw.distance * rate + drawn)
 
 
@@ -199,8 +196,7 @@ def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: fl
     if claw.half == 0.0:
         return 0.0
     spring = contact.force(claw.spring, 0.0, claw_depth(claw, angle), 0.0)
-    drawn = drawing(claw, state, angle, cinched)
-    return claw.distance * (spring - hook_force(claw, state, angle, rate, drawn))
+    return claw.distance * (spring - hook_force(claw, state, angle, rate, cinched))
 
 
 @compilable

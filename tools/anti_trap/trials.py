@@ -24,7 +24,6 @@ from liftgate_hil.ecu.events import (
     TRAPPED_OPENING,
     Event,
 )
-from liftgate_hil.ecu.reference import ecu_config
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.signals import COLUMN_PLACE
 
@@ -118,9 +117,8 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     )
     config = session.loop_config_of(setup.vehicle, _rig(), RATE, setup.seed)
     kept = _Kept()
-    with ReferenceEcu(_rig(), setup.vehicle.drives) as ecu:
-        own = ecu_config(_rig(), setup.vehicle.drives, coded(calibration, setup.vehicle.coding))
-        ecu.node = ecu.node._replace(reference=own)
+    own = coded(calibration, setup.vehicle.coding)
+    with ReferenceEcu(_rig(), setup.vehicle.drives, calibration=own) as ecu:
         start = session.start_of(config, setup.start_angle)
         episode = Episode(
             config, start, scenario.timeline, ecu, scenario.requests, [kept], is_recorded=False
