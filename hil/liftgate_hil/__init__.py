@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.gate import Gate
+    from liftgate_hil.judging.verdict import Verdict
     from liftgate_hil.runs import Result, run
     from liftgate_hil.session import rig_from as load_rig
     from liftgate_hil.session import scenario_from as load_scenario
     from liftgate_hil.session import vehicle_from as load_vehicle
+    from liftgate_hil.testing.rejudge import judge
     from liftgate_plant.vehicle import Vehicle
 
     __version__: str
@@ -32,6 +34,8 @@ _HOMES = {
     "Rig": ("liftgate_hil.config.rig", "Rig"),
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
+    "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
+    "judge": ("liftgate_hil.testing.rejudge", "judge"),
     "load_rig": ("liftgate_hil.session", "rig_from"),
     "load_scenario": ("liftgate_hil.session", "scenario_from"),
     "load_vehicle": ("liftgate_hil.session", "vehicle_from"),
@@ -44,7 +48,9 @@ __all__ = [
     "Rig",
     "Scenario",
     "Vehicle",
+    "Verdict",
     "errors",
+    "judge",
     "load_rig",
     "load_scenario",
     "load_vehicle",

@@ -14,6 +14,8 @@ from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.recording.content import Content
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 from liftgate_hil.signals import columns_of
+from liftgate_hil.staging import staged
+from liftgate_hil.stimuli.scene import Scene
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
@@ -46,6 +48,7 @@ class Emulator:
     rig: Rig
     way: Way
     options: RunOptions = field(default_factory=RunOptions)
+    scene: Scene | None = None  # None: the setup's
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     channel: str = ""  # what recordings call the wire, where not by its own name
@@ -60,6 +63,7 @@ class Emulator:
         self.options.check()
         options, setup = self.options, self.setup
         self.config = loop_config_of(setup.vehicle, self.rig, options.rate, setup.seed)
+        self.stage = self.scene or staged(setup, self.rig)
         self.state = start_of(self.config, setup.start_angle)
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
@@ -104,7 +108,7 @@ class Emulator:
                 loop = RealtimeRun(
                     config=self.config,
                     state=self.state,
-                    timeline=self.setup.scenario.timeline,
+                    scene=self.stage,
                     line=line,
                     memory=memory,
                     rig=self.rig,
@@ -152,7 +156,7 @@ class Emulator:
             loop = Loop(
                 config=self.config,
                 state=self.state,
-                timeline=self.setup.scenario.timeline,
+                scene=self.stage,
                 transport=transport,
                 peers=self.peers,
                 takers=[*self.takers, recording] if recorders else self.takers,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.arguments import number_of, seed_of
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Fault, fault_of
 from liftgate_hil.config.toml import show
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
@@ -32,7 +34,7 @@ from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.loop.tick import initial_loop
+from liftgate_hil.loop.tick import constants_in, initial_loop
 from liftgate_hil.signals import (
     BUS_INPUTS,
     COLUMN_PLACE,
@@ -44,8 +46,10 @@ from liftgate_hil.signals import (
     SENSED_PREFIX,
     columns_of,
 )
-from liftgate_hil.stimuli.mailbox import HELD, nothing_held
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.staging import injections_of
+from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.scene import scene_of
 from liftgate_plant.compiler import compiled
 from liftgate_plant.hall import RING_SIZE
 from liftgate_plant.initial import closed_state, initial_state
@@ -82,6 +86,8 @@ class Gate:
         self.rig = rig = session.rig_of(rig)
         rate = number_of("rate", rate, *session.RATES, "Hz")
         self._drives = vehicle.drives
+        self._vehicle = vehicle
+        self._faults: list[InjectedFault] = []
         self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
         state = initial_state(self._config.plant, angle)
@@ -92,15 +98,13 @@ class Gate:
         self._bus = Adapter(rig, vehicle.drives)
         self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
         self._script = Script(
-            timeline=no_timeline(),
-            held=nothing_held(),
-            requests=np.zeros(0, dtype=[("time_ns", "i8"), ("action", "i8")]).view(np.recarray),
+            scene=scene_of(constants_in(self._config)),
             ticks=0,
             is_last=0,
             is_recorded=1,
             edges=RING_SIZE // 2,
         )
-        self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 0, 0, 0)
+        self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 1, 0, 0)
         self._run = compiled(run_stretch)
         self._values: NDArray[np.float64] | None = None  # what is sent cyclically
         self._cinching = message_rows(rig, ["latch_cinch"])
@@ -298,7 +302,35 @@ class Gate:
         """What acts from the next tick on."""
         # Nobody else posts, so that they need no letter, of which a box holds 256.
         for name, value in values.items():
-            self._script.held[getattr(HELD, name)] = value
+            self._script.scene.held[getattr(HELD, name)] = value
+
+    def fault(
+        self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any
+    ) -> InjectedFault:
+        """Break something from the next tick on: a kind of docs/scenario.md, which drive's (`left`, `right`,
+        `both`), and the kind's own values: `gate.fault("hall_a_stuck", where="left", value=0)`. What it gives has
+        `clear()`, which mends it.
+
+        Raises ConfigError.
+        """
+        self._check_open()
+        fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
+        injections_of([fault], self._vehicle)  # what is wrong with it is told before it counts
+        made = InjectedFault(self, fault)
+        self._faults.append(made)
+        self._break_and_mend()
+        return made
+
+    def _clear(self, fault: InjectedFault) -> None:
+        self._faults = [each for each in self._faults if each is not fault]
+        self._break_and_mend()
+
+    def _break_and_mend(self) -> None:
+        """A scene with the faults that there are now; those that ramp go on where they are."""
+        before = self._script.scene
+        injections = injections_of([each.fault for each in self._faults], self._vehicle)
+        scene = scene_of(constants_in(self._config), injections=injections)
+        self._script = self._script._replace(scene=scene._replace(held=before.held))
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.
@@ -387,6 +419,18 @@ class Gate:
             data = frames.data[place, :length].tobytes()
             found.append((int(frames.identifiers[place]), length, data))
         return found
+
+
+class InjectedFault:
+    """A fault that a gate has, until it is cleared."""
+
+    def __init__(self, gate: Gate, fault: Fault) -> None:
+        self._gate = gate
+        self.fault = fault
+
+    def clear(self) -> None:
+        """Mend it from the next tick on; once is enough."""
+        self._gate._clear(self)
 
 
 def _signed(duty: float, direction: Any) -> float:

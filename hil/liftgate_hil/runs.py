@@ -40,6 +40,8 @@ from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, causes
+from liftgate_hil.judging.judge import Expected, Judge, expected_of
+from liftgate_hil.judging.verdict import Verdict, worst
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
 from liftgate_hil.loop.lookout import Lookout
@@ -47,6 +49,7 @@ from liftgate_hil.loop.recorder import RecordingTaker, Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.recording.content import Content
 from liftgate_hil.signals import COLUMNS, columns_of
+from liftgate_hil.staging import staged
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way, open_transport
 from liftgate_plant.compiler import GivenUpError
@@ -64,7 +67,7 @@ _WORKER = "liftgate_hil.worker"  # that runs a job in a process of its own
 class Result:
     """What a run showed. `maxima` and `minima` hold every column of recordings, in its unit."""
 
-    verdict: str  # "pass", or "error": the run did not come to its end
+    verdict: str  # the worst of its expectations'; "error": the run did not come to its end
     reason: str  # why not
     maxima: Mapping[str, float]
     minima: Mapping[str, float]
@@ -72,7 +75,7 @@ class Result:
     summary: Summary
     recording: tuple[Path, ...] = ()
     pinch_time_s: float = math.nan  # of the largest pinch force; NaN: nothing was pinched
-    expectations: Mapping[str, Any] = field(default_factory=dict)
+    expectations: Mapping[str, Verdict] = field(default_factory=dict)
     sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
     trace: Mapping[str, NDArray[np.float64]] = field(
         default_factory=dict
@@ -95,6 +98,7 @@ class Job:
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
     options: session.RunOptions = field(default_factory=session.RunOptions)
     trace: int = 0  # keep every so many rows; 0: none
+    is_isolated: bool = False  # in a process of its own, as C libraries always are
     listener: Listener = field(default_factory=Listener)
 
 
@@ -174,7 +178,7 @@ def execute(
     parts = parts or resolve(job)  # what is wrong with the job is told here
     for note in notes_on_fit(parts.rig, parts.setup.vehicle, parts.options.rate):
         job.listener.say(f"note: {note}")
-    if is_library(job.ecu):
+    if job.is_isolated or is_library(job.ecu):
         result = _isolated(job, stopped)
     else:
         result = run_job(job, (), stopped, parts=parts)
@@ -246,7 +250,46 @@ def resolve(job: Job) -> Parts:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
+    _check_stage(setup, rig, job.options.rate)
     return Parts(setup, rig, job.options, way, sources_of(_files_of(job, setup, rig)))
+
+
+def _periods(scenario: Scenario, rate: float) -> list[str]:
+    """Of intermittent faults, what ticks cannot show."""
+    found = []
+    for each in scenario.faults:
+        shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
+        if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
+            said = f"on or off for less than a tick of {1e3 / rate:g} ms"
+            found.append(
+                f"{each.key}.period_s: {each.period:g}: {said}; allowed: a tick or more of each"
+            )
+    return found
+
+
+def _check_stage(setup: session.Setup, rig: Rig, rate: float) -> None:
+    """Raise ConfigError with all of the scenario that does not fit vehicle, rig or rate [Hz]."""
+    issues = _periods(setup.scenario, rate)
+    for fit in (lambda: staged(setup, rig), lambda: _expected(setup, rig)):
+        try:
+            fit()
+        except ConfigError as error:
+            issues += [line for line in error.issues if line not in issues]
+    if issues:
+        raise ConfigError(issues)
+
+
+def _expected(setup: session.Setup, rig: Rig) -> Expected:
+    """What the scenario expects of that vehicle on that rig. Raises ConfigError."""
+    scenario = setup.scenario
+    return expected_of(
+        scenario.expectations,
+        scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+        scenario.source,
+        scenario.awaited(),
+    )
 
 
 def _files_of(job: Job, setup: session.Setup, rig: Rig) -> dict[str, Path]:
@@ -289,6 +332,9 @@ def _run(
     parts: Parts,
 ) -> Result:
     seen: list[Taker] = [Extremes(), *takers]
+    judge = _judge_of(parts)
+    if judge is not None:
+        seen.append(judge)
     if job.trace:
         seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
@@ -315,6 +361,16 @@ def _foreign_code(memory: Memory | None) -> Iterator[None]:
         yield
     finally:
         memory.shared.control.foreign += 1
+
+
+def _judge_of(parts: Parts) -> Judge | None:
+    """What judges the run, where anything is expected of it. Raises ConfigError."""
+    scenario, options = parts.setup.scenario, parts.options
+    if not scenario.expectations:
+        return None
+    expected = _expected(parts.setup, parts.rig)
+    duration = scenario.duration if options.duration is None else options.duration
+    return Judge(expected, options.rate, math.inf if duration is None else duration)
 
 
 def _close(adapter: Adapter, memory: Memory | None) -> None:
@@ -365,11 +421,11 @@ def _free(
         episode = Episode(
             config,
             session.start_of(config, setup.start_angle),
-            scenario.timeline,
+            staged(setup, parts.rig),
             adapter,
-            scenario.requests,
             takers,
-            is_recorded=bool(recorders),
+            is_recorded=bool(recorders)
+            or any(isinstance(each, Judge) and each.reads_the_bus for each in takers),
             memory=memory,
         )
         # Too fast for a story: the result has it.
@@ -401,17 +457,18 @@ def _on_bus(
     reason = ""
     way = parts.way or find_way(WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
     with contextlib.ExitStack() as stack:
-        peers = []
+        peers, scene = [], staged(parts.setup, parts.rig)
         if job.ecu != ON_A_BUS:
             wire = open_transport(way)
             stack.callback(wire.close)
             guard = functools.partial(_foreign_code, memory)
-            peers = [Peer(adapter, wire, parts.setup.scenario.requests, guard)]
+            peers = [Peer(adapter, wire, (scene.requests, scene.moments), guard)]
         emulator = Emulator(
             setup=parts.setup,
             rig=parts.rig,
             way=way,
             options=parts.options,
+            scene=scene,
             peers=peers,
             channel="" if parts.way else _PRIVATE,
             takers=takers if memory is None else [*takers, _Progress(memory)],
@@ -428,6 +485,15 @@ def _on_bus(
     return result_of(takers, adapter, emulator.summary, reason)
 
 
+def _lateness(summary: Summary) -> str:
+    """How the bench was late; "": it was not, or has no clock that it could be late by."""
+    if summary.clock != "realtime":
+        return ""
+    found = ((summary.overruns, "ticks missed"), (summary.link.dropped, "frames dropped"))
+    said = ", ".join(f"{count} {what}" for count, what in found if count)
+    return f"the bench was late: {said}" if said else ""
+
+
 def result_of(
     takers: Sequence[Taker],
     adapter: Adapter,
@@ -437,11 +503,14 @@ def result_of(
     """What the takers have seen."""
     extremes = next(each for each in takers if isinstance(each, Extremes))
     trace = next((each.columns() for each in takers if isinstance(each, Trace)), {})
+    judge = next((each for each in takers if isinstance(each, Judge)), None)
+    verdicts = judge.verdicts(reason, _lateness(summary)) if judge is not None else []
     high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
     low = extremes.low if extremes.low is not None else high
     return Result(
-        verdict="error" if reason else "pass",
+        verdict="error" if reason else worst(each.verdict for each in verdicts),
         reason=reason,
+        expectations={each.name: each for each in verdicts},
         maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
         events=adapter.events(),

@@ -25,6 +25,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
 from liftgate_hil.recording.rotation import Limit
 from liftgate_hil.signals import OUT
+from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.initial import closed_state, initial_state
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -95,8 +96,10 @@ def vehicle_of(
 
 def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
     """The rig of a name or a path, or one that there is; None: the scenario's, else ours. Raises ConfigError."""
+    if rig is None and scenario is not None and scenario.rig:
+        return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
     if rig is None:
-        rig = (scenario.rig if scenario is not None else None) or "liftgate"
+        rig = "liftgate"
     if isinstance(rig, str | Path):
         return rig_from(str(rig))
     if not isinstance(rig, Rig):
@@ -171,7 +174,10 @@ def setup_of(
     `settings` come after the scenario's, and both after the variant. Raises ConfigError.
     """
     scenario = scenario_of(scenario, parameters)
-    vehicle = vehicle if vehicle is not None else scenario.vehicle or "suv"
+    called = ""
+    if vehicle is None:
+        vehicle = scenario.vehicle or "suv"
+        called = f"{scenario.source}: vehicle" if scenario.vehicle else ""
     is_named = isinstance(vehicle, str | Path)
     if scenario.settings and not is_named:
         raise ConfigError(
@@ -180,7 +186,7 @@ def setup_of(
         )
     built = (
         load_vehicle(
-            find_config("vehicles", str(vehicle)),
+            find_config("vehicles", str(vehicle), called),
             [*scenario.settings, *settings_of(settings)],
             variant,
         )
@@ -208,6 +214,7 @@ def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopCo
         sensors=vehicle.sensors,
         friction=friction_profile(vehicle, plant, seed),
         load=load_of(vehicle),
+        faults=SOUND,
         inputs=rig.input_config(),
         outputs=outputs,
         signed_left=int("left_direction" not in mapped),

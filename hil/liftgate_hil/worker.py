@@ -10,6 +10,7 @@ import os
 import pickle
 import signal
 import sys
+from pathlib import Path
 
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.rings import Memory
@@ -27,6 +28,8 @@ def main() -> int:
     job: Job = pickle.loads(sys.stdin.buffer.read())
     for each in (descriptor, answer):
         os.set_inheritable(each, False)  # by what an ECU starts
+    if ":" in str(job.ecu):
+        sys.path.append(str(Path.cwd()))  # last, as for an ECU in the first process
     memory = Memory(rows, frames, descriptor)
     result: object
     try:

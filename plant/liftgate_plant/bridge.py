@@ -21,6 +21,8 @@ from liftgate_plant.quantity import Quantity, choice
 
 COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
 
+CUT = 2.0  # as `DriveInput.coast`: not even the diodes have a circuit
+
 
 class Bridge(NamedTuple):
     """Table `[bridge]`."""
@@ -40,7 +42,8 @@ class DriveInput(NamedTuple):
     """What drives one motor during a step.
 
     `duty` is signed (−1…1, positive opens) and takes its current from the source; `voltage` [V] is applied
-    to the motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off.
+    to the motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off,
+    CUT for a motor without any circuit.
     """
 
     duty: float

@@ -38,10 +38,11 @@ from liftgate_plant import (
     thermal,
     transmission,
 )
-from liftgate_plant.bridge import DriveInput
+from liftgate_plant.bridge import CUT, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.environment import Environment
+from liftgate_plant.faults import Line
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import Linkage
 from liftgate_plant.latch import NOT_LATCHED, Claw, LatchState
@@ -63,6 +64,7 @@ class Drive(NamedTuple):
     thermal: Thermal
     cutout: Cutout
     diode_drop: float
+    line: Line
     pwm_period: float  # s; 0: the mean of the PWM alone
     freewheeling: float  # one of pwm.SLOW, DIODE, FAST
     inertia: float  # J_d, kg m²
@@ -91,6 +93,8 @@ class Plant(NamedTuple):
     latch: Claw
     environment: Environment
     source_resistance: float  # Ω
+    lines_broken: float  # 0.0: the source's line and the motors' are sound
+    source_open: float  # 1.0: nothing can be drawn from the source, or fed into it
     pinch_limit: float  # N
 
 
@@ -218,6 +222,34 @@ def at(inputs: Inputs, share: float) -> Inputs:
     """The inputs of a step as they are at a share of it: 0 its start, 1 its end."""
     load = inputs.load
     return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
+
+
+@compilable
+def reaching(plant: Plant, drive: Drive, given: DriveInput) -> DriveInput:
+    """What of a bridge's state reaches its motor, past what is broken in its line and in the source's.
+
+    A bridge that may not draw from the source drives no current in its mean, nor do its diodes return any: what
+    they would charge is its capacitor alone. What both motors exchange through their common supply is neglected.
+    """
+    if drive.line.is_shorted != 0.0:
+        return DriveInput(0.0, 0.0, 0.0)
+    is_fed = given.duty != 0.0 or given.coast != 0.0
+    if drive.line.is_open != 0.0 or (plant.source_open != 0.0 and is_fed):
+        return DriveInput(0.0, 0.0, CUT)
+    return given
+
+
+@compilable
+def past_the_lines(plant: Plant, inputs: Inputs) -> Inputs:
+    """The inputs as they reach both motors."""
+    if plant.lines_broken == 0.0:
+        return inputs
+    return Inputs(
+        reaching(plant, plant.left, inputs.left),
+        reaching(plant, plant.right, inputs.right),
+        inputs.load,
+        inputs.frictions,
+    )
 
 
 @compilable
@@ -397,15 +429,17 @@ def winding_resistance(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def line_resistance(drive: Drive, state: DriveState) -> float:
-    """R [Ω] of all that the motor's current goes through, winding and cut-out, at their present temperatures."""
+    """R [Ω] of all that the motor's current goes through, winding, cut-out and contacts, at their present
+    temperatures.
+    """
     fuse = cutout.resistance_at(drive.cutout, state.cutout_temperature)
-    return winding_resistance(drive, state) + fuse
+    return winding_resistance(drive, state) + fuse + drive.line.resistance
 
 
 @compilable
 def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[float, float]:
-    """R [Ω] of winding and cut-out in so many seconds, which are few: a motor that stalls warms up by a tenth of a
-    kelvin in a millisecond.
+    """R [Ω] of the winding, and of cut-out and contacts, in so many seconds, which are few: a motor that stalls
+    warms up by a tenth of a kelvin in a millisecond.
     """
     winding = thermal.winding_soon(
         drive.thermal,
@@ -416,7 +450,8 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
     )
     return (
         drive.motor.resistance * thermal.resistance_factor(drive.thermal, winding),
-        cutout.soon(drive.cutout, state.cutout_temperature, state.current, ahead),
+        cutout.soon(drive.cutout, state.cutout_temperature, state.current, ahead)
+        + drive.line.resistance,
     )
 
 
@@ -474,9 +509,10 @@ def motor_voltage(
         return 0.0
     emf = emf_constant(drive, state) * state.speed
     if drive_input.coast == 0.0:
+        contacts = drive.line.resistance * state.current
         if is_switched(drive, drive_input.duty):
-            return line_resistance(drive, state) * state.current + emf
-        return drive_input.voltage + drive_input.duty * terminal_voltage
+            return line_resistance(drive, state) * state.current + emf - contacts
+        return drive_input.voltage + drive_input.duty * terminal_voltage - contacts
     limit = terminal_voltage + 2.0 * drive.diode_drop
     if state.current > 0.0:
         return -limit
@@ -486,9 +522,10 @@ def motor_voltage(
 
 
 @compilable
-def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
+def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
     """What the state shows under these inputs; φ̈ is that of (3.15), where (3.44) takes it from the spindle's."""
     places, rate = places_of(plant, state), state.gate_rate
+    inputs = past_the_lines(plant, given)
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,
         plant.source_resistance,
@@ -497,6 +534,8 @@ def outputs(plant: Plant, state: State, inputs: Inputs) -> Outputs:
         source_share(plant.right, state.right, inputs.right.duty, inputs.load.supply_voltage),
         state.right.current,
     )
+    if plant.source_open != 0.0:
+        terminal = 0.0
     acceleration = 0.0
     if state.latched == 0.0 or plant.latch.half > 0.0:
         torque = torque_at(plant, state, inputs.load, places)

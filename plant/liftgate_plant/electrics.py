@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from liftgate_plant import bridge, dynamics, supply
-from liftgate_plant.bridge import Coasting, DriveInput
+from liftgate_plant.bridge import CUT, Coasting, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
 from liftgate_plant.dynamics import (
@@ -84,6 +84,9 @@ def winding_of(
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
         winding = Winding(resistance, motor.inductance, by_speed, 0.0, 0.0, 0.0)
         return winding, Coasting(1.0, 0.0, 0.0, step), NO_SWITCHING
+    if drive_input.coast == CUT:
+        winding = Winding(resistance, motor.inductance, by_speed, 0.0, 0.0, 0.0)
+        return winding, Coasting(0.0, 0.0, 0.0, step), NO_SWITCHING
     if drive_input.coast == 0.0:
         duty = drive_input.duty
         winding = Winding(
@@ -119,8 +122,13 @@ def emf_rise(
     )
     loss += drive.load_friction * drive.torque_per_force * abs(force)
     torque = dynamics.torque_constant(drive, state) * current - drive.torque_per_force * force
-    torque -= math.copysign(loss, state.speed)
-    return emf_constant(drive, state) * torque / (2.0 * math.pi * drive.inertia) * step
+    if state.speed == 0.0 and abs(torque) <= loss:
+        return 0.0
+    torque -= math.copysign(loss, state.speed if state.speed != 0.0 else torque)
+    constant = emf_constant(drive, state)
+    rise, emf = constant * torque / (2.0 * math.pi * drive.inertia) * step, constant * state.speed
+    # Friction, of a jammed spindle perhaps, stops a shaft and turns none.
+    return -emf if rise * emf < 0.0 and abs(rise) > abs(emf) else rise
 
 
 @compilable

@@ -4,7 +4,8 @@
                                                    → capture of each edge's time → period
 
 One electrical turn, a pair of poles, is four edges: A rises, B rises, A falls, B falls while the gate opens.
-Edges lie half a step beside whole ones, or where the magnet wheel and the two sensors have them. Within a tick the
+What is broken there lies between the waves and the decoder. Edges lie half a step beside whole ones, or where the
+magnet wheel and the two sensors have them. Within a tick the
 shaft moves as the solver has it, its speed on a straight line, so that an edge's time is the root of a quadratic:
 the same edges, whatever the tick.
 """
@@ -17,8 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
-from liftgate_plant.noise import gaussian
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.faults import HallFault
+from liftgate_plant.noise import gaussian, uniform
 
 LEFT, RIGHT = 0, 1
 A, B = 0, 1
@@ -37,7 +39,7 @@ _MOST_EDGES = 2**17  # of a drive in a tick; 1e4 counts a turn at 1300 rev/s hav
 RING_SIZE = 4 * _MOST_EDGES  # of a ring that loses none: twice what a tick may bring
 _FARTHEST = 1e12  # steps; a count beyond it does not fit into 64 bits
 MOST_DISPLACED = 0.45  # steps; edges farther out would overtake each other
-_JITTER, _PITCH = 8, 10  # channels of the noise, + drive
+_JITTER, _PITCH, _MISSING, _EXTRA = 8, 10, 16, 18  # channels of the noise, + drive
 
 
 class Encoder(NamedTuple):
@@ -96,6 +98,8 @@ HALL = np.dtype(
         ("fourth", "f8"),
         ("period", "f8"),  # of the last full electrical turn, s; 0: none yet
         ("period_speed", "f8"),  # by it, rev/s
+        ("wiring", "i8"),  # what sticks or is swapped; 0: nothing
+        ("drawn", "i8"),  # random numbers drawn for what was
     ]
 )
 
@@ -177,7 +181,8 @@ def capture(hall: Any, counts: float, way: int, time: float) -> None:
     hall.run = hall.run + way if hall.run * way > 0 else way
     if abs(hall.run) > _EDGES_OF_A_TURN:
         hall.period = time - hall.fourth
-        hall.period_speed = _EDGES_OF_A_TURN / (counts * hall.period)
+        if hall.period > 0.0:
+            hall.period_speed = _EDGES_OF_A_TURN / (counts * hall.period)
     hall.period_speed = math.copysign(hall.period_speed, float(way))
     hall.fourth, hall.third, hall.second, hall.last = hall.third, hall.second, hall.last, time
 
@@ -194,15 +199,80 @@ def period_speed(hall: Any, now: float) -> float:
 
 
 @compilable
-def note_edge(ring: EdgeRing, time: float, drive: int, edge: int, way: int) -> None:
+def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int) -> None:
     """Write an edge into the ring."""
     row = ring.rows[ring.written[0] % len(ring.rows)]
-    rises = 1 if edge % _EDGES_OF_A_TURN < 2 else 0
     row.time_s = time
     row.drive = drive
-    row.channel = edge % 2
-    row.level = rises if way > 0 else 1 - rises
+    row.channel = channel
+    row.level = level
     ring.written[0] += 1
+
+
+@compilable
+def note_edge(ring: EdgeRing, time: float, drive: int, edge: int, way: int) -> None:
+    """Write an edge of the magnet wheel into the ring."""
+    rises = 1 if edge % _EDGES_OF_A_TURN < 2 else 0
+    write_edge(ring, time, drive, edge % 2, rises if way > 0 else 1 - rises)
+
+
+@compilable
+def wire_levels(fault: HallFault, step: int) -> tuple[int, int]:
+    """The levels on the wires of A and B at a step of the shaft."""
+    a, b = hall_levels(step)
+    if not np.isnan(fault.level_a):
+        a = int(fault.level_a)
+    if not np.isnan(fault.level_b):
+        b = int(fault.level_b)
+    return (b, a) if fault.swapped != 0.0 else (a, b)
+
+
+@compilable
+def wiring_of(fault: HallFault) -> int:
+    """What of a fault the levels on the wires depend on, as a number; 0: nothing is wrong with them."""
+    wiring = 0 if np.isnan(fault.level_a) else 1 + int(fault.level_a)
+    wiring += 0 if np.isnan(fault.level_b) else 3 + 3 * int(fault.level_b)
+    return wiring + (9 if fault.swapped != 0.0 else 0)
+
+
+@outlined
+def see(
+    hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing
+) -> None:
+    """What decoder and timer make of an edge on a wire at a time [s], after which the levels are these: where both
+    have changed since they last saw one, the decoder counts none.
+    """
+    if a == hall.a and b == hall.b:
+        return
+    way = decoded(hall.a, hall.b, a, b)
+    hall.count += way
+    along = way
+    if way == 0:
+        along = 1 if hall.run >= 0 else -1
+    capture(hall, counts, along, time)
+    write_edge(ring, time, drive, channel, a if channel == A else b)
+    hall.a, hall.b = a, b
+
+
+@outlined
+def extra_edges(
+    fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing
+) -> None:
+    """Edges that no shaft makes; their mean is the fault's rate."""
+    count = fault.extra * tick.length
+    drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive)
+    edges = int(count + drawn)
+    for k in range(edges):
+        hall.drawn += 1
+        a, b, channel = hall.a, hall.b, A
+        if uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive) < 0.5:
+            a = 1 - a
+        else:
+            b, channel = 1 - b, B
+        # Spread over what is left of the tick behind the shaft's own.
+        last, end = max(float(hall.last), tick.begin), tick.begin + tick.length
+        see(hall, counts, channel, a, b, last + (end - last) / (edges - k + 1), drive, ring)
+    hall.drawn += 1
 
 
 @compilable
@@ -232,7 +302,14 @@ def crossing(path: Path, leg: Leg, place: float) -> float:
 
 @compilable
 def along(
-    encoder: Encoder, hall: Any, path: Path, leg: Leg, tick: Tick, drive: int, ring: EdgeRing
+    encoder: Encoder,
+    fault: HallFault,
+    hall: Any,
+    path: Path,
+    leg: Leg,
+    tick: Tick,
+    drive: int,
+    ring: EdgeRing,
 ) -> None:
     """Take the Hall sensors to the end of a leg: decoder and timer see every edge, one after the other."""
     way = 1 if leg.end > leg.start else -1
@@ -243,16 +320,32 @@ def along(
         if (leg.end < place) if way > 0 else (leg.end >= place):
             break
         hall.step += way
+        time = tick.begin + crossing(path, leg, place)
+        if fault.is_on != 0.0:
+            hall.drawn += 1
+            drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _MISSING + drive)
+            if drawn >= fault.missing:
+                a, b = wire_levels(fault, hall.step)
+                wire = 1 - edge % 2 if fault.swapped != 0.0 else edge % 2
+                see(hall, encoder.counts, wire, a, b, time, drive, ring)
+            continue
         a, b = hall_levels(hall.step)
         hall.count += decoded(hall.a, hall.b, a, b)
         hall.a, hall.b = a, b
-        time = tick.begin + crossing(path, leg, place)
         capture(hall, encoder.counts, way, time)
         note_edge(ring, time, drive, edge, way)
 
 
 @compilable
-def move(encoder: Encoder, hall: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing) -> None:
+def move(
+    encoder: Encoder,
+    fault: HallFault,
+    hall: Any,
+    now: Shaft,
+    tick: Tick,
+    drive: int,
+    ring: EdgeRing,
+) -> None:
     """Take the Hall sensors along the shaft's way over a tick, which may turn round once."""
     end = now.position * encoder.counts + 0.5
     if (
@@ -269,7 +362,7 @@ def move(encoder: Encoder, hall: Any, now: Shaft, tick: Tick, drive: int, ring: 
         hall.run, hall.period, hall.period_speed = 0, 0.0, 0.0
         hall.last = tick.begin + tick.length
         hall.step = step
-        hall.a, hall.b = hall_levels(step)
+        hall.a, hall.b = wire_levels(fault, step)
         return
     turn = tick.length
     if path.speed * (path.speed + path.acceleration * tick.length) < 0.0:
@@ -280,21 +373,36 @@ def move(encoder: Encoder, hall: Any, now: Shaft, tick: Tick, drive: int, ring: 
         until = tick.length if is_last else turn
         leg = Leg(at, end if is_last else at + 0.5 * path.speed * turn, time, until)
         if leg.end != leg.start:
-            along(encoder, hall, path, leg, tick, drive, ring)
+            along(encoder, fault, hall, path, leg, tick, drive, ring)
         at, time = leg.end, until
 
 
 @compilable
 def read_hall(
-    encoder: Encoder, halls: Any, now: Shaft, tick: Tick, drive: int, ring: EdgeRing
+    encoder: Encoder,
+    fault: HallFault,
+    halls: Any,
+    now: Shaft,
+    tick: Tick,
+    drive: int,
+    ring: EdgeRing,
 ) -> None:
     """Take a drive's Hall sensors, of (2,) HALL, to the end of a tick; at the end of a sample period the speed is
     the counts during it.
     """
     hall = halls[drive]
+    if fault.is_on != 0.0 or hall.wiring != 0:
+        wiring = wiring_of(fault)
+        if wiring != hall.wiring:  # what sticks, and what is mended, changes the level on the wire
+            hall.wiring = wiring
+            a, b = wire_levels(fault, hall.step)
+            see(hall, encoder.counts, A, a, hall.b, tick.begin, drive, ring)
+            see(hall, encoder.counts, B, hall.a, b, tick.begin, drive, ring)
     if abs(now.position * encoder.counts) < _FARTHEST:
-        move(encoder, hall, now, tick, drive, ring)
+        move(encoder, fault, hall, now, tick, drive, ring)
         hall.position, hall.motor_speed = now.position, now.speed
+    if fault.extra > 0.0:
+        extra_edges(fault, hall, encoder.counts, tick, drive, ring)
     if tick.is_sample:
         hall.speed = hall.count - hall.sampled
         hall.sampled = hall.count

@@ -231,8 +231,9 @@ def slipped_in(
 
 
 @compilable
-def advance(plant: Plant, state: State, inputs: Inputs, step: float) -> tuple[State, Flow]:
+def advance(plant: Plant, state: State, given: Inputs, step: float) -> tuple[State, Flow]:
     """The state `step` seconds later, and what the currents did meanwhile; the inputs hold during the step."""
+    inputs = dynamics.past_the_lines(plant, given)
     load = inputs.load
     windings = electrics.electrics_of(plant, state, inputs, step)
     frictions = dynamics.frictions_at(plant, inputs)

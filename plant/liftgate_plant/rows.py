@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_plant import sensors
-from liftgate_plant.bridge import DriveInput
+from liftgate_plant.bridge import DriveInput, drive_input
 from liftgate_plant.compiler import compilable, picked
 from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import Frictions, Inputs, Load, Outputs, State
+from liftgate_plant.faults import DriveFaults, Faults
 from liftgate_plant.integrate import Flow
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import Pinch
@@ -90,6 +91,40 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
         ),
         overlaid(base, said, rise_under(base.supply_rise, said), released, cinched, base.obstacle),
         frictions,
+    )
+
+
+@compilable
+def bridge_under(fault: DriveFaults, given: DriveInput) -> DriveInput:
+    """What a motor gets of its bridge: of one that is stuck, that state with all of the voltage."""
+    return given if np.isnan(fault.bridge) else drive_input(int(fault.bridge), 1.0)
+
+
+@compilable
+def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
+    """The inputs with bridges that are stuck and a latch that is not released."""
+    if faults.inputs == 0.0:
+        return inputs
+    load = inputs.load
+    return Inputs(
+        bridge_under(faults.left, inputs.left),
+        bridge_under(faults.right, inputs.right),
+        Load(
+            supply_voltage=load.supply_voltage,
+            supply_rise=load.supply_rise,
+            road_slope=load.road_slope,
+            ambient_temperature=load.ambient_temperature,
+            wind_pressure=load.wind_pressure,
+            snow_mass=load.snow_mass,
+            hand_force=load.hand_force,
+            external_torque=load.external_torque,
+            latch_released=load.latch_released if faults.latch_held == 0.0 else 0.0,
+            latch_cinched=load.latch_cinched,
+            handle_pulled=load.handle_pulled,
+            button_pressed=load.button_pressed,
+            obstacle=load.obstacle,
+        ),
+        inputs.frictions,
     )
 
 

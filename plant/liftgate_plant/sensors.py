@@ -3,6 +3,8 @@
     shaft → edges of Hall A and B → quadrature decoder → count → speed       hall
     current → commutation ripple → low-pass of its amplifier → gain, offset, noise → converter      shunt
 
+Faults lie where they do there, between sensor and decoder, and before the converter.
+
 The decoder gives `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
 period (§4.6.1), period speed what the time of the last electrical turn says.
 """
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import CurrentPath, scaled
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
+from liftgate_plant.faults import CurrentFault, Faults
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.hall import (
     LEFT,
@@ -127,6 +130,7 @@ class SensorState(NamedTuple):
     # what the open window has gathered, A s
     halls: Any  # (2,) hall.HALL
     edges: EdgeRing
+    angle: NDArray[np.float64]  # (1,) the last reading, deg
 
 
 @compilable
@@ -166,6 +170,7 @@ def encoder_of(sensors: Sensors) -> Encoder:
 @compilable
 def sensed_current(
     sensors: Sensors,
+    fault: CurrentFault,
     motor: Motor,
     path: CurrentPath,
     before: Shaft,
@@ -204,10 +209,27 @@ def sensed_current(
     if (ripple.share > 0.0 or amplitude != 0.0) and sensors.current_window == 0.0:
         current += commutated(ripple, path, turning, constant, step)
     reading = sensors.current_gain * current + sensors.current_offset
+    if fault.is_on != 0.0:
+        reading = fault.gain * reading + fault.offset
     reading += noise
     reading = quantised(reading, sensors.current_resolution)
     reading = min(max(reading, -sensors.current_limit), sensors.current_limit)
     return Window(current, gathered), reading
+
+
+@compilable
+def broken_reading(
+    sensors: Sensors, fault: CurrentFault, duty: float, reading: float, last: float
+) -> float:
+    """What the converter gives [A] in place of a reading: the last one, or its limit where a bridge drives a short
+    circuit with that duty.
+    """
+    if fault.frozen != 0.0:
+        return last
+    if fault.shorted != 0.0 and duty != 0.0:
+        along = 1.0 if sensors.shunt_low_side > 0.0 else duty
+        return math.copysign(sensors.current_limit, along)
+    return reading
 
 
 @compilable
@@ -226,12 +248,14 @@ def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> Sensor
             encoder, Shaft(left.position, left.speed), Shaft(right.position, right.speed)
         ),
         edges=edge_ring(edges),
+        angle=np.full(1, math.degrees(state.gate_angle)),
     )
 
 
 @compilable
 def sense(
     sensors: Sensors,
+    faults: Faults,
     plant: Plant,
     state: State,
     inputs: Inputs,
@@ -251,21 +275,30 @@ def sense(
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
     currents, halls = memory.currents, memory.halls
     for drive in range(len(halls)):  # not unrolled, as each would be compiled anew
-        motor, shaft, path = plant.left.motor, state.left, flow.left
+        motor, fault = plant.left.motor, faults.left
+        shaft, path = state.left, flow.left
         if drive == RIGHT:
-            motor, shaft, path = plant.right.motor, state.right, flow.right
+            motor, fault = plant.right.motor, faults.right
+            shaft, path = state.right, flow.right
         before = Shaft(halls[drive].position, halls[drive].motor_speed)
         after = Shaft(shaft.position, shaft.speed)
         noise = disturbance(sensors.current_noise, seed, tick, drive)
         window = Window(currents[drive, 0], currents[drive, 2])
-        window, currents[drive, 1] = sensed_current(
-            sensors, motor, path, before, after, window, noise, when
+        window, reading = sensed_current(
+            sensors, fault.current, motor, path, before, after, window, noise, when
         )
         currents[drive, 0], currents[drive, 2] = window
-        read_hall(encoder, halls, after, when, drive, memory.edges)
+        if fault.current.is_on != 0.0:
+            duty = inputs.left.duty if drive == LEFT else inputs.right.duty
+            reading = broken_reading(sensors, fault.current, duty, reading, currents[drive, 1])
+        currents[drive, 1] = reading
+        read_hall(encoder, fault.hall, halls, after, when, drive, memory.edges)
     hall_l, hall_r, pinched = halls[LEFT], halls[RIGHT], outputs.pinch_force
     angle = (state.gate_angle + sensors.angle_offset) * degrees
     angle += degrees * disturbance(sensors.angle_noise, seed, tick, 2)
+    if faults.angle_frozen == 0.0:
+        memory.angle[0] = quantised(angle, sensors.angle_resolution * degrees)
+    latched = state.latched if np.isnan(faults.latch_reading) else faults.latch_reading
     slope = load.road_slope + sensors.slope_offset + disturbance(sensors.slope_noise, seed, tick, 3)
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
     acceleration = (
@@ -294,8 +327,8 @@ def sense(
             right_period_s=float(hall_r.period),
             left_period_speed_rps=period_speed(hall_l, now),
             right_period_speed_rps=period_speed(hall_r, now),
-            gate_angle_deg=quantised(angle, sensors.angle_resolution * degrees),
-            latched=state.latched,
+            gate_angle_deg=float(memory.angle[0]),
+            latched=latched,
             terminal_voltage_v=outputs.terminal_voltage
             + disturbance(sensors.voltage_noise, seed, tick, 5),
             ambient_temperature_degc=load.ambient_temperature + sensors.temperature_offset,

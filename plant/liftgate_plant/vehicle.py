@@ -12,6 +12,7 @@ from liftgate_plant.coding import Coding
 from liftgate_plant.cutout import Cutout
 from liftgate_plant.dynamics import NO_OBSTACLE, Drive, Load, Plant
 from liftgate_plant.environment import Environment
+from liftgate_plant.faults import SOUND_LINE
 from liftgate_plant.friction import DryFriction
 from liftgate_plant.gate import GRAVITY, Gate
 from liftgate_plant.latch import Latch, claw_of
@@ -67,6 +68,7 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
         thermal=tables.thermal,
         cutout=tables.cutout,
         diode_drop=tables.bridge.diode_drop,
+        line=SOUND_LINE,
         pwm_period=1.0 / tables.bridge.pwm_frequency if tables.bridge.pwm_frequency else 0.0,
         freewheeling=float(FREEWHEELING.index(tables.bridge.freewheeling)),
         inertia=transmission.total_inertia(tables.motor, tables.gear),
@@ -108,6 +110,8 @@ def plant_of(vehicle: Vehicle) -> Plant:
         latch=claw_of(vehicle.latch),
         environment=vehicle.environment,
         source_resistance=vehicle.supply.internal_resistance,
+        lines_broken=0.0,
+        source_open=0.0,
         pinch_limit=vehicle.gate.pinch_limit,
     )
 

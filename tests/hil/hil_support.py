@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +24,23 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, transmit
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, initial_loop, tick
-from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.loop.tick import (
+    LoopConfig,
+    LoopState,
+    constants_in,
+    copied,
+    initial_loop,
+    tick,
+)
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.timeline import Timeline, no_timeline
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.scene import NO_STIMULI, Scene, Stimuli, scene_of
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
 FREE = Signal("", -1e300, 1e300, "anything")
-
-NO_TIMELINE = no_timeline()
 
 COMMAND, BENCH_CONTROL = 0x120, 0x6E1
 LEFT_DRIVE, RIGHT_DRIVE, GATE, SENSORS, BENCH_STATUS = 0x210, 0x211, 0x220, 0x230, 0x6E0
@@ -142,16 +148,38 @@ def loop_config(
     return session.loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
 
 
+def scene(
+    config: LoopConfig, stimuli: Stimuli = NO_STIMULI, requests: Sequence[Request] = ()
+) -> Scene:
+    """What acts on a run of this gate from outside: one of its own for each run, as it remembers."""
+    return scene_of(constants_in(config), stimuli, requests)
+
+
+@cache
+def _shipped() -> LoopConfig:
+    return loop_config()
+
+
+def scene_alone(stimuli: Stimuli = NO_STIMULI) -> Scene:
+    """The same, where only what acts from outside is looked at, and no gate is run."""
+    return scene(_shipped(), stimuli)
+
+
+@cache
+def _nothing() -> Scene:
+    return scene_alone()
+
+
 def outside(
-    timeline: Timeline | None = None,
+    around: Scene | None = None,
     time: float = 0.0,
     missed: int = 0,
     silent: bool = False,
     stop: bool = False,
 ) -> Outside:
     """What acts on one tick that begins at a time [s]; nothing was posted."""
-    given = NO_TIMELINE if timeline is None else timeline
-    return compiled(outside_at)(given, nothing_held(), time, 0.001, missed, silent, stop)
+    given = _nothing() if around is None else around
+    return compiled(outside_at)(given, time, 0.001, missed, silent, stop)
 
 
 Ticked = list[tuple[LoopState, Frames, Any, Any]]
@@ -164,7 +192,7 @@ def catch_up(
     frames: Frames,
     steps: int,
     missed: int = 0,
-    timeline: Timeline | None = None,
+    around: Scene | None = None,
 ) -> Ticked:
     """So many ticks at once, and what each gave: the frames come in the first, all but the last make up for a
     missed one and send nothing. `missed` were missed before.
@@ -173,8 +201,8 @@ def catch_up(
     for left in range(steps - 1, -1, -1):
         silent = left > 0
         missed += silent
-        around = outside(timeline, state.tick * config.step, missed, silent=silent)
-        ticked.append(call(config, state, frames, around))
+        given = outside(around, state.tick * config.step, missed, silent=silent)
+        ticked.append(call(config, state, frames, given))
         state, frames = ticked[-1][0], empty_frames(0)
     return ticked
 

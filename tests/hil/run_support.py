@@ -8,7 +8,7 @@ from typing import Any
 
 import can
 import numpy as np
-from hil_support import loop_config, start_of
+from hil_support import loop_config, scene, start_of
 
 import liftgate_hil as lh
 from liftgate_hil import runs, session
@@ -16,8 +16,10 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.closed_loop import Episode
+from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, timeline_of
+from liftgate_hil.stimuli.scene import Stimuli
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 from liftgate_plant.obstacle import Obstacle
 
 NOISE = (
@@ -88,8 +90,8 @@ def message(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
 def reversing(seed: int = 1) -> Scenario:
     """Closing onto a rod: detected at 0.73 s, then the gate turns."""
     return Scenario(
-        timeline_of({}, [TimedObstacle(ROD)]),
-        (Request(0.02, "close"),),
+        Stimuli({}, [TimedObstacle(ROD)]),
+        (Request(Instant(0.02), "close"),),
         1.1,
         initial=39.0,
         seed=seed,
@@ -104,8 +106,8 @@ def releasing(seed: int = 1) -> Scenario:
         "hand_force_n": Profile([(0.1, 5.0), (0.4, -20.0)], is_linear=False),
     }
     return Scenario(
-        timeline_of(profiles),
-        (Request(0.05, "open"),),
+        Stimuli(profiles),
+        (Request(Instant(0.05), "open"),),
         0.6,
         seed=seed,
         settings=tuple(settings_of(NOISE)),
@@ -124,5 +126,6 @@ def episode_of(takers: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:
     """The reversing scenario, to run by hand."""
     config = loop_config(settings=NOISE, seed=1)
     state = start_of(config, np.radians(39.0), latched=False)
-    timeline, requests = reversing().timeline, reversing().requests
-    return Episode(config, state, timeline, adapter, requests, takers, **more)
+    scenario = reversing()
+    around = scene(config, scenario.stimuli, scenario.requests)
+    return Episode(config, state, around, adapter, takers, **more)

@@ -16,7 +16,7 @@ from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.errors import ConfigError, LiftgateError
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.scene import NO_STIMULI
 
 
 def odd(**fields: Any) -> can.Message:
@@ -30,7 +30,7 @@ def odd(**fields: Any) -> can.Message:
 OPENING: dict[str, Any] = {
     "left_duty": 60, "right_duty": 60, "direction": "open", "latch_release": True,
 }  # fmt: skip
-SHORT = Scenario(no_timeline(), (), 0.05)
+SHORT = Scenario(NO_STIMULI, (), 0.05)
 
 
 # Wrong ones.

@@ -31,6 +31,7 @@ from liftgate_plant import (
     thermal,
     transmission,
 )
+from liftgate_plant.faults import SOUND_CURRENT
 from tests.plant.runs import suv
 
 CALM = settings(deadline=None, derandomize=True, database=None, max_examples=100)
@@ -409,7 +410,9 @@ def sensed_current(table: sensors.Sensors, amperes: float, filtered: float = 0.0
     when, before = hall.Tick(0.0, 1e-3, 0, False), shunt.Window(filtered, 0.0)
     path = current.held(amperes)
     motor = suv().left.motor
-    after, reading = sensors.sensed_current(table, motor, path, STILL, STILL, before, 0.0, when)
+    after, reading = sensors.sensed_current(
+        table, SOUND_CURRENT, motor, path, STILL, STILL, before, 0.0, when
+    )
     return after.mean, reading
 
 

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from liftgate_plant.compiler import compiled
+from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.hall import (
     HALL,
     A,
@@ -65,7 +66,7 @@ def walked(wheel: Encoder, positions: list[float], period: int = 5, call=read_ha
     states = [halls[0].copy()]
     for tick, position in enumerate(positions[1:], start=1):
         when = Tick((tick - 1) * 1e-3, 1e-3, 0, tick % period == 0)
-        call(wheel, halls, Shaft(position, 0.0), when, 0, ring)
+        call(wheel, SOUND_HALL, halls, Shaft(position, 0.0), when, 0, ring)
         states.append(halls[0].copy())
     return states
 
@@ -91,7 +92,7 @@ def edges_of(
     halls = initial_halls(wheel, motion.shaft(0.0), motion.shaft(0.0))
     for tick in range(1, round(seconds * rate) + 1):
         when = Tick((tick - 1) / rate, 1.0 / rate, seed, False)
-        call(wheel, halls, motion.shaft(tick / rate), when, 0, ring)
+        call(wheel, SOUND_HALL, halls, motion.shaft(tick / rate), when, 0, ring)
     assert ring.written[0] == halls[0].edges
     return ring.rows[: ring.written[0]].copy(), halls[0]
 
@@ -178,7 +179,7 @@ def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edge
     ring, wheel = edge_ring(16), encoder()
     when = Tick(0.0, 1e-3, 0, True)
     halls = initial_halls(wheel, Shaft(0.0, 0.0), Shaft(0.0, 0.0))
-    read_hall(wheel, halls, Shaft(1e6 + 0.25, 0.0), when, 0, ring)
+    read_hall(wheel, SOUND_HALL, halls, Shaft(1e6 + 0.25, 0.0), when, 0, ring)
     state = halls[0]
     assert (state.count, state.step, state.speed) == (4_000_001, 4_000_001, 4_000_001)
     assert (state.a, state.b) == hall_levels(1)
@@ -195,6 +196,7 @@ def test_a_state_that_was_set_elsewhere_is_counted_without_the_times_of_its_edge
 LOST = """
 import math
 from liftgate_plant.compiler import compiled
+from liftgate_plant.faults import SOUND_HALL
 from liftgate_plant.hall import Encoder, Shaft, Tick, edge_ring, initial_halls, read_hall
 wheel, ring = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, True), edge_ring(16)
 still = Shaft(0.0, 0.0)
@@ -203,7 +205,7 @@ before = halls.copy()
 for position in (math.nan, math.inf, -math.inf, 1e30, -1e30, 1e300):
     for speed in (0.0, math.nan, math.inf):
         shaft = Shaft(position, speed)
-        compiled(read_hall)(wheel, halls, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
+        compiled(read_hall)(wheel, SOUND_HALL, halls, shaft, Tick(0.0, 1e-3, 0, False), 0, ring)
         assert (halls == before).all(), shaft
 """
 
@@ -391,13 +393,15 @@ def test_a_shaft_at_rest_is_on_a_step_between_the_edges_as_they_lie(position: fl
     assert place < step + 1.0 + displacement(wheel, step, 1, 0, 0, 0)
     # So the first edge of a shaft that starts to open comes when it gets there, not at once.
     ring = edge_ring(16)
-    read_hall(wheel, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring)
+    read_hall(
+        wheel, SOUND_HALL, halls, Shaft(position + 1e-9, 1e-6), Tick(0.0, 1e-3, 0, False), 0, ring
+    )
     assert ring.written[0] == 0
 
 
 def test_a_fast_shaft_with_many_counts_loses_no_edge() -> None:
     ring, wheel = edge_ring(2**17), encoder(10_000.0)
     halls = initial_halls(wheel, Shaft(0.0, 769.0), Shaft(0.0, 0.0))
-    read_hall(wheel, halls, Shaft(3.845, 769.0), Tick(0.0, 5e-3, 0, False), 0, ring)
+    read_hall(wheel, SOUND_HALL, halls, Shaft(3.845, 769.0), Tick(0.0, 5e-3, 0, False), 0, ring)
     assert halls[0].edges == halls[0].count == ring.written[0] == 38_450
     assert halls[0].period_speed == pytest.approx(769.0)

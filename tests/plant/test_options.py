@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from liftgate_plant import dynamics, gate, integrate, obstacle, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.dynamics import State
+from liftgate_plant.faults import SOUND
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Sensed
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -293,7 +294,7 @@ def sensed(vehicle: Vehicle, rows: np.ndarray, step: float) -> list[Sensed]:
         state = state_of(row)
         outputs, flow = dynamics.outputs(plant, state, given_inputs), integrate.resting(state)
         memory, reading = sensors.sense(
-            vehicle.sensors, plant, state, given_inputs, outputs, flow, memory, 1, tick, step
+            vehicle.sensors, SOUND, plant, state, given_inputs, outputs, flow, memory, 1, tick, step
         )
         readings.append(reading)
     return readings

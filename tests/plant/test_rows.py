@@ -14,6 +14,7 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.current import effective, peak
 from liftgate_plant.dynamics import NOMINAL, Frictions, Inputs, Load, Outputs, State, at
+from liftgate_plant.faults import SOUND
 from liftgate_plant.gate import GRAVITY
 from liftgate_plant.integrate import Flow, resting
 from liftgate_plant.obstacle import Obstacle
@@ -114,7 +115,7 @@ def test_every_field_of_what_is_sensed_is_taken_from_where_it_is(which: str) -> 
         for name, value in timers[side].items():
             setattr(hall, name, value)
     after, sensed = called(sense, which)(
-        IDEAL, plant, state, inputs, shown, resting(state), memory, 0, 5, 0.001
+        IDEAL, SOUND, plant, state, inputs, shown, resting(state), memory, 0, 5, 0.001
     )
     weight = GRAVITY * math.cos(state.gate_angle + plant.link.gravity_angle + load.road_slope)
     expected = {
@@ -166,7 +167,7 @@ def test_each_hall_level_is_that_of_its_own_sensor(steps: tuple[int, int]) -> No
     )
     memory: SensorState = initial_sensors(IDEAL, state)
     _, sensed = sense(
-        IDEAL, plant_of(suv()), state, inputs, shown, resting(state), memory, 0, 1, 0.001
+        IDEAL, SOUND, plant_of(suv()), state, inputs, shown, resting(state), memory, 0, 1, 0.001
     )
     levels = {0: (0.0, 0.0), 1: (1.0, 0.0), 2: (1.0, 1.0), 3: (0.0, 1.0)}
     assert (sensed.left_hall_a, sensed.left_hall_b) == levels[steps[0]]
@@ -181,7 +182,10 @@ def noisy(name: str) -> set[str]:
 
     def read(sensors: Sensors) -> Sensed:
         memory = initial_sensors(sensors, state)
-        return sense(sensors, plant, state, inputs, shown, resting(state), memory, 3, 5, 0.001)[1]
+        _, seen = sense(
+            sensors, SOUND, plant, state, inputs, shown, resting(state), memory, 3, 5, 0.001
+        )
+        return seen
 
     before, after = read(Sensors()), read(Sensors()._replace(**{name: 0.01}))
     return {

@@ -16,6 +16,7 @@ from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, charge_at, held, part_of
 from liftgate_plant.dynamics import NOMINAL, Inputs, Load, Plant, State, outputs
+from liftgate_plant.faults import SOUND
 from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.shunt import (
@@ -119,7 +120,7 @@ def readings(
             done += 1
             shown = outputs(plant, state, inputs)
             memory, sensed = sensors.sense(
-                table, plant, state, inputs, shown, flow, memory, 0, done, step
+                table, SOUND, plant, state, inputs, shown, flow, memory, 0, done, step
             )
             if done % every == 0:
                 out[written] = sensed.left_current_a

@@ -56,6 +56,8 @@ HERE = (
     "liftgate-hil --bus virtual:any",
     "cc -shared",
     "make -C tools/ecu build/liftgate-ecu.so",
+    "liftgate-hil test scenarios",
+    "liftgate-hil judge",
     "liftgate-hil simulate --vehicle suv",
     "liftgate-hil simulate --input",
     "liftgate-hil simulate --voltage -12",
@@ -119,6 +121,20 @@ def test_every_command_of_the_readme_is_run_or_is_said_to_be_run_elsewhere() -> 
     known = [command(each) for each in (*HERE, *ELSEWHERE)]
     assert len(set(known)) == len(known)
     assert set(readme.commands()) == set(known)
+
+
+# Scenarios as tests.
+
+
+def test_the_scenario_of_the_readme_passes_and_is_judged_again(folder: Path) -> None:
+    (folder / "scenarios").mkdir(exist_ok=True)
+    (folder / "scenarios" / "reverses.toml").write_text(readme.block("duration = 25.0"))
+    out = run(command("liftgate-hil test scenarios"), folder)
+    assert "reverses: pass" in out
+    assert (folder / "results.xml").is_file()
+    again = run(command("liftgate-hil judge"), folder)
+    line = next(each.strip() for each in out.splitlines() if "reverses: pass" in each)
+    assert line in again
 
 
 # Closed loop, and a folder to start from.

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from liftgate_hil.conditions import parsed
+from liftgate_hil.config import scenario_keys
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config.schema import Key
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
-from tools.docs import DOCS, PAGES, rig, scenario
+from tools.docs import DOCS, PAGES, rig
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -41,11 +46,80 @@ def lines(values: Mapping[str, tuple[str, ...]]) -> str:
 def test_the_defaults_of_an_obstacle_are_those_told(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     tables = []
-    for more in ("", lines(scenario.OBSTACLE)):
+    told = lines({key.name: (key.default_told,) for key in scenario_keys.OBSTACLE})
+    for more in ("", told):
         path.write_text(f"[[obstacle]]\nangle_deg = 30\n{more}")
-        tables.append(load_scenario(path).timeline.obstacles)
-    assert "stiffness" in lines(scenario.OBSTACLE)
-    assert np.array_equal(*tables)
+        tables.append(load_scenario(path).stimuli.obstacles)
+    for name in ("start", "delay_s", "distance", "stiffness", "damping", "gap", "lateral", "meets"):
+        assert f"{name} = " in told, name
+    assert tables[0] == tables[1]
+
+
+def test_the_defaults_of_a_fault_are_those_told(tmp_path: Path) -> None:
+    path = tmp_path / "scenario.toml"
+    told = lines({key.name: (key.default_told,) for key in scenario_keys.FAULT})
+    for name in ("start", "delay_s", "share", "seed"):
+        assert f"{name} = " in told, name
+    faults = []
+    for more in ("", told):
+        path.write_text(f'[[fault]]\nkind = "motor_open"\nperiod_s = 1\n{more}')
+        faults.append(load_scenario(path).faults)
+    assert faults[0] == faults[1]
+
+
+def rows_in(page: str, heading: str) -> list[list[str]]:
+    """The cells of all tables between a heading and the next one."""
+    text = (DOCS / page).read_text(encoding="utf-8").split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line[1:-1].split(" | ")] for line in lines]
+
+
+@pytest.mark.parametrize(
+    ("heading", "keys"),
+    [
+        ("The file", scenario_keys.TOP),
+        ("`[[profile]]`", scenario_keys.PROFILE),
+        ("`[[obstacle]]`", scenario_keys.OBSTACLE),
+        ("`[[request]]`", scenario_keys.REQUEST),
+        ("`[[fault]]`", scenario_keys.FAULT),
+        ("`[[expect]]`", scenario_keys.EXPECT),
+    ],
+)
+def test_every_key_that_a_scenario_may_have_is_on_its_page(
+    tmp_path: Path, heading: str, keys: Sequence[Key]
+) -> None:
+    """And no other: the checker is asked, which says what a table may have."""
+    path, name = tmp_path / "scenario.toml", heading.strip("`")
+    before = {"The file": "", "[[fault]]": f"{name}\nkind = 'motor_open'"}.get(name, name)
+    path.write_text(f"{before}\nno_such_key = 1")
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(path)
+    (answer,) = [line for line in caught.value.issues if "no_such_key: " in line]
+    known = answer.split("allowed: ")[1].split(", ")
+    rows = rows_in("scenario.md", heading)
+    shown = [row[0] for row in rows[: 2 + len(keys)]]
+    assert shown == ["key", "---", *(f"`{each}`" for each in known)]
+
+
+def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_whose_it_is() -> None:
+    rows = {row[0]: row for row in rows_in("scenario.md", "`[[fault]]`")}
+    for kind in FAULT_KINDS.values():
+        _, keys, place, _ = rows[f"`{kind.name}`"]
+        assert re.findall(r"`(\w+)`: ", keys) == [key.name for key in kind.keys], kind.name
+        assert place == ("of a drive" if kind.is_of_drive else "of the gate"), kind.name
+
+
+def test_what_the_page_says_may_stand_in_a_condition_may() -> None:
+    names = [
+        row[0] for row in rows_in("scenario.md", "`[[expect]]`") if row[1].startswith("a column")
+    ]
+    assert names == ["`gate_angle_deg`"]
+    for text in (
+        "gate_angle_deg > 20 and (sensed.left_current_a <= 2 * $idle or Gate.LatchState == 1)",
+        "not abs(gate_angle_deg - sensed.gate_angle_deg) >= 1e-3",
+        "left_duty + 0.5 < 1 or left_duty / 2 != 0",
+    ):
+        assert parsed(text, {"idle": 1.0}).text == text
 
 
 def test_the_defaults_of_a_message_are_those_told(tmp_path: Path) -> None:

@@ -25,7 +25,9 @@ from liftgate_hil.ecu.events import (
     Event,
 )
 from liftgate_hil.loop.closed_loop import Episode
+from liftgate_hil.loop.tick import constants_in
 from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.scene import scene_of
 
 RATE = 1000.0  # Hz
 PERIOD, CLOSE = 24.0, 12.0  # s: of an opening and a closing, and when the latter begins in it
@@ -120,9 +122,8 @@ def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     own = coded(calibration, setup.vehicle.coding)
     with ReferenceEcu(_rig(), setup.vehicle.drives, calibration=own) as ecu:
         start = session.start_of(config, setup.start_angle)
-        episode = Episode(
-            config, start, scenario.timeline, ecu, scenario.requests, [kept], is_recorded=False
-        )
+        scene = scene_of(constants_in(config), scenario.stimuli, scenario.requests)
+        episode = Episode(config, start, scene, ecu, [kept], is_recorded=False)
         told: list[list[Event]] = []
         for k in range(periods):
             episode.run(round(PERIOD * (k + 1) * RATE))

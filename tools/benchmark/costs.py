@@ -34,10 +34,10 @@ from liftgate_hil.loop.realtime_loop import (
     send,
 )
 from liftgate_hil.loop.rings import Memory, Shared
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
-from liftgate_hil.stimuli.mailbox import nothing_held, take_letters
+from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
+from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.scene import Scene, note_tick, scene_of, turns
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -82,23 +82,26 @@ def hot_ticks(
     not what the other end does; their time [ns].
     """
     total = 0
+    scene, gate, is_new = params.scene, config, True
     for number in range(count):
         if number % every == 0:
             write_frames(peer.descriptor, peer.buffers, peer.command, 0)
         begin = clock_ns(1, room)
         frames = receive(shared, params, room)
-        take_letters(shared.box, params.held)
-        outside = outside_at(
-            params.timeline, params.held, state.tick * config.step, config.step, 0, False, False
-        )
-        state, replies, truth, sensed = tick(config, state, frames, outside)
+        take_letters(shared.box, scene.held)
+        now = state.tick * config.step
+        if turns(scene, now) or is_new:
+            gate, is_new = in_force(config, scene.faults.row), False
+        outside = outside_at(scene, now, config.step, 0, False, False)
+        state, replies, truth, sensed = tick(gate, state, frames, outside)
+        place = note_row(shared, truth, sensed)
+        note_tick(scene, shared.rows[place : place + 1], frames, replies)
         if replies.count > 0:
             send(shared, params, room, replies, 0)
         note_arrivals(shared, frames, room.stamps, 0)
         note_frames(shared, replies, begin, 1)
         count_bits(shared, frames)
         count_bits(shared, replies)
-        note_row(shared, truth, sensed)
         total += clock_ns(1, room) - begin
         read_frames(peer.descriptor, peer.buffers, peer.room, peer.stamps)
     return total
@@ -112,6 +115,11 @@ class Peer(NamedTuple):
     command: Frames
     room: Frames
     stamps: NDArray[np.int64]
+
+
+def nothing_around(config: LoopConfig) -> Scene:
+    """A scene in which nothing happens."""
+    return scene_of(constants_in(config))
 
 
 def hot_tick(sent: int | None) -> float:
@@ -162,8 +170,7 @@ def hot_tick(sent: int | None) -> float:
             limit_ns=10**9,
             command=0x120,
             feedback=np.array([0x210], dtype=np.int64),
-            timeline=no_timeline(),
-            held=nothing_held(),
+            scene=nothing_around(config),
         )
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
@@ -207,7 +214,7 @@ def measure() -> dict[str, float]:
 
     config = session.loop_config_of(vehicle, rig, 1000.0, 0)
     loop_state = session.start_of(config)
-    outside = compiled(outside_at)(no_timeline(), nothing_held(), 0.0, config.step, 0, False, False)
+    outside = compiled(outside_at)(nothing_around(config), 0.0, config.step, 0, False, False)
     ticks = compiled(many_ticks)
     ticks(config, loop_state, outside, 1)
     figures["tick, compiled, in a loop"] = per_call(
@@ -250,14 +257,12 @@ def portable_tick(
 ) -> Callable[[int], None]:
     """The Python loop's work without waiting: receive, see what is outside, tick, send."""
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
-    outside, timeline, held = compiled(outside_at), no_timeline(), nothing_held()
+    outside, scene = compiled(outside_at), nothing_around(config)
 
     def run(count: int) -> None:
         current = state
         for _ in range(count):
-            around = outside(
-                timeline, held, current.tick * config.step, config.step, 0, False, False
-            )
+            around = outside(scene, current.tick * config.step, config.step, 0, False, False)
             current, replies, _, _ = one_tick(config, current, transport.receive(), around)
             transport.send(replies)
 

@@ -27,8 +27,9 @@ from liftgate_hil.ecu.library import LibraryEcu
 from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Taker, Trace
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.loop.tick import LoopConfig, constants_in
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
+from liftgate_hil.stimuli.scene import Scene, scene_of
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
@@ -93,6 +94,10 @@ class Bench(NamedTuple):
     ticks: int
     memory: Memory
 
+    def scene(self) -> Scene:
+        """What acts from outside, before the first tick."""
+        return scene_of(constants_in(self.config), self.scenario.stimuli, self.scenario.requests)
+
 
 @compilable
 def plant_steps(
@@ -118,7 +123,8 @@ def plant_steps(
         plant, flow = integrate.advance(config.plant, plant, inputs, config.step)
         shown = dynamics.outputs(config.plant, plant, inputs)
         memory, sensed = sensors.sense(
-            config.sensors, config.plant, plant, inputs, shown, flow, memory, config.seed, k + 1, config.step
+            config.sensors, config.faults, config.plant, plant, inputs, shown, flow, memory,
+            config.seed, k + 1, config.step,
         )  # fmt: skip
         fill(seen[k % 2], 0, sensed)
     return plant
@@ -154,8 +160,8 @@ def run_episode(bench: Bench, case: Case, takers: Sequence[Taker] = ()) -> tuple
     control.rows = control.frames = control.bits = 0
     with case.make(bench.rig, bench.drives) as adapter:
         episode = Episode(
-            bench.config, session.start_of(bench.config), bench.scenario.timeline, adapter,
-            bench.scenario.requests, takers, case.is_recorded or bool(takers), bench.memory,
+            bench.config, session.start_of(bench.config), bench.scene(), adapter,
+            takers, case.is_recorded or bool(takers), bench.memory,
         )  # fmt: skip
         start = time.thread_time()
         episode.run(bench.ticks)
@@ -175,9 +181,9 @@ def replay_of(bench: Bench, case: Case) -> Replay:
         told = message.decode(payload, decode_choices=False)
         rows[round(stamp / bench.config.step_ns) - 1 :, 4] = told["LatchRelease"]
     angles = np.radians(np.concatenate([[0.0], columns["gate_angle_deg"][:-1]]))
-    arming, met = NOT_ARMED, NO_OBSTACLE
+    arming, met, scene = NOT_ARMED, NO_OBSTACLE, bench.scene()
     for tick, angle in enumerate(angles):
-        there = obstacle_at(bench.scenario.timeline, tick * bench.config.step)
+        there = obstacle_at(scene.timeline, scene.moments, tick * bench.config.step)
         arming, body = armed(arming, there, angle)
         rows[tick, 5] = body.stiffness > 0.0
         met = body if body.stiffness > 0.0 else met

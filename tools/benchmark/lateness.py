@@ -30,7 +30,8 @@ from liftgate_hil.loop.histogram import BINS, Distribution, distribution, upper_
 from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.rings import DELAY, LATENESS
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.loop.tick import constants_in
+from liftgate_hil.stimuli.scene import scene_of
 from liftgate_hil.transport.base import LinkCounts
 
 _BINS_US = 50_000  # of cyclictest's histogram
@@ -198,7 +199,7 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
     run = RealtimeRun(
         config=config,
         state=session.start_of(config),
-        timeline=no_timeline(),
+        scene=scene_of(constants_in(config)),
         line=line,
         memory=memory,
         rig=rig,

@@ -15,6 +15,7 @@ from liftgate_plant import dynamics, initial, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled, fill
 from liftgate_plant.dynamics import Inputs, Load, Plant
+from liftgate_plant.faults import SOUND
 from liftgate_plant.friction_profile import FrictionProfile, friction_profile, frictions_in
 from liftgate_plant.initial import initial_state
 from liftgate_plant.sensors import Sensors, SensorState, initial_sensors
@@ -73,7 +74,7 @@ def many(case: Case, memory: SensorState, seen: NDArray[np.float64], count: int)
         state, flow = integrate.advance(case.plant, state, inputs, STEP)
         shown = dynamics.outputs(case.plant, state, inputs)
         memory, sensed = sensors.sense(
-            case.sensors, case.plant, state, inputs, shown, flow, memory, 1, k + 1, STEP
+            case.sensors, SOUND, case.plant, state, inputs, shown, flow, memory, 1, k + 1, STEP
         )
         fill(seen[k % 2], 0, sensed)
     return state.gate_angle

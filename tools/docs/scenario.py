@@ -1,66 +1,60 @@
-"""docs/scenario.md: every key of a scenario file. Keys and ranges are the checker's answers."""
+"""docs/scenario.md: every key of a scenario file, from the schema that its reader goes by."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
-from liftgate_hil.config.scenario import load_scenario
+from liftgate_hil.config import scenario_keys as keys
+from liftgate_hil.config.fault_kinds import FAULT_KINDS, FaultKind
+from liftgate_hil.config.schema import Key
 from liftgate_hil.signals import PROFILES
-from tools.docs.checker import UNKNOWN, WRONG, a_range, allowed, keys_of
+from tools.docs.checker import a_range
 from tools.docs.markdown import code, number, page, table
 
 _INTRO = """\
-A scenario file is TOML: what happens over time around the gate, and what the driver asks of the ECU, for
-`--scenario` and `liftgate_hil.run`. [`demo.toml`](../configs/scenarios/demo.toml) is the demo's;
-`liftgate-hil init` copies it. Times are seconds of model time since the start. `"$name"` stands wherever a
-number may, and is the parameter of that name."""
+A scenario file is TOML: what happens over time around the gate, what the driver asks of the ECU, what breaks, and
+what is expected, for `--scenario` and `liftgate_hil.run`. [`demo.toml`](../configs/scenarios/demo.toml) is the
+demo's; `liftgate-hil init` copies it. Times are seconds of model time since the start. `"$name"` stands wherever a
+number may, and is the parameter of that name. A condition in place of a time is a text, see "Conditions": the
+first time that it is true. What it begins or ends acts from the next tick on."""
 
-TOP = {
-    "description": ("", "any text", "for people"),
-    "requirement": ("", "any", "the identifiers of what it tests; for people"),
-    "duration": ("until stopped", "", "the end of the run"),
-    "vehicle": ("suv", "a shipped name or a file", "looked for beside the scenario first"),
-    "rig": ("liftgate", "a shipped name or a file", "looked for beside the scenario first"),
-    "seed": ("0", "", "of noise and of what differs from run to run"),
-    "initial": ("closed", "", "where the gate starts, at rest; closed it is latched"),
-    "parameters": ("", "a table of numbers", "names and values, which `parameters` of `lh.run` replaces"),
-    "set": ("", "a table", "keys of the vehicle file and their values: `\"environment.road_slope_deg\" = 5`"),
-    "profile": ("", "[[profile]] tables", "a quantity over time, below"),
-    "obstacle": ("", "[[obstacle]] tables", "something in the gate's way, below"),
-    "request": ("", "[[request]] tables", "what the driver asks of the ECU, below"),
-}  # fmt: skip
-PROFILE = {
-    "quantity": ("required", "", "one of those below; each once"),
-    "points": ("required", "[[time, value], …]", "the value at each time; before the first the vehicle's"),
-    "interpolation": ("linear", "", "straight lines, or each held until the next, as switches are"),
-}  # fmt: skip
-OBSTACLE = {
-    "start": ("0", "", "when it is put there; it counts only once the gate has been clear of it"),
-    "end": ("never", "", "when it is taken away"),
-    "angle_deg": ("required", "", ""),
-    "distance": ("1", "", ""),
-    "stiffness": ("10000", "", ""),
-    "damping": ("0", "", ""),
-    "gap": ("0", "", ""),
-    "lateral": ("0", "", ""),
-    "meets": ("closing", "", "the way in which the gate meets it"),
-}  # fmt: skip
-REQUEST = {
-    "time": ("required", "", "when the button is pressed"),
-    "action": ("required", "", "which"),
-}
+_CONDITIONS = (
+    ("`gate_angle_deg`", "a column of recordings by its name: what is so"),
+    ("`sensed.gate_angle_deg`", "what the ECU's sensors make of it"),
+    ("`Gate.LatchState`", "`Message.Signal` of the rig's database: what the message's last frame on the bus said"),
+    ("`20`, `1e-3`, `$name`", "numbers, and parameters"),
+    ("`+ - * /`, `abs()`", "of numbers"),
+    ("`< <= > >= == !=`", "one comparison of two numbers, both with the same unit; plain numbers fit any"),
+    ("`and`, `or`, `not`", "of comparisons"),
+    ("`( )`", "around either"),
+)  # fmt: skip
+
+_WINDOWS = """\
+An expectation looks at the ticks of its window `[t0, t0 + within_s]`, both ends in: `t0` is the time `after`, or
+the first tick in which that condition is true. Without `within_s` the window lasts to the end of the run. A tick
+in which a column or a signal of the condition has no value, or none that is finite, does not count; where `for_s`
+is given it is an interruption."""
+
+_VERDICTS = (
+    ("`pass`", "it held"),
+    ("`inconclusive`", "nothing can be said: `after` never came true, the end of the run cut the window off before"
+     " it was decided, or no tick of it counted"),
+    ("`fail`", "it did not hold"),
+    ("`error`", "the run did not come to its end"),
+)  # fmt: skip
+
+_MARGINS = """\
+Of several verdicts the worst counts, in this order. Each has a margin, in the unit of the comparison that decides
+it: how much was left before the truth would have changed, negative where it failed. It is `b − a` for `a < b` and
+`a <= b`, `a − b` for `a > b` and `a >= b`, `−|a − b|` for `a == b`, `|a − b|` for `a != b`; `and` has the smaller
+one of its two, `or` the larger one, `not` the negated one. Of a window it is the smallest of all ticks (`always`,
+`never`) or the largest (`eventually`); with `for_s` the largest of the smallest in any stretch of that length."""
+
+_HEADS = ("key", "allowed", "default", "meaning")
 
 
 def scenario_page() -> str:
     """The page."""
-    from liftgate_hil.signals import OBSTACLE as SIGNALS
-
-    answers = _answers()
-    meanings = {
-        key: (default, what, meaning or SIGNALS[key].meaning)
-        for key, (default, what, meaning) in OBSTACLE.items()
-    }
     quantities = (
         (code(name), each.unit, f"{number(each.low)} to {number(each.high)}", each.meaning)
         for name, each in PROFILES.items()
@@ -70,47 +64,59 @@ def scenario_page() -> str:
         _INTRO,
         "## The file",
         "`vehicle`, `rig`, `seed`, `initial` and `set` are defaults: flags and arguments win.",
-        _table(answers, "", TOP),
+        _table(keys.TOP),
         "## `[[profile]]`",
-        _table(answers, "profile[0]", PROFILE),
+        "Either `points` or `csv`.",
+        _table(keys.PROFILE),
         "Quantities, also of `Gate.set`, of input columns, and of a test bench's panel (there without the unit):",
         table(("quantity", "unit", "range", "meaning"), quantities),
         "## `[[obstacle]]`",
         "A body that gives way as a spring, such as a test rod of 10, 20 or 65 N/mm. Of several at a time the "
         "first in the file counts; a panel's goes before all of them.",
-        _table(answers, "obstacle[0]", meanings),
+        _table(keys.OBSTACLE),
         "## `[[request]]`",
         "For an ECU that has a button: the reference ECU, a C library, a Python object with `request`.",
-        _table(answers, "request[0]", REQUEST),
+        _table(keys.REQUEST),
+        "## `[[fault]]`",
+        "Several may be there at a time: they change the gate one after the other, in the order of the file.",
+        _table(keys.FAULT, {"kind": "a kind"}),
+        "The kinds, with the keys that each has beside these:",
+        table(("kind", "keys", "is", "meaning"), map(_kind, FAULT_KINDS.values())),
+        "## `[[expect]]`",
+        "Exactly one of `always`, `eventually` and `never`.",
+        _table(keys.EXPECT),
+        "### Conditions",
+        table(("written", "is"), _CONDITIONS),
+        "### Windows and verdicts",
+        _WINDOWS,
+        table(("verdict", "when"), _VERDICTS),
+        _MARGINS,
     )
 
 
-def _answers() -> dict[str, str]:
-    """What the checker says to a scenario in which all is wrong."""
-    top: dict[str, Any] = dict.fromkeys(("duration", "seed", "initial"), -1)
-    return allowed(
-        load_scenario,
-        {
-            **top,
-            UNKNOWN: 1,
-            "profile": [dict.fromkeys(PROFILE, WRONG) | {UNKNOWN: 1}],
-            "obstacle": [dict.fromkeys(OBSTACLE, WRONG) | {UNKNOWN: 1}],
-            "request": [dict.fromkeys(REQUEST, WRONG) | {UNKNOWN: 1}],
-        },
-    )
+def _table(of: Sequence[Key], allowed: Mapping[str, str] | None = None) -> str:
+    """The keys of a table; `allowed` where that is not what the key's kind says."""
+    return table(_HEADS, _rows(of, allowed or {}))
 
 
-def _table(
-    answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str, str]]
-) -> str:
-    """The keys of a table, as the checker lists them."""
-    return table(("key", "allowed", "default", "meaning"), _rows(answers, prefix, told))
+def _rows(of: Sequence[Key], allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
+    for key in of:
+        what = allowed.get(key.name) or a_range(key.kind.allowed)
+        yield code(key.name), what, _default(key), key.meaning
 
 
-def _rows(
-    answers: Mapping[str, str], prefix: str, told: Mapping[str, tuple[str, str, str]]
-) -> Iterator[tuple[str, ...]]:
-    for key in keys_of(answers, prefix):
-        default, what, meaning = told[key]
-        answer = answers.get(f"{prefix}.{key}" if prefix else key, "")
-        yield code(key), what or a_range(answer), default, meaning
+def _default(key: Key) -> str:
+    """In words; nothing where it is empty."""
+    return "" if key.default == () else key.default_told
+
+
+def _kind(kind: FaultKind) -> tuple[str, ...]:
+    """A kind of fault as a row."""
+    place = "of a drive" if kind.is_of_drive else "of the gate"
+    return code(kind.name), "; ".join(map(_own, kind.keys)), place, kind.meaning
+
+
+def _own(key: Key) -> str:
+    """A key of a kind's own, in a cell."""
+    default = "" if _default(key) == "required" else f", default {_default(key)}"
+    return f"{code(key.name)}: {a_range(key.kind.allowed)}{default}, {key.meaning}"

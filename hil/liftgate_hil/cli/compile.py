@@ -85,19 +85,17 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
     import numpy as np
 
     from liftgate_hil.identify.trajectory import REST, trajectory
-    from liftgate_hil.loop.simulation import Offline, simulate
+    from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.session import setup_of
+    from liftgate_hil.staging import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
-    from liftgate_plant.friction_profile import friction_profile
     from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
     from liftgate_plant.vehicle import load_of, plant_of
 
     setup = setup_of(None)
     vehicle, plant, load = setup.vehicle, plant_of(setup.vehicle), load_of(setup.vehicle)
-    profile, timeline = friction_profile(vehicle, plant, 0), setup.scenario.timeline
-    offline = Offline(plant, vehicle.sensors, timeline, profile, load, 1e-3, 1, 0)
-    list(simulate(offline, initial_state(plant, 0.0), constant_voltage(0.0), 1))
+    list(simulate(offline_of(setup, 1e-3), initial_state(plant, 0.0), constant_voltage(0.0), 1))
     rows = np.full((2, len(INPUT_COLUMNS)), np.nan)
     trajectory(plant, vehicle.sensors, load, REST, 0, np.array([0.0, 1e-3]), rows, 1e-3)
 

@@ -119,8 +119,8 @@ def _obstacles(setup: Setup) -> list[DrawnObstacle]:
     from liftgate_hil.report.run_plot import DrawnObstacle
 
     return [
-        DrawnObstacle(math.degrees(each.angle), float(each.start), float(each.end))
-        for each in setup.scenario.timeline.obstacles
+        DrawnObstacle(math.degrees(each.obstacle.angle), each.start.time, each.end.time)
+        for each in setup.scenario.stimuli.obstacles
     ]
 
 

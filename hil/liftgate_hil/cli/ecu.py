@@ -110,6 +110,7 @@ def _drive(
 ) -> None:
     """Until it is stopped, or the time is over."""
     from liftgate_hil.ecu.peer import Peer
+    from liftgate_hil.staging import alone
     from liftgate_hil.transport.find import find_way, open_transport
 
     transport = open_transport(find_way(options.wire_choice(args), rig))
@@ -117,7 +118,7 @@ def _drive(
         if args.realtime:
             _ask_for_priority(args)
         requests = _requests(args.request) if args.request else list(scenario.requests)
-        peer = Peer(adapter, transport, requests)
+        peer = Peer(adapter, transport, alone(requests))
         duration = args.duration if args.duration is not None else scenario.duration
         _take_turns(peer, adapter, rig, duration, args.duration is not None, stop, teller)
     finally:
@@ -173,6 +174,7 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
 
 
 def _requests(given: list[str]) -> list[Request]:
+    from liftgate_hil.stimuli.moments import Instant
     from liftgate_hil.stimuli.requests import REQUESTS, Request
 
     requests = []
@@ -182,11 +184,11 @@ def _requests(given: list[str]) -> list[Request]:
             time_s = float(when)
         except ValueError:
             time_s = math.nan
-        requests.append(Request(time_s, action))
+        requests.append(Request(Instant(time_s), action))
         if not 0.0 <= time_s <= 1e6:
             action = ""
         if action not in REQUESTS:
             raise ConfigError(
                 f"`request` {text}: allowed: SECONDS:ACTION with {', '.join(REQUESTS)}"
             )
-    return sorted(requests, key=lambda request: request.time)
+    return requests

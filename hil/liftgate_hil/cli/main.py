@@ -20,6 +20,8 @@ COMMANDS = {
     "run": "the real-time emulator on a bus (what happens without a subcommand)",
     "demo": "the emulator and the reference ECU: opens, meets an obstacle, reverses",
     "ecu": "the reference ECU alone, on any bus",
+    "test": "scenario files: run, judge, report",
+    "judge": "the same verdicts again, from recordings",
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment tells most",
     "validate": "a vehicle's model against measurements",

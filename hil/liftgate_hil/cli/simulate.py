@@ -85,17 +85,16 @@ def run(args: argparse.Namespace) -> int:
     stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.compiling import told_of_compiling
-    from liftgate_hil.loop.simulation import Offline, simulate
+    from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
     from liftgate_hil.recording.content import Content
     from liftgate_hil.recording.edge_file import EdgeFile
     from liftgate_hil.signals import columns_of
+    from liftgate_hil.staging import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
-    from liftgate_plant.friction_profile import friction_profile
     from liftgate_plant.initial import initial_state
-    from liftgate_plant.vehicle import load_of, plant_of
 
     setup = options.setup_of(args)
     vehicle, scenario = setup.vehicle, setup.scenario
@@ -115,18 +114,8 @@ def run(args: argparse.Namespace) -> int:
     notes = (*notes, *_undriven(args, samples, vehicle.drives))
     for note in notes:
         print(f"{args.input or 'liftgate-hil simulate'}: {note}", file=sys.stderr)
-    plant = plant_of(vehicle)
-    offline = Offline(
-        plant=plant,
-        sensors=vehicle.sensors,
-        timeline=scenario.timeline,
-        friction=friction_profile(vehicle, plant, setup.seed),
-        base=load_of(vehicle)._replace(latch_released=1.0),
-        step=args.step,
-        every=args.every,
-        seed=setup.seed,
-    )
-    state = initial_state(plant, setup.start_angle)
+    offline = offline_of(setup, args.step, args.every)
+    state = initial_state(offline.constants.plant, setup.start_angle)
     blocks = simulate(offline, state, samples, round(duration / args.step))
     progress = _Progress(round(duration / args.step) * args.step)
     content = Content(

@@ -1,34 +1,60 @@
-"""A scenario file: what happens over time around the gate, and what the driver asks of the ECU."""
+"""A scenario file: what happens over time around the gate, what the driver asks of the ECU, what is expected."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from liftgate_hil.conditions import parsed
+from liftgate_hil.config import scenario_keys as keys
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.files import is_there, issue_with
+from liftgate_hil.config.profile_csv import read_points
+from liftgate_hil.config.schema import read_table
 from liftgate_hil.config.settings import Setting, settings_in
-from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
+from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
+from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.signals import OBSTACLE, PROFILES
-from liftgate_hil.stimuli.requests import REQUESTS, Request
-from liftgate_hil.stimuli.timeline import (
-    Profile,
-    TimedObstacle,
-    Timeline,
-    no_timeline,
-    timeline_of,
-)
+from liftgate_hil.judging.expectation import KINDS, Expectation
+from liftgate_hil.signals import PROFILES
+from liftgate_hil.stimuli.moments import Instant, moved
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.scene import NO_STIMULI, Stimuli
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 from liftgate_plant.obstacle import Obstacle
+
+_MOST_FILES = 100  # that include each other
+_PARAMETER = re.compile(r"\$\w+")
+_FREE = ("parameters", "description", "requirement", "include")  # keys without $name
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault as a file or a program says it: its kind's own keys are in `values`. A session makes an injection of
+    it, for the vehicle that it is in.
+    """
+
+    kind: str
+    where: str | None
+    values: Mapping[str, Any]
+    start: Instant
+    end: Instant
+    period: float = 0.0
+    share: float = 1.0
+    key: str = ""  # of the file: fault[0]
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A scenario, checked."""
+    """A scenario, checked as far as it can be without a vehicle and a rig."""
 
-    timeline: Timeline
+    stimuli: Stimuli
     requests: tuple[Request, ...] = ()
     duration: float | None = None
     # Defaults, over which flags and arguments win.
@@ -38,85 +64,147 @@ class Scenario:
     initial: float | str = "closed"
     settings: tuple[Setting, ...] = ()  # of the vehicle file
     parameters: Mapping[str, float] = field(default_factory=dict)
+    faults: tuple[Fault, ...] = ()
+    expectations: tuple[Expectation, ...] = ()
+    description: str = ""
+    requirement: tuple[str, ...] = ()
+    source: str = ""  # the file
+
+    def awaited(self) -> list[Expectation]:
+        """The conditions that its stimuli wait for, as expectations."""
+        spans = [(each.start, each.end) for each in self.stimuli.obstacles]
+        spans += [(each.start, each.end) for each in self.faults]
+        found = [_comes(each.when, Instant()) for each in self.requests]
+        for start, end in spans:
+            found += [_comes(start, Instant()), _comes(end, start)]
+        return [each for each in found if each is not None]
+
+
+def _comes(instant: Instant, after: Instant) -> Expectation | None:
+    """That an instant's condition comes true after another one."""
+    if not instant.condition:
+        return None
+    opener = after.condition or after.time
+    return Expectation(instant.condition, "eventually", instant.condition, opener, key=instant.key)
 
 
 def no_scenario() -> Scenario:
     """Nothing happens."""
-    return Scenario(no_timeline())
-
-
-_KEYS = (
-    "description", "requirement", "duration", "vehicle", "rig", "seed", "initial", "parameters", "set",
-    "profile", "obstacle", "request",
-)  # fmt: skip
+    return Scenario(NO_STIMULI)
 
 
 def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Scenario:
-    """The scenario of a file, with parameters replaced. Raises ConfigError with all issues of the file."""
-    raw = read_toml(path)
-    issues = ConfigIssues(
-        str(path), {f"parameters.{name}": f"`parameters` {name}" for name in replaced or {}}
-    )
-    known_keys(issues, "", raw, _KEYS)
-    parameters = _parameters(issues, raw, replaced or {})
-    raw = {
-        key: value
-        if key in ("parameters", "description", "requirement")
-        else _filled_in(issues, key, value, parameters)
-        for key, value in raw.items()
-    }
-    duration = raw.get("duration")
-    if duration is not None:
-        duration = number(issues, "duration", duration, 0.0, 1e6, "s")
-    profiles = [
-        _profile(issues, f"profile[{i}]", each) for i, each in _tables(issues, raw, "profile")
-    ]
-    obstacles = [
-        _obstacle(issues, f"obstacle[{i}]", each) for i, each in _tables(issues, raw, "obstacle")
-    ]
-    requests = [
-        _request(issues, f"request[{i}]", each) for i, each in _tables(issues, raw, "request")
-    ]
-    names = [name for name, _ in profiles]
-    for name in sorted({name for name in names if name and names.count(name) > 1}):
-        issues.add("profile", f"{name} comes {names.count(name)} times; allowed: once")
-    settings = table(issues, "set", raw.get("set", {}))
-    defaults: dict[str, Any] = {
-        "vehicle": _beside(path, issues, raw, "vehicle"),
-        "rig": _beside(path, issues, raw, "rig"),
-        "seed": _seed(issues, raw.get("seed", 0)),
-        "initial": _initial(issues, raw.get("initial", "closed")),
-        "settings": tuple(settings_in(settings, f"{path}: set.")),
-    }
-    issues.raise_if_any()
+    """The scenario of a file, with parameters replaced. Raises ConfigError with all issues of the file and of
+    those that it includes.
+    """
+    parts = _parts(path, replaced or {}, [])
+    parameters = _parameters(parts, replaced or {})
+    top: dict[str, Any] = {}
+    settings: dict[tuple[str, ...], Setting] = {}
+    found = _Found([], [], [], [], [])
+    for part in parts:
+        raw = {
+            key: value if key in _FREE else _filled_in(part.issues, key, value, parameters)
+            for key, value in part.raw.items()
+        }
+        own = read_table(part.issues, "", raw, keys.TOP)
+        for name in ("vehicle", "rig"):
+            if raw.get(name):
+                own[name] = _beside(part.path, own[name])
+        top |= {key: own[key] for key in own if key in raw or key not in top}
+        given = table(part.issues, "set", raw.get("set", {}))
+        settings |= {each.names: each for each in settings_in(given, f"{part.path}: set.")}
+        _Reader(part.path, part.issues, parameters).read(raw, found)
+    _check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
+    if any(part.issues.count for part in parts):
+        raise ConfigError([line for part in parts for line in _lines_of(part.issues)])
     return Scenario(
-        timeline_of(dict(profiles), obstacles),
-        tuple(sorted(requests, key=lambda request: request.time)),
-        duration,
+        Stimuli(dict(found.profiles), tuple(found.obstacles)),
+        tuple(sorted(found.requests, key=_order)),
+        top["duration"],
+        vehicle=top["vehicle"],
+        rig=top["rig"],
+        seed=top["seed"],
+        initial=top["initial"],
+        settings=tuple(settings.values()),
         parameters=parameters,
-        **defaults,
+        faults=tuple(found.faults),
+        expectations=tuple(found.expectations),
+        description=str(top["description"]),
+        requirement=top["requirement"],
+        source=str(path),
     )
 
 
-def _parameters(
-    issues: ConfigIssues, raw: Table, replaced: Mapping[str, float]
-) -> dict[str, float]:
-    """The file's parameters, with other values."""
-    given = table(issues, "parameters", raw.get("parameters", {}))
-    known = {
-        name: number(issues, f"parameters.{name}", value, -1e15, 1e15)
-        for name, value in given.items()
-    }
+@dataclass
+class _Part:
+    """A file on its way into a scenario."""
+
+    path: Path
+    raw: Table
+    issues: ConfigIssues
+
+
+def _parts(path: Path, replaced: Mapping[str, float], above: Sequence[Path]) -> list[_Part]:
+    """The files of a scenario, each once, those that it includes before itself. Raises ConfigError."""
+    origins = {f"parameters.{name}": f"`parameters` {name}" for name in replaced}
+    own = _Part(path, read_toml(path), ConfigIssues(str(path), {} if above else origins))
+    above = [*above, path.resolve()]
+    found: list[_Part] = []
+    for place, name in enumerate(_included(own)):
+        file = path.parent / name
+        key = f"include[{place}]"
+        try:
+            issue = issue_with(file)
+            if not issue and file.resolve() in above:
+                issue = "includes this file itself; allowed: files that do not"
+            if issue or len(above) > _MOST_FILES:
+                own.issues.add(
+                    key, f"{show(name)}: {issue or 'files include each other too deeply'}"
+                )
+                continue
+            for part in _parts(file, replaced, above):
+                if all(part.path.resolve() != each.path.resolve() for each in found):
+                    found.append(part)
+        except ConfigError as error:
+            own.issues.take(error.issues)
+    return [*found, own]
+
+
+def _included(part: _Part) -> tuple[str, ...]:
+    value = part.raw.get("include", [])
+    names = [value] if isinstance(value, str) else value
+    is_list = isinstance(names, list) and all(isinstance(each, str) and each for each in names)
+    return tuple(names) if is_list else ()
+
+
+def _lines_of(issues: ConfigIssues) -> list[str]:
+    try:
+        issues.raise_if_any()
+    except ConfigError as error:
+        return error.issues
+    return []
+
+
+def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> dict[str, float]:
+    """The parameters of all files, a file's own over those that it includes, with other values."""
+    known: dict[str, float] = {}
+    for part in parts:
+        given = table(part.issues, "parameters", part.raw.get("parameters", {}))
+        for name, value in given.items():
+            known[name] = number(part.issues, f"parameters.{name}", value, -1e15, 1e15)
+    issues = parts[-1].issues
     for name, value in replaced.items():
         if name not in known:
             allowed = ", ".join(known) or "none, the file has no [parameters]"
             issues.add(f"parameters.{name}", f"no such parameter; allowed: {allowed}")
+            continue
         known[name] = number(issues, f"parameters.{name}", value, -1e15, 1e15)
     return known
 
 
 def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[str, float]) -> Any:
-    """A value with each `$name` in it replaced by the parameter."""
+    """A value with each `$name` in it replaced by the parameter; conditions take theirs themselves."""
     if isinstance(value, dict):
         return {
             name: _filled_in(issues, f"{key}.{name}", each, parameters)
@@ -124,7 +212,7 @@ def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[s
         }
     if isinstance(value, list):
         return [_filled_in(issues, f"{key}[{i}]", each, parameters) for i, each in enumerate(value)]
-    if isinstance(value, str) and value.startswith("$"):
+    if isinstance(value, str) and _PARAMETER.fullmatch(value):
         if value[1:] in parameters:
             if math.isnan(parameters[value[1:]]):  # which is told of the parameter
                 issues.settle(key)
@@ -136,101 +224,225 @@ def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[s
     return value
 
 
-def _beside(path: Path, issues: ConfigIssues, raw: Table, key: str) -> str | None:
+def _beside(path: Path, name: str) -> str:
     """A shipped name, or a file beside the scenario's."""
-    if key not in raw:
-        return None
-    name = text(issues, key, raw[key])
+    if not name:
+        return name
     beside = path.parent / name
     is_path = bool(Path(name).suffix) or len(Path(name).parts) > 1
     return str(beside) if (is_there(beside) if is_path else not issue_with(beside)) else name
 
 
-def _seed(issues: ConfigIssues, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**32:
-        issues.add("seed", f"{show(value)}; allowed: a whole number of 0 to {2**32 - 1}")
-        return 0
-    return value
+def _order(request: Request) -> float:
+    """Of requests: those at a time by their times, then those that wait for a condition."""
+    return math.inf if request.when.condition else request.when.time
 
 
-def _initial(issues: ConfigIssues, value: Any) -> float | str:
-    if value in ("closed", "open"):
-        return str(value)
-    return number(issues, "initial", value, 0.0, 180.0, "deg, or closed, or open")
+@dataclass
+class _Found:
+    """What the files have brought so far."""
+
+    profiles: list[tuple[str, Profile]]
+    obstacles: list[TimedObstacle]
+    requests: list[Request]
+    faults: list[Fault]
+    expectations: list[Expectation]
 
 
-def _tables(issues: ConfigIssues, raw: Table, key: str) -> list[tuple[int, Table]]:
-    given = raw.get(key, [])
-    if not isinstance(given, list):
-        issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
-        return []
-    return [(i, table(issues, f"{key}[{i}]", each)) for i, each in enumerate(given)]
+@dataclass
+class _Reader:
+    """Reads the tables of one file."""
 
+    path: Path
+    issues: ConfigIssues
+    parameters: Mapping[str, float]
 
-def _profile(issues: ConfigIssues, key: str, given: Table) -> tuple[str, Profile]:
-    known_keys(issues, key, given, ("quantity", "points", "interpolation"))
-    name = text(issues, f"{key}.quantity", given.get("quantity"), PROFILES)
-    is_switch = bool(name in PROFILES and PROFILES[name].values)
-    kinds = ("hold",) if is_switch else ("linear", "hold")
-    how = text(issues, f"{key}.interpolation", given.get("interpolation", kinds[0]), kinds)
-    points: list[tuple[float, float]] = []
-    raw_points = given.get("points")
-    if not isinstance(raw_points, list) or not raw_points:
-        issues.add(f"{key}.points", f"{show(raw_points)}; allowed: [[time, value], …]")
-        return name, Profile(points, how == "linear")
-    low, high = (PROFILES[name].low, PROFILES[name].high) if name else (-math.inf, math.inf)
-    for i, point in enumerate(raw_points):
-        if not isinstance(point, list) or len(point) != 2:
-            issues.add(f"{key}.points[{i}]", f"{show(point)}; allowed: [time, value]")
-            continue
-        time = number(issues, f"{key}.points[{i}][0]", point[0], 0.0, 1e6, "s")
-        value = number(issues, f"{key}.points[{i}][1]", point[1], low, high)
-        if is_switch and 0.0 < value < 1.0:
-            issues.add(f"{key}.points[{i}][1]", f"{value:g}; allowed: 0 (off) or 1 (on)")
-        points.append((time, value))
-        if len(points) > 1 and points[-1][0] <= points[-2][0]:
-            issues.add(f"{key}.points[{i}][0]", f"{time:g}; allowed: later than the point before")
-    return name, Profile(points, how == "linear")
+    def read(self, raw: Table, found: _Found) -> None:
+        found.profiles += self._tables(raw, "profile", self._profile)
+        found.obstacles += self._tables(raw, "obstacle", self._obstacle)
+        found.requests += self._tables(raw, "request", self._request)
+        found.faults += self._tables(raw, "fault", self.fault)
+        own = self._tables(raw, "expect", self._expect)
+        _check_once(self.issues, "expect", [each.name for each in own if each.name])
+        names = [each.name for each in found.expectations]
+        for each in own:
+            if each.name in names:
+                found.expectations[names.index(each.name)] = each
+            else:
+                found.expectations.append(each)
 
+    def _tables(self, raw: Table, key: str, read: Callable[[str, Table], Any]) -> list[Any]:
+        given = raw.get(key, [])
+        if not isinstance(given, list):
+            self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
+            return []
+        return [
+            read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each))
+            for i, each in enumerate(given)
+        ]
 
-def _obstacle(issues: ConfigIssues, key: str, given: Table) -> TimedObstacle:
-    defaults = {"distance": 1.0, "stiffness": 10_000.0, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
-    ranges = {
-        "start": (0.0, 0.0, 1e6, "s"),
-        "end": (math.inf, 0.0, 1e6, "s"),
-        **{
-            name: (defaults.get(name), signal.low, signal.high, signal.unit)
-            for name, signal in OBSTACLE.items()
-        },
-    }
-    known_keys(issues, key, given, [*ranges, "meets"])
-    meets = text(issues, f"{key}.meets", given.get("meets", "closing"), ("closing", "opening"))
-    values: dict[str, Any] = {}
-    for name, (default, low, high, unit) in ranges.items():
-        if name in given:
-            values[name] = number(issues, f"{key}.{name}", given[name], low, high, unit)
-        elif default is None:
-            issues.add(f"{key}.{name}", f"missing; allowed: {low:g} to {high:g} {unit}")
-            values[name] = math.nan
+    def _instant(self, instant: Instant, delay: float, key: str) -> Instant:
+        """An instant with its delay; its condition is checked."""
+        if not instant.condition:
+            return Instant(instant.time + delay)
+        self._condition(key, instant.condition, "; or a time, 0 to 1e+06 s")
+        return moved(instant, delay)
+
+    def _condition(self, key: str, text: str, also: str = "") -> None:
+        """Check a condition, as far as it can be without a rig; `also` is allowed besides."""
+        try:
+            parsed(text, self.parameters)
+        except ValueError as error:
+            self.issues.add(key, f"{error}{also}")
+
+    def _profile(self, key: str, given: Table) -> tuple[str, Profile]:
+        issues = self.issues
+        values = read_table(issues, key, given, keys.PROFILE)
+        name = values["quantity"] or ""
+        is_switch = bool(name and PROFILES[name].values)
+        how = values["interpolation"] or ("hold" if is_switch else "linear")
+        if is_switch and how != "hold":
+            issues.add(f"{key}.interpolation", f"{show(how)}; allowed: one of hold")
+        if ("points" in given) == ("csv" in given):
+            said = "both points and csv" if "csv" in given else show(None)
+            issues.add(f"{key}.points", f"{said}; allowed: [[time, value], …], or a file in csv")
+            return name, Profile([], how == "linear")
+        points = given.get("points")
+        if "csv" in given:
+            key = f"{key}.csv"
+            try:
+                points = (
+                    read_points(self.path.parent / values["csv"], name) if values["csv"] else []
+                )
+            except ConfigError as error:
+                issues.add(key, str(error))
+                return name, Profile([], how == "linear")
         else:
-            values[name] = default
-    if values["end"] <= values["start"]:
-        issues.add(f"{key}.end", f"{values['end']:g}; allowed: later than start")
-    obstacle = Obstacle(
-        angle=math.radians(values["angle_deg"]),
-        distance=values["distance"],
-        stiffness=values["stiffness"],
-        damping=values["damping"],
-        gap=values["gap"],
-        direction=1.0 if meets == "closing" else -1.0,
-        lateral=values["lateral"],
-    )
-    return TimedObstacle(obstacle, values["start"], values["end"])
+            key = f"{key}.points"
+        return name, Profile(self._points(key, points, name, is_switch), how == "linear")
+
+    def _points(
+        self, key: str, points: Any, name: str, is_switch: bool
+    ) -> list[tuple[float, float]]:
+        issues, found = self.issues, []
+        if not isinstance(points, list) or not points:
+            issues.add(key, f"{show(points)}; allowed: [[time, value], …]")
+            return []
+        low, high = (PROFILES[name].low, PROFILES[name].high) if name else (-math.inf, math.inf)
+        for i, point in enumerate(points):
+            if not isinstance(point, list) or len(point) != 2:
+                issues.add(f"{key}[{i}]", f"{show(point)}; allowed: [time, value]")
+                continue
+            time = number(issues, f"{key}[{i}][0]", point[0], 0.0, 1e6, "s")
+            value = number(issues, f"{key}[{i}][1]", point[1], low, high)
+            if is_switch and 0.0 < value < 1.0:
+                issues.add(f"{key}[{i}][1]", f"{value:g}; allowed: 0 (off) or 1 (on)")
+            found.append((time, value))
+            if len(found) > 1 and found[-1][0] <= found[-2][0]:
+                issues.add(f"{key}[{i}][0]", f"{time:g}; allowed: later than the point before")
+        return found
+
+    def _span(self, key: str, values: Mapping[str, Any]) -> tuple[Instant, Instant]:
+        """From when to when."""
+        delay = values["delay_s"]
+        start = self._instant(values["start"], delay, f"{key}.start")
+        end = self._instant(values["end"], delay, f"{key}.end")
+        if not start.condition and not end.condition and end.time <= start.time:
+            self.issues.add(f"{key}.end", f"{end.time:g}; allowed: later than start")
+        return start, end
+
+    def _obstacle(self, key: str, given: Table) -> TimedObstacle:
+        values = read_table(self.issues, key, given, keys.OBSTACLE)
+        obstacle = Obstacle(
+            angle=math.radians(math.nan if values["angle_deg"] is None else values["angle_deg"]),
+            distance=values["distance"],
+            stiffness=values["stiffness"],
+            damping=values["damping"],
+            gap=values["gap"],
+            direction=1.0 if values["meets"] == "closing" else -1.0,
+            lateral=values["lateral"],
+        )
+        return TimedObstacle(obstacle, *self._span(key, values))
+
+    def _request(self, key: str, given: Table) -> Request:
+        values = read_table(self.issues, key, given, keys.REQUEST)
+        when = values["time"] or Instant()
+        return Request(
+            self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or ""
+        )
+
+    def fault(self, key: str, given: Table) -> Fault:
+        kind = FAULT_KINDS.get(str(given.get("kind")))
+        own = kind.keys if kind is not None else ()
+        if kind is None:  # whose keys are not known
+            common = {each.name for each in keys.FAULT}
+            given = {name: value for name, value in given.items() if name in common}
+        values = read_table(self.issues, key, given, (*keys.FAULT, *own))
+        if kind is not None and not kind.is_of_drive and values["where"] is not None:
+            self.issues.add(
+                f"{key}.where".lstrip("."), f"{kind.name} is not a drive's; allowed: no such key"
+            )
+        if "share" in given and "period_s" not in given:
+            self.issues.add(f"{key}.share", "allowed: together with period_s")
+        start, end = self._span(key, values)
+        return Fault(
+            kind=values["kind"] or "",
+            where=values["where"],
+            values={"seed": values["seed"]} | {each.name: values[each.name] for each in own},
+            start=start,
+            end=end,
+            period=values["period_s"] or 0.0,
+            share=values["share"],
+            key=f"{self.path}: {key}",
+        )
+
+    def _expect(self, key: str, given: Table) -> Expectation:
+        issues = self.issues
+        values = read_table(issues, key, given, keys.EXPECT)
+        said = [kind for kind in KINDS if kind in given]
+        if len(said) != 1:
+            issues.add(
+                key, f"{' and '.join(said) or 'nothing'}; allowed: one of {', '.join(KINDS)}"
+            )
+            return Expectation("", "always", "")
+        kind = said[0]
+        if values[kind]:
+            self._condition(f"{key}.{kind}", values[kind])
+        after = values["after"]
+        if after.condition:
+            self._condition(f"{key}.after", after.condition, "; or a time, 0 to 1e+06 s")
+        within = math.inf if values["within_s"] is None else values["within_s"]
+        if values["for_s"] and kind != "eventually":
+            issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: with eventually")
+        if values["for_s"] > within:
+            issues.add(
+                f"{key}.for_s", f"{values['for_s']:g}; allowed: up to within_s, {within:g} s"
+            )
+        opener = after.condition or after.time
+        name = str(values["name"] or "")
+        return Expectation(name, kind, values[kind], opener, within, values["for_s"], key)
 
 
-def _request(issues: ConfigIssues, key: str, given: Table) -> Request:
-    known_keys(issues, key, given, ("time", "action"))
-    return Request(
-        number(issues, f"{key}.time", given.get("time"), 0.0, 1e6, "s"),
-        text(issues, f"{key}.action", given.get("action"), REQUESTS),
-    )
+def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
+    """A fault that a program names, from its begin. Raises ConfigError."""
+    issues = ConfigIssues("`fault`")
+    own = FAULT_KINDS[kind].keys if kind in FAULT_KINDS else ()
+    given = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in values.items()
+    }
+    known_keys(issues, "", given, ("seed", *(key.name for key in own)))
+    given = {
+        name: value
+        for name, value in given.items()
+        if name == "seed" or name in {key.name for key in own}
+    }
+    given |= {"kind": kind} | ({} if where is None else {"where": where})
+    found = _Reader(Path(), issues, {}).fault("", given)
+    issues.raise_if_any()
+    return replace(found, key="`fault`")
+
+
+def _check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
+    for name in sorted({name for name in names if name and names.count(name) > 1}):
+        issues.add(key, f"{name} comes {names.count(name)} times; allowed: once")

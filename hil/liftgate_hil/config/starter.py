@@ -14,6 +14,8 @@ _FILES = {
     "rig.toml": "configs/rigs/liftgate.toml",
     "scenario.toml": "configs/scenarios/demo.toml",
     "test_gate.py": "configs/starter/test_gate.py",
+    "test_reverses.toml": "configs/starter/test_reverses.toml",
+    ".github/workflows/liftgate.yml": "configs/starter/workflow.yml",
 }
 
 

@@ -63,17 +63,30 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
         right=DriveTables(**{name: kind(**right[name]) for name, kind in DRIVE_TABLES.items()}),
         **{name: kind(**parts[name]) for name, kind in BODY_TABLES.items()},
     )
+    if raw.get("latch") and "half" not in raw["latch"]:
+        issues.add("latch.half", "missing; allowed: above 0, or no table [latch]")
+    _check_whole(issues, vehicle)
+    issues.raise_if_any()
+    _check_friction(issues, vehicle)
+    issues.raise_if_any()
+    return vehicle
+
+
+def faults_with(vehicle: Vehicle) -> list[str]:
+    """What is wrong with a vehicle as a whole: what no single value of it shows."""
+    issues = ConfigIssues("")
+    _check_whole(issues, vehicle)
+    return [line.removeprefix(": ") for line in issues.lines]
+
+
+def _check_whole(issues: ConfigIssues, vehicle: Vehicle) -> None:
     _check_motors(issues, vehicle)
     _check_geometry(issues, vehicle.gate)
     _check_inertia(issues, vehicle.gate)
     _check_encoder(issues, vehicle.sensors)
     _check_shunt(issues, vehicle.sensors)
     _check_bridges(issues, vehicle)
-    _check_latch(issues, raw.get("latch", {}), vehicle.latch)
-    issues.raise_if_any()
-    _check_friction(issues, vehicle)
-    issues.raise_if_any()
-    return vehicle
+    _check_latch(issues, vehicle.latch)
 
 
 def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict[str, Any]]:
@@ -242,10 +255,8 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
             break
 
 
-def _check_latch(issues: ConfigIssues, given: Table, own: Latch) -> None:
+def _check_latch(issues: ConfigIssues, own: Latch) -> None:
     """A striker meets the claw, then its half and then its full position."""
-    if given and "half" not in given:
-        issues.add("latch.half", "missing; allowed: above 0, or no table [latch]")
     if own.half == 0.0:
         return
     if own.full >= own.half:

@@ -51,10 +51,9 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
     from liftgate_hil.loop.histogram import distribution
     from liftgate_hil.loop.realtime_run import memory_for
     from liftgate_hil.loop.rings import EXECUTION
-    from liftgate_hil.loop.tick import copied, initial_loop
+    from liftgate_hil.loop.tick import constants_in, copied, initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
-    from liftgate_hil.stimuli.mailbox import nothing_held
-    from liftgate_hil.stimuli.timeline import no_timeline
+    from liftgate_hil.stimuli.scene import scene_of
     from liftgate_plant.compiler import compiled
     from liftgate_plant.initial import initial_state
 
@@ -72,8 +71,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
         limit_ns=2**62,
         command=0,
         feedback=np.zeros(0, dtype=np.int64),
-        timeline=no_timeline(),
-        held=nothing_held(),
+        scene=scene_of(constants_in(config)),
     )
     code(config, copied(state), nothing, shared, room)  # reads the cache before time counts
     shared.control[:] = np.zeros(1, shared.control.dtype)

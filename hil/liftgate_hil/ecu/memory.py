@@ -13,7 +13,6 @@ UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
 
 # What the driver asks for, as in the C interface.
 NO_REQUEST, STOP, REQUEST_OPEN, REQUEST_CLOSE = -1, 0, 1, 2
-ACTIONS = ("stop", "open", "close")
 
 MAX_WINDOW = 64  # control cycles over which counts may be differenced
 EVENTS = 64  # that are kept

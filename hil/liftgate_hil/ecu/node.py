@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.ecu import reference
-from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.reference import EcuConfig, EcuState
 from liftgate_hil.ecu.wire import Port, PortState, call_port, request_of_port
-from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.moments import Moments
+from liftgate_hil.stimuli.requests import Requests, first_open, is_due, note_made
 from liftgate_plant.compiler import compilable
 
 # What the ECU is; NO_ECU: what is in `port.sent` goes to the gate, and nobody answers.
 NO_ECU, REFERENCE, PORT = 0, 1, 2
-
-REQUEST = np.dtype([("time_ns", "i8"), ("action", "i8")])
-
-
-def request_table(requests: Sequence[Request]) -> Any:
-    """Requests as a table (n,) REQUEST for the loop."""
-    rows = [(round(each.time * 1e9), ACTIONS.index(each.action)) for each in requests]
-    rows.sort(key=lambda row: row[0])  # of those at one time the order stays
-    return np.array(rows, dtype=REQUEST).view(np.recarray)
 
 
 class Node(NamedTuple):
@@ -44,16 +32,20 @@ class NodeState(NamedTuple):
 
 
 @compilable
-def ask(node: Node, state: NodeState, requests: Any, asked: int, now_ns: int) -> int:
-    """Make the requests (n,) REQUEST whose time has come; how many were made so far."""
-    while asked < len(requests) and requests[asked].time_ns <= now_ns:
-        action = requests[asked].action
-        if node.kind == REFERENCE:
-            state.reference.memory.control[0].request = action
-        elif node.kind == PORT:
-            request_of_port(node.port, action)
-        asked += 1
-    return asked
+def ask(
+    node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int
+) -> None:
+    """Make the requests whose time has come, by the ECU's clock, or whose moment has, by the gate's."""
+    place = first_open(requests, now_ns)
+    while place < len(requests.rows):
+        if is_due(requests, place, moments, now_ns, gate_ns):
+            note_made(requests, place)
+            request = requests.rows[place]
+            if node.kind == REFERENCE:
+                state.reference.memory.control[0].request = request.action
+            elif node.kind == PORT:
+                request_of_port(node.port, request.action)
+        place += 1
 
 
 @compilable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
@@ -10,18 +10,21 @@ import numpy as np
 
 from liftgate_hil.codec.frames import FD, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, request_table, turn
+from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, turn
 from liftgate_hil.errors import EcuError
+from liftgate_hil.stimuli.requests import by_the_clock
 from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.frames import Frames
-    from liftgate_hil.stimuli.requests import Request
+    from liftgate_hil.stimuli.moments import Moments
+    from liftgate_hil.stimuli.requests import Requests
     from liftgate_hil.transport.base import Transport
 
 
 class Peer:
-    """An adapter's ECU at the other end of a bus, for the loops in Python and in real time.
+    """An adapter's ECU at the other end of a bus, for the loops in Python and in real time. Requests are made to
+    it by its own clock; those that wait for a moment need the loop's own moments.
 
     Its own code runs within a `guard`.
     """
@@ -30,13 +33,12 @@ class Peer:
         self,
         adapter: Adapter,
         transport: Transport,
-        requests: Sequence[Request] = (),
+        asked: tuple[Requests, Moments] | None = None,
         guard: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._adapter = adapter
         self._transport = transport
-        self._requests = request_table(requests)
-        self._asked = 0
+        self._asked = asked or by_the_clock(())
         self._heard_ns = 0 if adapter.shares_clock else -1
         self._guard = guard
         self._turn = compiled(turn)
@@ -53,8 +55,7 @@ class Peer:
         began = self._began_ns()
         with self._guard():
             if began >= 0:
-                since = now_ns - began
-                self._asked = ask(adapter.node, adapter.state, self._requests, self._asked, since)
+                ask(adapter.node, adapter.state, *self._asked, now_ns - began, now_ns)
             adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
         if not is_fine:
             raise EcuError(f"the ECU at {now_ns * 1e-9:.3f} s: {adapter.failure()}")

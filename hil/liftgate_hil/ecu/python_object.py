@@ -12,9 +12,9 @@ import numpy as np
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
-from liftgate_hil.ecu.memory import ACTIONS
 from liftgate_hil.ecu.node import PORT
 from liftgate_hil.errors import ConfigError, shown, text_of
+from liftgate_hil.stimuli.requests import ACTIONS
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
 if TYPE_CHECKING:

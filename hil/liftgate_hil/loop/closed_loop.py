@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.node import request_table
 from liftgate_hil.errors import EcuError, PlantDivergedError
 from liftgate_hil.loop.episode import (
     ANY,
@@ -25,11 +24,9 @@ from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
-from liftgate_hil.loop.tick import LoopConfig, LoopState
+from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_hil.stimuli.mailbox import nothing_held
-from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_hil.stimuli.scene import Scene
 from liftgate_plant.compiler import compiled
 
 ROWS = 4096  # of a stretch: what is written stays in the processor's cache
@@ -45,9 +42,8 @@ class Episode:
         self,
         config: LoopConfig,
         state: LoopState,
-        timeline: Timeline,
+        scene: Scene,
         adapter: Adapter,
-        requests: Sequence[Request] = (),
         takers: Sequence[Taker] = (),
         is_recorded: bool = True,
         memory: Memory | None = None,
@@ -61,15 +57,13 @@ class Episode:
         self._adapter = adapter
         self._takers = takers
         self._script = Script(
-            timeline=timeline,
-            held=nothing_held(),
-            requests=request_table(requests),
+            scene=scene,
             ticks=0,
             is_last=0,
             is_recorded=int(is_recorded),
             edges=ANY,
         )
-        self._now = Stretch(loop=state, node=adapter.state, asked=-1, pending=0, outcome=0)
+        self._now = Stretch(loop=state, node=adapter.state, has_begun=0, pending=0, outcome=0)
         self._run = compiled(run_stretch)
         self.lookout: Lookout | None = None
         self.bits = 0
@@ -86,11 +80,11 @@ class Episode:
 
     def begin(self) -> None:
         """Compile, or read the cache, before anything happens."""
-        script = self._script._replace(ticks=0)
+        script = self._script._replace(ticks=0, scene=copied(self._script.scene))
         self._run(
             self.config,
             self._adapter.node,
-            self._now._replace(asked=0),
+            self._now._replace(has_begun=1),
             script,
             self.memory.shared,
         )

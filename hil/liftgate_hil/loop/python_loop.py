@@ -16,11 +16,10 @@ from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
-from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force, tick
 from liftgate_hil.signals import ROW_WIDTH
-from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_hil.stimuli.scene import Scene, note_tick, turns
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.signals import Sensed, Truth
@@ -38,16 +37,21 @@ def scheduled_tick(
     config: LoopConfig,
     state: LoopState,
     frames: Frames,
-    timeline: Timeline,
-    held: NDArray[np.float64],
+    scene: Scene,
+    rows: NDArray[np.float64],
     ticks_missed: int,
     is_silent: bool,
     is_stop: bool,
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
-    """A tick with what timeline and mailbox say."""
+    """A tick on a scene; its row goes to `rows` (1, ROW_WIDTH)."""
     time = state.tick * config.step
-    outside = outside_at(timeline, held, time, config.step, ticks_missed, is_silent, is_stop)
-    return tick(config, state, frames, outside)
+    turns(scene, time)
+    outside = outside_at(scene, time, config.step, ticks_missed, is_silent, is_stop)
+    gate = in_force(config, scene.faults.row)
+    state, replies, truth, sensed = tick(gate, state, frames, outside)
+    write_row(rows[0], truth, sensed)
+    note_tick(scene, rows, frames, replies)
+    return state, replies, truth, sensed
 
 
 @dataclass
@@ -56,14 +60,13 @@ class Loop:
 
     config: LoopConfig
     state: LoopState
-    timeline: Timeline
+    scene: Scene
     transport: Transport
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     lookout: Lookout | None = None
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
-    held: NDArray[np.float64] = field(default_factory=nothing_held)  # what was posted, see mailbox
     ticks_missed: int = 0
     frames_sent: int = 0
     frames_dropped: int = 0  # that waited for a tick for too long
@@ -75,7 +78,8 @@ class Loop:
     def begin(self) -> None:
         """Compile, or read the cache, before time counts; then the peers may speak first."""
         # What a tick remembers it writes in place: this one has a state of its own.
-        self._call(copied(self.state), empty_frames(0), False, False)
+        own = copied(self.state), copied(self.scene)
+        self._call(*own, np.empty((1, ROW_WIDTH)), empty_frames(0), False, False)
         for peer in self.peers:
             peer.poll(0)
 
@@ -91,13 +95,14 @@ class Loop:
 
     def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
         self.ticks_missed += is_silent
-        self.state, replies, truth, sensed = self._call(self.state, frames, is_silent, stop)
+        rows = np.empty((1, ROW_WIDTH))
+        self.state, replies, truth, _ = self._call(
+            self.state, self.scene, rows, frames, is_silent, stop
+        )
         self.transport.send(replies)
         self.frames_sent += replies.count
         self.load.add(frames)
         self.load.add(replies)
-        rows = np.empty((1, ROW_WIDTH))
-        write_row(rows[0], truth, sensed)
         time_ns = self.state.tick * self.config.step_ns
         seen = np.concatenate([logged(frames, time_ns, False), logged(replies, time_ns, True)])
         for taker in self.takers:
@@ -112,10 +117,16 @@ class Loop:
             )
 
     def _call(
-        self, state: LoopState, frames: Frames, is_silent: bool, stop: bool
+        self,
+        state: LoopState,
+        scene: Scene,
+        rows: NDArray[np.float64],
+        frames: Frames,
+        is_silent: bool,
+        stop: bool,
     ) -> tuple[LoopState, Frames, Truth, Sensed]:
         return self._tick(
-            self.config, state, frames, self.timeline, self.held, self.ticks_missed, is_silent, stop
+            self.config, state, frames, scene, rows, self.ticks_missed, is_silent, stop
         )
 
     @property

@@ -25,10 +25,10 @@ from liftgate_hil.loop.rings import (
     note_row,
 )
 from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force, tick
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_hil.stimuli.scene import Scene, note_tick, turns
 from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
@@ -50,8 +50,7 @@ class RunParams(NamedTuple):
     limit_ns: int  # lateness at which it gives up
     command: int  # identifier of the drive command
     feedback: NDArray[np.int64]  # identifiers of the messages that show what a command did
-    timeline: Timeline
-    held: NDArray[np.float64]  # what was posted, see mailbox; the loop's own
+    scene: Scene  # the loop's own
 
 
 class Room(NamedTuple):
@@ -190,7 +189,7 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 
 @compilable
-def run_realtime(
+def run_realtime(  # noqa: PLR0915
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
@@ -206,51 +205,60 @@ def run_realtime(
     start_ns = clock_ns(_MONOTONIC, room) - state.tick * config.step_ns
     control.epoch_ns = clock_ns(_REALTIME, room) - state.tick * config.step_ns
     room.drained[0] = start_ns
-    stopping = False
-    woken = start_ns
-    while not stopping:
-        stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
-        frames, missed = none, 0
-        if not stopping:
-            deadline = start_ns + (state.tick + 1) * config.step_ns
-            woken = wait_until(deadline, room)
-            late = woken - deadline
-            note(shared.histograms[LATENESS], late)
-            if late > params.limit_ns:
-                outcome = OVERRUN
-                continue
-            missed = min(late // config.step_ns, params.ticks - state.tick - 1)
-            frames = receive(shared, params, room)
-
-        accepted = state.counts.accepted
-        take_letters(shared.box, params.held)
-        given = frames
-        for left in range(missed, -1, -1):  # one tick in the source, as each is compiled anew
-            control.overruns += int(left > 0)
+    scene, stopping, is_over = params.scene, False, False
+    woken, accepted, frames, given = start_ns, 0, none, none
+    left = -1  # ticks before the last one of those that are due; -1: none is due
+    while not is_over:
+        gate = in_force(config, scene.faults.row)  # as in `episode`
+        while True:
+            if left < 0:
+                stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
+                frames, left = none, 0
+                if not stopping:
+                    deadline = start_ns + (state.tick + 1) * config.step_ns
+                    woken = wait_until(deadline, room)
+                    late = woken - deadline
+                    note(shared.histograms[LATENESS], late)
+                    if late > params.limit_ns:
+                        outcome, left = OVERRUN, -1
+                        continue
+                    left = min(late // config.step_ns, params.ticks - state.tick - 1)
+                    frames = receive(shared, params, room)
+                accepted, given = state.counts.accepted, frames
+                take_letters(shared.box, scene.held)
             now = state.tick * config.step
-            outside = outside_at(
-                params.timeline, params.held, now, config.step, control.overruns, left > 0, stopping
-            )
-            state, replies, truth, sensed = tick(config, state, given, outside)
+            if turns(scene, now):
+                break
+            control.overruns += int(left > 0)
+            outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
+            state, replies, truth, sensed = tick(gate, state, given, outside)
+            place = note_row(shared, truth, sensed)
+            note_tick(scene, shared.rows[place : place + 1], given, replies)
             given = none
-            note_row(shared, truth, sensed)
+            left -= 1
             if not is_sound(truth):
                 outcome = DIVERGED
-        if state.counts.accepted > accepted and waiting_since == 0:
-            waiting_since = first_arrival(frames, room.stamps, params.command)
-        note_arrivals(shared, frames, room.stamps, start_ns)
-        count_bits(shared, frames)
-        unsent = 0
-        if replies.count > 0:
-            unsent = send(shared, params, room, replies, _LAST_PATIENCE if stopping else 0)
-        done = clock_ns(_MONOTONIC, room)
-        if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
-            note(shared.histograms[DELAY], done - waiting_since)
-            waiting_since = 0
+            if left >= 0:
+                continue
 
-        note_frames(shared, replies, done - start_ns, 1)
-        count_bits(shared, replies)
-        control.tick = state.tick
-        if not stopping:
+            if state.counts.accepted > accepted and waiting_since == 0:
+                waiting_since = first_arrival(frames, room.stamps, params.command)
+            note_arrivals(shared, frames, room.stamps, start_ns)
+            count_bits(shared, frames)
+            unsent = 0
+            if replies.count > 0:
+                patience = _LAST_PATIENCE if stopping else 0
+                unsent = send(shared, params, room, replies, patience)
+            done = clock_ns(_MONOTONIC, room)
+            if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
+                note(shared.histograms[DELAY], done - waiting_since)
+                waiting_since = 0
+
+            note_frames(shared, replies, done - start_ns, 1)
+            count_bits(shared, replies)
+            control.tick = state.tick
+            if stopping:
+                is_over = True
+                break
             note(shared.histograms[EXECUTION], clock_ns(_MONOTONIC, room) - woken)
     return state, outcome

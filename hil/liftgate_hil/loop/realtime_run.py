@@ -18,6 +18,7 @@ from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
+from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.priority import Realtime, wake_sharply
@@ -26,8 +27,8 @@ from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
-from liftgate_hil.stimuli.mailbox import nothing_held, post
-from liftgate_hil.stimuli.timeline import Timeline
+from liftgate_hil.stimuli.mailbox import post
+from liftgate_hil.stimuli.scene import Scene
 from liftgate_hil.transport.base import Line
 from liftgate_plant.compiler import compiled
 
@@ -58,7 +59,7 @@ class RealtimeRun:
 
     config: LoopConfig
     state: LoopState
-    timeline: Timeline
+    scene: Scene
     line: Line
     memory: Memory
     rig: Rig
@@ -77,7 +78,7 @@ class RealtimeRun:
     def begin(self) -> None:
         """Compile, or read the cache, before time counts."""
         self._run = compiled(realtime_loop.run_realtime)
-        nowhere = self._course(0)._replace(descriptor=-1)
+        nowhere = self._course(0)._replace(descriptor=-1, scene=copied(self.scene))
         scratch = Memory(1, 1)  # the recorder already looks at the real one
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
@@ -157,8 +158,7 @@ class RealtimeRun:
             self.limit_ns,
             self.rig.command_identifier(),
             np.array(feedback_identifiers(self.rig), dtype=np.int64),
-            self.timeline,
-            nothing_held(),
+            self.scene,
         )
 
     def _in_thread(self, ticks: int) -> None:
@@ -179,7 +179,10 @@ class RealtimeRun:
     def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
         shared = self.memory.shared
         control = shared.control[0]
-        reader = RingReader(shared.rows, shared.control, "rows")
+        # Rows up to a tick whose frames are noted: rows first, then all frames that have come by then.
+        batch = int(1.0 / self.config.step)
+        rows = RingReader(shared.rows, shared.control, "tick", batch)
+        frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         pause = _PEERS if self.peers else _WATCH
         next_look = next_figures = 0.0
         while thread.is_alive():
@@ -197,11 +200,11 @@ class RealtimeRun:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
                 post(shared.box[0], timing._asdict())
-            self._hand_on(reader)
+            self._hand_on(rows, frames)
             for peer in self.peers:
                 peer.poll(int(control.tick) * self.config.step_ns)
             thread.join(pause)
-        self._hand_on(reader)
+        self._hand_on(rows, frames)
         self._look_out(is_last=True)
 
     def _look_out(self, is_last: bool = False) -> None:
@@ -213,8 +216,8 @@ class RealtimeRun:
         moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns))
         self.lookout.look(moment, is_last)
 
-    def _hand_on(self, reader: RingReader) -> None:
+    def _hand_on(self, rows: RingReader, frames: RingReader) -> None:
         if self.takers:
-            rows = reader.take()
+            taken, seen = rows.take(), frames.take()
             for taker in self.takers:
-                taker.take(rows, ())
+                taker.take(taken, seen)

@@ -40,9 +40,7 @@ class Taker(Protocol):
     """Gets what happened, a block at a time."""
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED, but none from the real-time loop; good until
-        it returns.
-        """
+        """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED; good until it returns."""
 
 
 class RecordingTaker:

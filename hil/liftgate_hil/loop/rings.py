@@ -95,11 +95,13 @@ def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], sta
 
 
 @compilable
-def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> None:
-    """Put a tick's row into the ring."""
+def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> int:
+    """Put a tick's row into the ring: where it is there."""
     control = shared.control[0]
-    write_row(shared.rows[control.rows % len(shared.rows)], truth, sensed)
+    place = control.rows % len(shared.rows)
+    write_row(shared.rows[place], truth, sensed)
     control.rows += 1
+    return int(place)
 
 
 class Memory:

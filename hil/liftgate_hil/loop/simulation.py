@@ -10,26 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
+from liftgate_hil.stimuli.scene import Scene, note_tick, turns
 from liftgate_hil.stimuli.timeline import (
-    Timeline,
     obstacle_at,
     profiles_over,
     supply_rise_over,
 )
 from liftgate_plant import dynamics, integrate, sensors
-from liftgate_plant.compiler import compilable, compiled
-from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
+from liftgate_plant.compiler import compilable, compiled, unflattened
+from liftgate_plant.constants import Constants
+from liftgate_plant.dynamics import Inputs, State, angle_at
 from liftgate_plant.friction_profile import FrictionProfile, frictions_in
 from liftgate_plant.hall import RING_SIZE, edges_after
 from liftgate_plant.integrate import Flow
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
-from liftgate_plant.rows import inputs_of, overlaid, truth_of
-from liftgate_plant.sensors import Sensors, SensorState
+from liftgate_plant.rows import disturbed, inputs_of, overlaid, truth_of
+from liftgate_plant.sensors import SensorState
 
 Floats = NDArray[np.float64]
 
@@ -47,11 +49,11 @@ class Block(NamedTuple):
 class Offline(NamedTuple):
     """All that does not change during an offline simulation."""
 
-    plant: Plant
-    sensors: Sensors
-    timeline: Timeline
+    constants: Constants  # without faults
+    scene: Scene
     friction: FrictionProfile
-    base: Load  # as the vehicle file has it
+    row: Floats  # (1, ROW_WIDTH) that conditions look at
+    nothing: Frames  # no frames
     step: float  # s
     every: int  # rows are written of every so many steps
     seed: int
@@ -70,19 +72,24 @@ class OfflineState(NamedTuple):
 
 @compilable
 def inputs_at(
-    offline: Offline, row: Floats, time: float, arming: ObstacleArming, state: State
+    offline: Offline,
+    gate: Constants,
+    row: Floats,
+    time: float,
+    arming: ObstacleArming,
+    state: State,
 ) -> tuple[ObstacleArming, Inputs]:
     """The inputs of the step from a time [s] on: the file's, and what it leaves out (NaN) from scenario and
     vehicle.
     """
-    timeline, step = offline.timeline, offline.step
-    obstacle = obstacle_at(timeline, time)
-    arming, obstacle = armed(arming, obstacle, angle_at(offline.plant, state, obstacle.lateral))
+    timeline, step = offline.scene.timeline, offline.step
+    obstacle = obstacle_at(timeline, offline.scene.moments, time)
+    arming, obstacle = armed(arming, obstacle, angle_at(gate.plant, state, obstacle.lateral))
     said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
-    own = offline.base
+    own = gate.load
     base = overlaid(own, said, rise, own.latch_released, own.latch_cinched, obstacle)
-    frictions = frictions_in(offline.friction, offline.plant, state, step)
-    return arming, inputs_of(row, base, frictions)
+    frictions = frictions_in(offline.friction, gate.plant, state, step)
+    return arming, disturbed(inputs_of(row, base, frictions), gate.faults)
 
 
 @compilable
@@ -98,30 +105,37 @@ def block(
     arming, contact, done = start.arming, start.pinch, start.done
     edges = memory.edges.written
     most_edges = edges[0] + len(memory.edges.rows) // 2
-    for k in range(rows.shape[0]):
-        if edges[0] > most_edges:
-            break
-        time = done * offline.step
-        arming, inputs = inputs_at(offline, rows[k], time, arming, state)
-        begun = dynamics.at(inputs, 0.0)
-        shown = dynamics.outputs(offline.plant, state, begun)
-        memory, sensed = sensors.sense(
-            offline.sensors, offline.plant, state, begun, shown, flow, memory,
-            offline.seed, done, offline.step,
-        )  # fmt: skip
-        contact = pinched(
-            contact, offline.plant, begun.load.obstacle, state, shown.pinch_force,
-            time, offline.step,
-        )  # fmt: skip
-        truth = truth_of(offline.sensors, time, state, begun, shown, contact, flow, offline.step)
-        sound = is_sound(truth)
-        if not sound:
-            break
-        if done % offline.every == 0:
-            write_row(out[written], truth, sensed)
-            written += 1
-        state, flow = integrate.advance(offline.plant, state, inputs, offline.step)
-        done += 1
+    scene, k = offline.scene, 0
+    while k < rows.shape[0] and sound and edges[0] <= most_edges:
+        gate = unflattened(scene.faults.row, offline.constants)  # as in `episode`
+        while k < rows.shape[0] and sound and edges[0] <= most_edges:
+            time = done * offline.step
+            if turns(scene, time):
+                break
+            arming, inputs = inputs_at(offline, gate, rows[k], time, arming, state)
+            begun = dynamics.at(inputs, 0.0)
+            shown = dynamics.outputs(gate.plant, state, begun)
+            memory, sensed = sensors.sense(
+                gate.sensors, gate.faults, gate.plant, state, begun, shown, flow, memory,
+                offline.seed, done, offline.step,
+            )  # fmt: skip
+            contact = pinched(
+                contact, gate.plant, begun.load.obstacle, state, shown.pinch_force,
+                time, offline.step,
+            )  # fmt: skip
+            truth = truth_of(gate.sensors, time, state, begun, shown, contact, flow, offline.step)
+            sound = is_sound(truth)
+            if not sound:
+                break
+            if done % offline.every == 0:
+                write_row(out[written], truth, sensed)
+                written += 1
+            if scene.moments.pending[0] > 0:
+                write_row(offline.row[0], truth, sensed)
+                note_tick(scene, offline.row, offline.nothing, offline.nothing)
+            state, flow = integrate.advance(gate.plant, state, inputs, offline.step)
+            done += 1
+            k += 1
     after = OfflineState(state, flow, memory, arming, contact, done)
     return after, written, sound
 
@@ -145,7 +159,7 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
 
 def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
     run = compiled(block)
-    memory = sensors.initial_sensors(offline.sensors, state, RING_SIZE)
+    memory = sensors.initial_sensors(offline.constants.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True
     now = OfflineState(state, flow, memory, NOT_ARMED, NOT_PINCHED, 0)
     while sound and now.done <= steps:

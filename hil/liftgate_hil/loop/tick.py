@@ -50,13 +50,15 @@ from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import BRAKE, CLOSE, COAST, OPEN, DriveInput, drive_input
-from liftgate_plant.compiler import compilable, fill, overlay, picked
+from liftgate_plant.compiler import compilable, fill, overlay, picked, unflattened
+from liftgate_plant.constants import Constants
 from liftgate_plant.dynamics import Inputs, Load, Plant, State, angle_at
+from liftgate_plant.faults import Faults
 from liftgate_plant.friction_profile import FrictionProfile, frictions_in
 from liftgate_plant.hall import LEFT, RIGHT
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.pinch import NOT_PINCHED, Pinch, pinched
-from liftgate_plant.rows import overlaid, rise_under, truth_of, value_or
+from liftgate_plant.rows import disturbed, overlaid, rise_under, truth_of, value_or
 from liftgate_plant.sensors import Sensors, SensorState
 from liftgate_plant.signals import Sensed, Truth
 
@@ -64,12 +66,13 @@ WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
 
 class LoopConfig(NamedTuple):
-    """All that does not change while the loop runs."""
+    """All that does not change while the loop runs, but for what faults put into force (`in_force`)."""
 
     plant: Plant
     sensors: Sensors
     friction: FrictionProfile
     load: Load  # as the vehicle file has it
+    faults: Faults
     inputs: BusConfig
     outputs: BusConfig
     signed_left: int  # 1: the duty's sign is the direction
@@ -113,6 +116,36 @@ def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> Loo
         transmission=first_transmission(config.outputs, OUTPUT_COUNT),
         tick=0,
         timeouts=0,
+    )
+
+
+@compilable
+def constants_in(config: LoopConfig) -> Constants:
+    """What of it faults may change."""
+    return Constants(config.plant, config.sensors, config.load, config.faults)
+
+
+@compilable
+def in_force(config: LoopConfig, row: NDArray[np.float64]) -> LoopConfig:
+    """The loop's constants with those of a row (n,) of `constants`."""
+    now = unflattened(row, constants_in(config))
+    return LoopConfig(
+        plant=now.plant,
+        sensors=now.sensors,
+        friction=config.friction,
+        load=now.load,
+        faults=now.faults,
+        inputs=config.inputs,
+        outputs=config.outputs,
+        signed_left=config.signed_left,
+        signed_right=config.signed_right,
+        latch_mapped=config.latch_mapped,
+        hold_message=config.hold_message,
+        obstacle_distance=config.obstacle_distance,
+        step=config.step,
+        step_ns=config.step_ns,
+        seed=config.seed,
+        nothing=config.nothing,
     )
 
 
@@ -263,13 +296,13 @@ def tick(
         config, reception.values, outside, opening, state.arming, state.plant
     )
     frictions = frictions_in(config.friction, config.plant, state.plant, config.step)
-    inputs = Inputs(left, right, load, frictions)
+    inputs = disturbed(Inputs(left, right, load, frictions), config.faults)
     plant_state, flow = integrate.advance(config.plant, state.plant, inputs, config.step)
     done = state.tick + 1
     inputs = dynamics.at(inputs, 1.0)
     shown = dynamics.outputs(config.plant, plant_state, inputs)
     memory, sensed = sensors.sense(
-        config.sensors, config.plant, plant_state, inputs, shown, flow, state.sensors,
+        config.sensors, config.faults, config.plant, plant_state, inputs, shown, flow, state.sensors,
         config.seed, done, config.step,
     )  # fmt: skip
     contact = pinched(

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.mailbox import HELD_OBSTACLE, HELD_SURROUNDINGS, HELD_TIMING
+from liftgate_hil.stimuli.scene import Scene
 from liftgate_hil.stimuli.timeline import (
-    Timeline,
     obstacle_at,
     profiles_over,
     supply_rise_over,
@@ -40,19 +37,19 @@ class Outside(NamedTuple):
 
 @compilable
 def outside_at(
-    timeline: Timeline,
-    held: NDArray[np.float64],
+    scene: Scene,
     time: float,
     step: float,
     ticks_missed: int,
     is_silent: bool,
     is_stop: bool,
 ) -> Outside:
-    """What acts during the step [s] from a time on; `held` is what was posted, see `mailbox`."""
+    """What acts during the step [s] from a time on."""
+    timeline, held = scene.timeline, scene.held
     return Outside(
         profiles=profiles_over(timeline, time, step),
         supply_rise=supply_rise_over(timeline, time, step),
-        obstacle=obstacle_at(timeline, time),
+        obstacle=obstacle_at(timeline, scene.moments, time),
         posted=picked(held, HELD_SURROUNDINGS),
         posted_obstacle=picked(held, HELD_OBSTACLE),
         timing=picked(held, HELD_TIMING),

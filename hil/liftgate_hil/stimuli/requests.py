@@ -2,14 +2,90 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.stimuli.moments import Instant, Moments, Sheet
+from liftgate_plant.compiler import compilable
 
 REQUESTS = ("open", "close", "stop")
+ACTIONS = ("stop", "open", "close")  # by their numbers, as a C library gets them
+
+REQUEST = np.dtype(
+    [
+        ("time_ns", "i8"),  # by the ECU's own clock
+        ("moment", "i8"),  # or by the gate's; BY_TIME: `time_ns`
+        ("action", "i8"),
+        ("is_made", "i8"),  # written in place
+    ]
+)
 
 
 @dataclass(frozen=True)
 class Request:
-    """A press of a button: at a time [s], one of REQUESTS."""
+    """A press of a button: when, one of REQUESTS."""
 
-    time: float
+    when: Instant
     action: str
+
+
+def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
+    """Requests as a table for the loop, by their times, then those that wait for a condition."""
+    rows = []
+    for each in requests:
+        time, moment = sheet.place(each.when)
+        time_ns = round(time * 1e9) if math.isfinite(time) else 2**62
+        rows.append((time_ns, moment, ACTIONS.index(each.action), 0))
+    rows.sort(key=lambda row: row[0])  # of those at one time the order stays
+    waits = any(moment >= 0 for _, moment, _, _ in rows)
+    table = np.array(rows, dtype=REQUEST).view(np.recarray)
+    return Requests(table, np.array([0, int(not waits)], dtype=np.int64))
+
+
+def by_the_clock(requests: Sequence[Request]) -> tuple[Requests, Moments]:
+    """Requests at times, and no moments that they could wait for."""
+    sheet = Sheet()
+    return requests_of(requests, sheet), sheet.moments((), {})
+
+
+class Requests(NamedTuple):
+    """All of a run."""
+
+    rows: Any  # (n,) REQUEST, in the order in which those of one tick are made
+    made: NDArray[np.int64]  # (2,) rows at times that are made; 1: none waits for a moment
+
+
+@compilable
+def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_ns: int) -> bool:
+    """Whether a request is to be made now: at a time by the ECU's clock, at a moment by the gate's."""
+    request = requests.rows[place]
+    if request.is_made != 0:
+        return False
+    if request.moment < 0:
+        return bool(request.time_ns <= now_ns)
+    return bool(moments.when[request.moment] * 1e9 <= gate_ns)
+
+
+@compilable
+def first_open(requests: Requests, now_ns: int) -> int:
+    """The first request that may be due at a time [ns]; behind the last where none is."""
+    count = len(requests.rows)
+    if requests.made[0] == count:
+        return count
+    first = requests.rows[requests.made[0]]
+    if requests.made[1] != 0 and first.time_ns > now_ns:
+        return count
+    return int(requests.made[0])
+
+
+@compilable
+def note_made(requests: Requests, place: int) -> None:
+    """A request is made."""
+    requests.rows[place].is_made = 1
+    while requests.made[0] < len(requests.rows) and requests.rows[requests.made[0]].is_made != 0:
+        requests.made[0] += 1

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, with_item
 from liftgate_plant.dynamics import NO_OBSTACLE
 from liftgate_plant.obstacle import Obstacle
@@ -22,7 +23,15 @@ CHANNEL = np.dtype(
         ("linear", "i8"),  # 1: straight lines between knots, 0: held
     ]
 )
-OBSTACLE = np.dtype([("start", "f8"), ("end", "f8"), *((name, "f8") for name in Obstacle._fields)])
+OBSTACLE = np.dtype(
+    [
+        ("start", "f8"),
+        ("start_moment", "i8"),
+        ("end", "f8"),
+        ("end_moment", "i8"),
+        *((name, "f8") for name in Obstacle._fields),
+    ]
+)
 
 
 class Timeline(NamedTuple):
@@ -41,17 +50,20 @@ class Profile(NamedTuple):
 
 
 class TimedObstacle(NamedTuple):
-    """An obstacle and when it is there [s]."""
+    """An obstacle and when it is there."""
 
     obstacle: Obstacle
-    start: float = 0.0
-    end: float = np.inf
+    start: Instant = START
+    end: Instant = NEVER
 
 
 def timeline_of(
-    profiles: Mapping[str, Profile], obstacles: Sequence[TimedObstacle] = ()
+    profiles: Mapping[str, Profile],
+    obstacles: Sequence[TimedObstacle] = (),
+    sheet: Sheet | None = None,
 ) -> Timeline:
-    """The tables of profiles, by columns of Surroundings, and of obstacles."""
+    """The tables of profiles, by columns of Surroundings, and of obstacles, whose moments go to the sheet."""
+    sheet = sheet or Sheet()
     channels = np.zeros(len(Surroundings._fields), dtype=CHANNEL)
     knots: list[tuple[float, float]] = []
     for name, profile in profiles.items():
@@ -61,7 +73,9 @@ def timeline_of(
         knots += profile.points
     rows = np.zeros(len(obstacles), dtype=OBSTACLE)
     for row, each in zip(rows, obstacles, strict=True):
-        row["start"], row["end"] = each.start, each.end
+        start = sheet.place(each.start)
+        row["start"], row["start_moment"] = start
+        row["end"], row["end_moment"] = sheet.place(each.end, start)
         for name, value in each.obstacle._asdict().items():
             row[name] = value
     return Timeline(
@@ -132,12 +146,13 @@ def supply_rise_over(timeline: Timeline, time: float, step: float) -> float:
 
 
 @compilable
-def obstacle_at(timeline: Timeline, time: float) -> Obstacle:
+def obstacle_at(timeline: Timeline, moments: Moments, time: float) -> Obstacle:
     """The obstacle that is there at a time [s]; of several, the first in the file."""
     table = timeline.obstacles
     for place in range(len(table)):
         row = table[place]
-        if row.start <= time < row.end:
+        is_gone = time >= time_of(moments, row.end, row.end_moment)
+        if time >= time_of(moments, row.start, row.start_moment) and not is_gone:
             return Obstacle(
                 angle=row.angle,
                 distance=row.distance,

@@ -35,14 +35,14 @@ from liftgate_plant.compiler.child import CompileError
 from liftgate_plant.compiler.kinds import Kind, kind_of
 from liftgate_plant.compiler.loading import MachineCode
 from liftgate_plant.compiler.texts import put_text
-from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
+from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, unflattened, with_item
 from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, watch
 
 __all__ = [
     "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
     "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill",
-    "is_cached", "last_error", "outlined", "overlay", "picked", "processor", "put_text", "unwatch", "watch",
-    "with_item",
+    "is_cached", "last_error", "outlined", "overlay", "picked", "processor", "put_text", "unflattened", "unwatch",
+    "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -15,7 +15,7 @@ from numba.np.arrayobj import load_item, store_item
 
 from liftgate_plant.compiler.calls import System, call_long_int, call_step, last_error
 from liftgate_plant.compiler.texts import ROOM, put_text
-from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, with_item
+from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, unflattened, with_item
 
 types: Any = numba.types
 _KINDS = {"i": types.int32, "l": types.int64}
@@ -47,6 +47,7 @@ _typed(
 )
 _typed(fill, lambda target, at, numbers: types.void(target, types.intp, numbers))
 _typed(picked, lambda source, places: _tuple_of(source.dtype, places)(source, places))
+_typed(unflattened, lambda row, like: like(row, like))
 _typed(with_item, lambda numbers, place, value: numbers(numbers, types.intp, types.float64))
 _typed(overlay, lambda upper, lower: lower(upper, lower))
 _typed(
@@ -101,6 +102,24 @@ def _load_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any
         pointer = cgutils.get_item_pointer(context, builder, kind, array, [place])
         values.append(load_item(context, builder, kind, pointer))
     return context.make_tuple(builder, signature.return_type, values)
+
+
+@lower_builtin(unflattened, types.Array, types.BaseTuple)
+def _load_in_order(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    kind = signature.args[0]
+    array = context.make_array(kind)(context, builder, value=arguments[0])
+    taken = 0
+
+    def made(part: Any) -> Any:
+        nonlocal taken
+        if isinstance(part, types.BaseTuple):
+            return context.make_tuple(builder, part, [made(each) for each in part])
+        place = context.get_constant(types.intp, taken)
+        taken += 1
+        pointer = cgutils.get_item_pointer(context, builder, kind, array, [place])
+        return load_item(context, builder, kind, pointer)
+
+    return made(signature.return_type)
 
 
 @lower_builtin(with_item, types.BaseTuple, types.intp, types.float64)

@@ -22,6 +22,21 @@ def picked(source: Any, places: T) -> T:
     return kind(*(source[place] for place in places))  # type: ignore[no-any-return]
 
 
+def unflattened(row: Any, like: T) -> T:
+    """A NamedTuple of floats and of such NamedTuples from an array (n,) of all its numbers in their order; `like`
+    says of which kind, its numbers do not matter.
+    """
+    numbers = iter(row.tolist())
+
+    def made(part: Any) -> Any:
+        if isinstance(part, tuple):
+            kind: Any = type(part)
+            return kind(*map(made, part))
+        return next(numbers)
+
+    return made(like)  # type: ignore[no-any-return]
+
+
 def with_item(numbers: T, place: int, value: float) -> T:
     """The same NamedTuple of floats with another value at a place."""
     kind: Any = type(numbers)

@@ -11,13 +11,25 @@ from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.signals import PROFILES
-from liftgate_hil.stimuli.timeline import obstacle_at, profiles_over, supply_rise_over
+from liftgate_hil.stimuli.moments import no_moments
+from liftgate_hil.stimuli.scene import Stimuli
+from liftgate_hil.stimuli.timeline import (
+    Timeline,
+    obstacle_at,
+    profiles_over,
+    supply_rise_over,
+    timeline_of,
+)
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
     path = tmp_path / "scene.toml"
     path.write_text(text, encoding="utf-8")
     return load_scenario(path)
+
+
+def timeline_in(stimuli: Stimuli) -> Timeline:
+    return timeline_of(stimuli.profiles, stimuli.obstacles)
 
 
 def faults_of(tmp_path: Path, text: str) -> list[str]:
@@ -35,7 +47,7 @@ def keys_of(issues: list[str]) -> list[str]:
 def test_the_demo_asks_open_close_open_close_around_an_obstacle():
     scenario = session.scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
-    assert scenario.timeline.obstacles.shape == (1,)
+    assert len(scenario.stimuli.obstacles) == 1
     assert scenario.duration is not None
 
 
@@ -44,7 +56,7 @@ def test_a_switch_is_on_or_off(tmp_path: Path):
     path = tmp_path / "switch.toml"
     lines = ["[[profile]]", 'quantity = "handle_pulled"', "points = [[0, 0], [1, 1], [2, 0]]"]
     path.write_text("\n".join(lines))
-    timeline = load_scenario(path).timeline
+    timeline = timeline_in(load_scenario(path).stimuli)
     for time, value in ((0.5, 0.0), (1.5, 1.0), (2.5, 0.0)):
         assert profiles_over(timeline, time, 0.001).handle_pulled == value
     lines[-1] = 'interpolation = "linear"\npoints = [[0, 0.5]]'
@@ -139,7 +151,7 @@ def test_requests_come_in_the_order_of_their_times(tmp_path: Path):
         for time, action in ((3, "stop"), (1, "open"), (2.5, "close"))
     )
     scenario = load(tmp_path, text)
-    assert [(request.time, request.action) for request in scenario.requests] == [
+    assert [(request.when.time, request.action) for request in scenario.requests] == [
         (1.0, "open"),
         (2.5, "close"),
         (3.0, "stop"),
@@ -160,8 +172,10 @@ points = [[1, 10], [2, -10]]
 """,
     )
 
+    timeline = timeline_in(scenario.stimuli)
+
     def at(name: str, time: float) -> float:
-        return float(getattr(profiles_over(scenario.timeline, time, 0.0), name))
+        return float(getattr(profiles_over(timeline, time, 0.0), name))
 
     assert [
         at("supply_voltage_v", time) for time in (0.0, 0.999, 1.0, 1.5, 2.0, 3.0, 4.0, 1e6)
@@ -171,11 +185,11 @@ points = [[1, 10], [2, -10]]
     )
     # Over a step: a straight line's mean and its rise, what is held as it is at the start. A
     # point inside the step is passed over.
-    over = profiles_over(scenario.timeline, 2.0, 0.5)
+    over = profiles_over(timeline, 2.0, 0.5)
     assert (over.supply_voltage_v, over.road_slope_deg) == pytest.approx((11.5, -10.0))
-    over = profiles_over(scenario.timeline, 1.75, 0.5)
+    over = profiles_over(timeline, 1.75, 0.5)
     assert (over.supply_voltage_v, over.road_slope_deg) == pytest.approx((11.5, 10.0))
-    rises = [supply_rise_over(scenario.timeline, time, 0.5) for time in (0.75, 1.0, 2.0, 4.0)]
+    rises = [supply_rise_over(timeline, time, 0.5) for time in (0.75, 1.0, 2.0, 4.0)]
     assert rises == pytest.approx([0.0, 1.0, -1.0, 0.0])
     # What has no profile says nothing.
     for name in PROFILES:
@@ -187,17 +201,19 @@ points = [[1, 10], [2, -10]]
 def test_every_interval_of_a_profile_is_found(tmp_path: Path, points: int):
     listed = ", ".join(f"[{index}, {index * index}]" for index in range(points))
     scenario = load(tmp_path, f"[[profile]]\nquantity = 'hand_force_n'\npoints = [{listed}]\n")
+    timeline = timeline_in(scenario.stimuli)
     for index in range(points - 1):
         for share in (0.0, 0.25, 0.75):
             expected = index**2 + share * ((index + 1) ** 2 - index**2)
-            found = profiles_over(scenario.timeline, index + share, 0.0).hand_force_n
+            found = profiles_over(timeline, index + share, 0.0).hand_force_n
             assert found == pytest.approx(expected)
 
 
 def test_an_obstacle_is_there_from_its_start_to_its_end(tmp_path: Path):
     scenario = load(tmp_path, "[[obstacle]]\nstart = 1\nend = 2\nangle_deg = 30\n")
+    timeline = timeline_in(scenario.stimuli)
     for time, there in ((0.999, False), (1.0, True), (1.999, True), (2.0, False)):
-        found = obstacle_at(scenario.timeline, time)
+        found = obstacle_at(timeline, no_moments(), time)
         assert bool(found.stiffness > 0.0) is there
 
 

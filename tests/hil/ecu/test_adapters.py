@@ -12,7 +12,7 @@ import c_ecu
 import pytest
 from c_library import build, needs_compiler
 from echo_ecu import ECHO_REQUEST, ECHO_STEPS, Echo, Opener
-from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, start_of
+from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, scene, start_of
 from run_support import Keeper, Told, episode_of, run_kept
 
 import liftgate_hil as lh
@@ -27,8 +27,9 @@ from liftgate_hil.loop.python_loop import Loop, run_free
 from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.open import open_recorder
-from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.requests import Request, by_the_clock
+from liftgate_hil.stimuli.scene import NO_STIMULI
 from liftgate_hil.transport.can_bus import CanTransport
 
 HERE = Path(__file__).parent
@@ -73,10 +74,9 @@ def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
     recorder = open_recorder(log, Content((), "bus"))
     recording = RecordingTaker([recorder])
     with adapter_for(ecu, lh.load_rig(shipped()), 2) as adapter:
-        peer = Peer(adapter, theirs, scenario.requests)
-        loop = Loop(
-            config, start_of(config), scenario.timeline, ours, takers=[recording], peers=[peer]
-        )
+        peer = Peer(adapter, theirs, by_the_clock(scenario.requests))
+        around = scene(config, scenario.stimuli)
+        loop = Loop(config, start_of(config), around, ours, takers=[recording], peers=[peer])
         loop.begin()
         run_free(loop, round(1e3 * (scenario.duration or 0.0)), lambda: False)
         loop.finish()
@@ -124,7 +124,7 @@ def make(request: pytest.FixtureRequest) -> Callable[[str], Any]:
 def test_it_gets_each_frame_once_in_order_and_is_read_one_tick_later(
     make: Callable[[str], Any], way: Callable[..., list[Line]], kind: str, tmp_path: Path
 ) -> None:
-    lines = way(make(kind), Scenario(no_timeline(), (), 0.3), tmp_path / "bus.log")
+    lines = way(make(kind), Scenario(NO_STIMULI, (), 0.3), tmp_path / "bus.log")
     gates = [line for line in lines if not line.is_extended and line.identifier != ECHO_STEPS]
     echoes = [line for line in lines if line.is_extended]
     assert len(gates) > 150
@@ -142,7 +142,9 @@ def test_requests_reach_it_at_their_time_before_its_step(
     asked = [
         (0.0, "open"), (0.05, "close"), (0.05, "stop"), (0.05, "open"), (0.0704, "stop"), (0.2, "open")
     ]  # fmt: skip
-    scenario = Scenario(no_timeline(), tuple(Request(*each) for each in asked), 0.1)
+    scenario = Scenario(
+        NO_STIMULI, tuple(Request(Instant(time), action) for time, action in asked), 0.1
+    )
     lines = way(make(kind), scenario, tmp_path / "bus.log")
     heard = [
         (line.tick, line.identifier - ECHO_REQUEST, int.from_bytes(line.payload, "little"))
@@ -157,7 +159,7 @@ def test_requests_reach_it_at_their_time_before_its_step(
 
 @pytest.mark.parametrize("kind", [each for each in KINDS if each != "object"])
 def test_another_run_begins_afresh(make: Callable[[str], Any], kind: str, tmp_path: Path) -> None:
-    scenario, logs = Scenario(no_timeline(), (), 0.05), []
+    scenario, logs = Scenario(NO_STIMULI, (), 0.05), []
     for number in range(2):
         path = tmp_path / f"{number}.log"
         lines = in_an_episode(make(kind), scenario, path)
@@ -168,7 +170,7 @@ def test_another_run_begins_afresh(make: Callable[[str], Any], kind: str, tmp_pa
 
 
 def test_an_object_goes_on_as_its_maker_left_it(tmp_path: Path) -> None:
-    ecu, scenario = Echo(), Scenario(no_timeline(), (), 0.05)
+    ecu, scenario = Echo(), Scenario(NO_STIMULI, (), 0.05)
     for steps in (0, 51):
         lines = in_an_episode(ecu, scenario, tmp_path / "bus.log")
         told = [line.payload for line in lines if line.identifier == ECHO_STEPS]
@@ -185,7 +187,7 @@ def test_a_library_is_made_once_and_destroyed_at_the_end(
 ) -> None:
     notes = tmp_path / "notes"
     monkeypatch.setenv("LIFTGATE_TEST_NOTES", str(notes))
-    way(str(echo_library), Scenario(no_timeline(), (), 0.02), tmp_path / "bus.log")
+    way(str(echo_library), Scenario(NO_STIMULI, (), 0.02), tmp_path / "bus.log")
     assert notes.read_text().split() == ["created", "destroyed"]
 
 
@@ -193,7 +195,7 @@ def test_a_library_is_made_once_and_destroyed_at_the_end(
 def test_a_library_and_an_object_that_do_the_same_give_the_same_run(
     echo_library: Path, tmp_path: Path
 ) -> None:
-    scenario = Scenario(no_timeline(), (Request(0.02, "open"),), 0.1)
+    scenario = Scenario(NO_STIMULI, (Request(Instant(0.02), "open"),), 0.1)
     for name, ecu in (("c", echo_library), ("python", Echo())):
         in_an_episode(ecu, scenario, tmp_path / f"{name}.log")
     assert (tmp_path / "c.log").read_bytes() == (tmp_path / "python.log").read_bytes()
@@ -253,7 +255,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
     period_s: float | None, rate: float, expected_ms: list[int]
 ) -> None:
     ecu = Told(lambda turn: [], period_s=period_s)
-    result = lh.run(Scenario(no_timeline(), (), 0.05), ecu, rate=rate)
+    result = lh.run(Scenario(NO_STIMULI, (), 0.05), ecu, rate=rate)
     assert result.verdict == "pass"
     times = [round(1e3 * now, 6) for now, _ in ecu.heard if now < 0.05]
     assert times[: len(expected_ms)] == expected_ms
@@ -271,7 +273,7 @@ def test_a_python_ecu_is_visited_every_period_with_all_frames_since(
 
 def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
     for answer in (None, [], ()):
-        result, _ = run_kept(Scenario(no_timeline(), (), 0.05), Told(lambda turn, a=answer: a))
+        result, _ = run_kept(Scenario(NO_STIMULI, (), 0.05), Told(lambda turn, a=answer: a))
         assert result.verdict == "pass"
         assert result.summary.received == NO_COUNTS
 
@@ -283,7 +285,7 @@ def test_a_python_ecu_that_answers_nothing_says_nothing() -> None:
 @pytest.mark.parametrize("kind", ["object", "echo_ecu:Opener"])
 def test_a_simple_python_ecu_opens_the_gate(kind: str, clock: str) -> None:
     ecu = Opener() if kind == "object" else kind
-    scenario = Scenario(no_timeline(), (Request(0.2, "open"),), 2.0)
+    scenario = Scenario(NO_STIMULI, (Request(Instant(0.2), "open"),), 2.0)
     result = lh.run(scenario, ecu, clock, trace=True)
     assert result.verdict == "pass", result.reason
     assert result.summary.received == NO_COUNTS._replace(accepted=200)
@@ -299,7 +301,7 @@ def test_a_simple_python_ecu_opens_the_gate(kind: str, clock: str) -> None:
 @c_ecu.needs_compiler
 @pytest.mark.parametrize("clock", ["free", "lockstep"])
 def test_the_example_library_opens_the_gate(example_library: Path, clock: str) -> None:
-    scenario = Scenario(no_timeline(), (Request(0.2, "open"),), 2.0)
+    scenario = Scenario(NO_STIMULI, (Request(Instant(0.2), "open"),), 2.0)
     runs = [lh.run(scenario, example_library, clock, trace=True) for _ in range(2)]
     assert runs[0].verdict == "pass", runs[0].reason
     assert runs[0].summary.received == NO_COUNTS._replace(accepted=200)

@@ -18,12 +18,13 @@ from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.isolation import run_isolated
 from liftgate_hil.signals import COLUMNS
+from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.scene import NO_STIMULI
 
 pytestmark = needs_compiler
 
-SCENARIO = Scenario(no_timeline(), (Request(0.02, "open"),), 0.1)
+SCENARIO = Scenario(NO_STIMULI, (Request(Instant(0.02), "open"),), 0.1)
 AT = "now_ns == 50000000"
 SOURCE = """
 #include "liftgate_ecu.h"

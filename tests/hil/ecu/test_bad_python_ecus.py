@@ -17,10 +17,11 @@ import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu import wire
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.scene import NO_STIMULI
 
-SCENARIO = Scenario(no_timeline(), (), 0.2)
+SCENARIO = Scenario(NO_STIMULI, (), 0.2)
 GOOD = [
     message(COMMAND, command_payload(shipped_rig(), n, **both(20.0, OPEN, 1))) for n in range(16)
 ]
@@ -139,7 +140,9 @@ def test_a_request_that_raises_ends_the_run_too(clock: str) -> None:
         def request(self, action: str) -> None:
             raise ValueError(f"cannot {action}")
 
-    scenario = Scenario(no_timeline(), (Request(0.035, "open"), Request(0.1, "close")), 0.2)
+    scenario = Scenario(
+        NO_STIMULI, (Request(Instant(0.035), "open"), Request(Instant(0.1), "close")), 0.2
+    )
     ecu = Deaf(lambda turn: [GOOD[turn % 16]])
     result = lh.run(scenario, ecu, clock)
     assert result.verdict == "error"

@@ -12,18 +12,20 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.shipped import find_config
+from liftgate_hil.stimuli.moments import NEVER, START, Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import TimedObstacle, Timeline, no_timeline, timeline_of
+from liftgate_hil.stimuli.scene import NO_STIMULI, Stimuli
+from liftgate_hil.stimuli.timeline import TimedObstacle
 from liftgate_plant.obstacle import Obstacle
 
 ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 
 def rod(
-    angle_deg: float, stiffness: float = ROD, start: float = 0.0, end: float = np.inf
-) -> Timeline:
+    angle_deg: float, stiffness: float = ROD, start: Instant = START, end: Instant = NEVER
+) -> Stimuli:
     body = Obstacle(np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0)
-    return timeline_of({}, [TimedObstacle(body, start, end)])
+    return Stimuli({}, [TimedObstacle(body, start, end)])
 
 
 class Run:
@@ -34,14 +36,14 @@ class Run:
         vehicle_name: str,
         requests: Sequence[tuple[float, str]],
         seconds: float,
-        timeline: Timeline | None = None,
+        stimuli: Stimuli = NO_STIMULI,
         settings: Sequence[str] = (),
         rig_name: str = "liftgate",
         **more: Any,
     ) -> None:
-        asked = tuple(Request(time, action) for time, action in requests)
+        asked = tuple(Request(Instant(time), action) for time, action in requests)
         self.result = lh.run(
-            Scenario(timeline or no_timeline(), asked, seconds),
+            Scenario(stimuli, asked, seconds),
             vehicle=vehicle_name,
             rig=rig_name,
             settings=settings,
@@ -63,7 +65,7 @@ def test_the_gate_reverses_from_an_obstacle_and_then_closes_fully(vehicle: str) 
         vehicle,
         [(0.5, "open"), (13.5, "close"), (22.5, "open"), (29.0, "close")],
         43.0,
-        rod(35.0, end=22.0),
+        rod(35.0, end=Instant(22.0)),
     )
     assert run.texts() == [
         "opening",
@@ -97,12 +99,12 @@ def test_an_undisturbed_gate_is_not_reversed(slope: float, voltage: float) -> No
 
 
 def test_a_learned_reference_detects_no_later_than_an_unlearned_one() -> None:
-    first = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, start=12.0))
+    first = Run("suv", [(0.5, "open"), (12.0, "close")], 20.0, rod(35.0, start=Instant(12.0)))
     second = Run(
         "suv",
         [(0.5, "open"), (12.0, "close"), (26.0, "open"), (34.0, "close")],
         42.0,
-        rod(35.0, start=34.0),
+        rod(35.0, start=Instant(34.0)),
     )
     assert "trapped while closing" in second.texts()
     assert second.column("pinch_force_n").max() <= first.column("pinch_force_n").max()

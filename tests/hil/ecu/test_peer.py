@@ -35,8 +35,9 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import EcuError
-from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import no_timeline
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.requests import Request, by_the_clock
+from liftgate_hil.stimuli.scene import NO_STIMULI
 from liftgate_hil.transport.base import LinkCounts
 
 MS = 1_000_000
@@ -70,7 +71,7 @@ class Wire:
 def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]) -> list[int]:
     """The times [ms] at which an Echo tells of a request."""
     wire = Wire()
-    peer = Peer(adapter, wire, requests)
+    peer = Peer(adapter, wire, by_the_clock(requests))
     times = []
     for now in range(100):
         wire.inbox = heard.get(now, [])
@@ -80,7 +81,7 @@ def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]
     return times
 
 
-REQUESTS = [Request(0.0, "open"), Request(0.02, "stop")]
+REQUESTS = [Request(Instant(0.0), "open"), Request(Instant(0.02), "stop")]
 
 
 def test_with_the_gates_clock_requests_count_from_the_start(rig: Rig) -> None:
@@ -192,7 +193,7 @@ def test_an_ecu_in_a_process_of_its_own_opens_the_gate_in_lockstep(
 ) -> None:
     ecu = str(request.getfixturevalue("example_library")) if kind == "library" else kind
     ecu_on("--ecu", ecu, "--request", "0.2:open")
-    scenario = Scenario(no_timeline(), (), 2.0)
+    scenario = Scenario(NO_STIMULI, (), 2.0)
     result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=120.0, trace=True)
     assert result.verdict == "pass", result.reason
     # Each command once, none of them refused: a period of model time each.
@@ -203,7 +204,7 @@ def test_an_ecu_in_a_process_of_its_own_opens_the_gate_in_lockstep(
 
 
 def test_without_anybody_on_the_bus_lockstep_gives_up(bus: str) -> None:
-    scenario = Scenario(no_timeline(), (), 2.0)
+    scenario = Scenario(NO_STIMULI, (), 2.0)
     result = lh.run(scenario, "bus", "lockstep", bus=bus, wall_timeout=0.3)
     assert result.verdict == "error"
     assert result.reason.startswith("no command for 0.3 s at 0.000 s of model time")

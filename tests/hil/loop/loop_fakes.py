@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from hil_support import NO_TIMELINE, OPEN, both, command_frame, frames_of, rows_of, start_of
+from hil_support import OPEN, both, command_frame, frames_of, rows_of, scene, start_of
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames
@@ -68,7 +68,7 @@ def never() -> bool:
 def loop_of(
     transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
 ) -> Loop:
-    return Loop(config, state or start_of(config), NO_TIMELINE, transport, **more)
+    return Loop(config, state or start_of(config), scene(config), transport, **more)
 
 
 def command(rig: Rig, counter: int) -> tuple[int, bytes]:

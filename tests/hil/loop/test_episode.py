@@ -47,10 +47,9 @@ from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import STOPPED
 from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import (
-    no_timeline,
-)
+from liftgate_hil.stimuli.scene import NO_STIMULI
 
 
 @pytest.fixture
@@ -97,7 +96,7 @@ def test_a_python_ecu_sees_and_does_the_same_compiled_and_in_plain_python(
     for compile_it in ("1", "0"):
         monkeypatch.setenv("LIFTGATE_COMPILE", compile_it)
         ecus.append(Told(says))
-        scenario = Scenario(no_timeline(), (), 0.3)
+        scenario = Scenario(NO_STIMULI, (), 0.3)
         result, keeper = run_kept(scenario, ecus[-1], records=log)
         assert result.verdict == "pass", result.reason
         bits.append(keeper.bits())
@@ -149,7 +148,7 @@ def test_twice_it_gives_the_same_bits_and_with_another_seed_others(log: tuple[Pa
 
 
 def test_without_noise_the_seed_changes_nothing(log: tuple[Path, ...]) -> None:
-    scenario = Scenario(no_timeline(), (Request(0.05, "open"),), 1.0)
+    scenario = Scenario(NO_STIMULI, (Request(Instant(0.05), "open"),), 1.0)
     ideal = Variant(is_ideal=True)
     (_, first), (_, second) = (
         run_kept(scenario, records=log, seed=seed, variant=ideal) for seed in (1, 2)

@@ -28,6 +28,7 @@ from hil_support import (
     frames_of,
     j1850,
     loop_config,
+    scene,
     shipped_rig,
     start_of,
 )
@@ -57,12 +58,10 @@ from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
 from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.timeline import (
-    Profile,
-    no_timeline,
-    timeline_of,
-)
+from liftgate_hil.stimuli.scene import NO_STIMULI, Stimuli
+from liftgate_hil.stimuli.timeline import Profile
 
 
 @pytest.fixture
@@ -137,7 +136,7 @@ def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, caus
         # The counter of the bad one is that of the next: the good one still follows the last good one.
         return [good, WRONG[cause](turn, command_payload(rig, turn + 1, **both(0.0, OPEN)))]
 
-    scenario = Scenario(no_timeline(), (), 0.3, settings=tuple(settings_of(NOISE)))
+    scenario = Scenario(NO_STIMULI, (), 0.3, settings=tuple(settings_of(NOISE)))
     clean, bare = run_kept(scenario, Told(lambda turn: [message(COMMAND, sound[turn % 30])]))
     result, keeper = run_kept(scenario, Told(lambda turn: says(turn % 30)))
     assert clean.summary.received == NO_COUNTS._replace(accepted=30)
@@ -149,7 +148,7 @@ def test_a_command_that_is_no_good_is_counted_and_changes_nothing(rig: Rig, caus
 
 def test_a_command_whose_counter_stands_still_is_refused_and_times_out(rig: Rig) -> None:
     frozen = message(COMMAND, command_payload(rig, 3, **both(60.0, OPEN, release=1)))
-    result, keeper = run_kept(Scenario(no_timeline(), (), 0.2), Told(lambda turn: [frozen]))
+    result, keeper = run_kept(Scenario(NO_STIMULI, (), 0.2), Told(lambda turn: [frozen]))
     received = result.summary.received
     # The first is taken, and once it is stale the next one is the first again.
     assert received == NO_COUNTS._replace(accepted=5, counter=15)
@@ -165,7 +164,7 @@ def test_many_frames_a_tick_all_arrive_in_their_order(log: tuple[Path, ...]) -> 
         ],
         period_s=0.001,
     )
-    result, keeper = run_kept(Scenario(no_timeline(), (), 0.05), ecu, records=log)
+    result, keeper = run_kept(Scenario(NO_STIMULI, (), 0.05), ecu, records=log)
     assert result.summary.received == NO_COUNTS._replace(foreign=50 * most)
     # What it said last came after the last tick.
     assert [(time, data) for time, _, data in keeper.wires(is_sent=False)] == [
@@ -187,7 +186,7 @@ def test_every_kind_of_frame_goes_both_ways(rig: Rig, log: tuple[Path, ...]) -> 
         message(0x400, bytes(range(64)), is_fd=True),
     ]
     ecu = Told(lambda turn: kinds if turn == 0 else [])
-    _, keeper = run_kept(Scenario(no_timeline(), (), 0.02), ecu, records=log)
+    _, keeper = run_kept(Scenario(NO_STIMULI, (), 0.02), ecu, records=log)
     assert [(number, data) for _, number, data in keeper.wires(is_sent=False)] == [
         (0x7FF, b"\xff"),
         (0x000, b""),
@@ -220,7 +219,7 @@ def test_a_plant_that_diverges_is_an_error_of_the_run_and_no_crash(
     quantity: str, value: float, clock: str
 ) -> None:
     profile = Profile([(0.0, 0.0), (0.3, value)], is_linear=False)
-    scenario = Scenario(timeline_of({quantity: profile}), (Request(0.0, "open"),), 5.0)
+    scenario = Scenario(Stimuli({quantity: profile}), (Request(Instant(0.0), "open"),), 5.0)
     result = lh.run(scenario, clock=clock, trace=True)
     assert result.verdict == "error"
     assert result.reason.startswith("the plant diverged at 0.30")
@@ -248,7 +247,7 @@ def test_a_diverged_drive_is_noticed_even_where_the_gate_stands(rig: Rig) -> Non
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         broken = state._replace(plant=state.plant._replace(right=right))
-        episode = Episode(config, broken, no_timeline(), adapter, takers=[keeper])
+        episode = Episode(config, broken, scene(config), adapter, takers=[keeper])
         with pytest.raises(PlantDivergedError, match=r"0\.001 s"):
             episode.run(100)
         episode.close()

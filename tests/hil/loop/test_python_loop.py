@@ -56,7 +56,8 @@ from liftgate_hil.loop.tick import STOPPED, LoopState
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.open import open_recorder
 from liftgate_hil.signals import columns_of
-from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.requests import Request, by_the_clock
 from liftgate_hil.transport.can_bus import CanTransport
 
 # Clocked runs.
@@ -220,7 +221,8 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu,
     ours = CanTransport({"interface": "virtual", "channel": channel})
     theirs = CanTransport({"interface": "virtual", "channel": channel})
     ecu = ReferenceEcu(rig, 2)
-    peer = Peer(ecu, theirs, [Request(0.3, "open"), Request(2.0, "close")])
+    requests = [Request(Instant(0.3), "open"), Request(Instant(2.0), "close")]
+    peer = Peer(ecu, theirs, by_the_clock(requests))
     paths = [folder / "plant.csv", folder / "bus.log"]
     recorders = [open_recorder(path, Content(columns_of(2), "bench")) for path in paths]
     recording = RecordingTaker(recorders)

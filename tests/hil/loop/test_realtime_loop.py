@@ -18,7 +18,6 @@ from hil_support import (
     COMMAND,
     GATE,
     LEFT_DRIVE,
-    NO_TIMELINE,
     OPEN,
     RIGHT_DRIVE,
     both,
@@ -27,6 +26,7 @@ from hil_support import (
     frames_of,
     loop_config,
     rows_of,
+    scene,
     start_of,
 )
 
@@ -53,7 +53,7 @@ from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingRead
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.loop.tick import tick as plain_tick
 from liftgate_hil.signals import COLUMNS, ROW_WIDTH, Timing
-from liftgate_hil.stimuli.mailbox import nothing_held, post
+from liftgate_hil.stimuli.mailbox import post
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant.compiler import compiled
@@ -158,8 +158,7 @@ class Rehearsal:
             limit_ns=limit_ns,
             command=COMMAND,
             feedback=feedback,
-            timeline=NO_TIMELINE,
-            held=nothing_held(),
+            scene=scene(self.config),
         )
         begin = state or start_of(self.config)
         return run_realtime(self.config, begin, params, self.shared, make_room())
@@ -274,7 +273,7 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     assert outcome == ENDED
 
     transport, shown = Given(), Trace()
-    loop = Loop(play.config, start_of(play.config), NO_TIMELINE, transport, takers=[shown])
+    loop = Loop(play.config, start_of(play.config), scene(play.config), transport, takers=[shown])
     assert play.steps[:-1].count(1) == len(play.steps) - 3
     assert sorted(play.steps)[-2:] == [2, 4]
     sent: list[Rows] = []
@@ -724,7 +723,7 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
         return RealtimeRun(
             config=config,
             state=state,
-            timeline=NO_TIMELINE,
+            scene=scene(config),
             line=line,
             memory=memory,
             rig=rig,

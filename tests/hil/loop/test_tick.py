@@ -35,6 +35,7 @@ from hil_support import (
     plain_tick,
     rig_of,
     rows_of,
+    scene_alone,
     start_of,
 )
 
@@ -52,7 +53,9 @@ from liftgate_hil.loop.tick import (
     tick,
 )
 from liftgate_hil.signals import Timing
-from liftgate_hil.stimuli.timeline import Timeline, obstacle_at
+from liftgate_hil.stimuli.moments import no_moments
+from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Sensed, Truth
@@ -86,7 +89,7 @@ def run(
     state: LoopState,
     ticks: int,
     frames_at: Callable[[int], list[tuple[int, bytes]]] = lambda number: [],
-    timeline: Timeline | None = None,
+    around: Scene | None = None,
 ) -> tuple[LoopState, list[Truth], list[Frames], list[Sensed]]:
     """So many ticks; `frames_at` gives what comes before tick number n (from 0)."""
     truths, replies, sensed = [], [], []
@@ -96,7 +99,7 @@ def run(
             config,
             state,
             frames_of(rows) if rows else NOTHING,
-            outside(timeline, state.tick * config.step),
+            outside(around, state.tick * config.step),
         )
         truths.append(truth)
         replies.append(sent)
@@ -311,12 +314,10 @@ def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
     assert [each[1].count for each in ticked[:-1]] == [0] * (steps - 1)
 
 
-def test_a_catch_up_follows_the_timeline_tick_by_tick(
-    rig: Rig, fast_tick: Tick, timeline: Timeline
-):
+def test_a_catch_up_follows_the_timeline_tick_by_tick(rig: Rig, fast_tick: Tick, around: Scene):
     config = loop_config(rig=rig)
-    ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, timeline=timeline)
-    _, truths, _, _ = run(fast_tick, config, rest(config), 401, timeline=timeline)
+    ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, around=around)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
     assert equal(tuple(each[2] for each in ticked), tuple(truths))
     assert len({truth.road_slope_deg for truth in truths}) == 401
 
@@ -518,15 +519,15 @@ stiffness = 5000
 
 
 @pytest.fixture
-def timeline(tmp_path: Path) -> Timeline:
+def around(tmp_path: Path) -> Scene:
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO)
-    return load_scenario(path).timeline
+    return scene_alone(load_scenario(path).stimuli)
 
 
-def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, timeline: Timeline):
+def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, around: Scene):
     config = loop_config(rig=rig)
-    _, truths, _, _ = run(fast_tick, config, rest(config), 401, timeline=timeline)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
     volts = [truth.supply_voltage_v for truth in truths]
     # Step n begins at n ms and is recorded at its end.
     assert volts == [12.0] * 100 + [10.0] * 100 + [14.0] * 201
@@ -536,7 +537,7 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, tim
 
 
 def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
-    rig: Rig, fast_tick: Tick, timeline: Timeline
+    rig: Rig, fast_tick: Tick, around: Scene
 ):
     config = loop_config(rig=rig)
 
@@ -544,7 +545,7 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
         values = {"SupplyVoltage": 9.0, "RoadSlope": -10.0, "HandForce": 25.0}
         return [panel_frame(rig, **values)] if number == 150 else []
 
-    _, truths, _, _ = run(fast_tick, config, rest(config), 300, frames_at, timeline)
+    _, truths, _, _ = run(fast_tick, config, rest(config), 300, frames_at, around)
     assert truths[149].supply_voltage_v == 10.0
     for truth in truths[150:]:
         assert truth.supply_voltage_v == pytest.approx(9.0)
@@ -553,12 +554,12 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
 
 
 def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
-    rig: Rig, fast_tick: Tick, timeline: Timeline
+    rig: Rig, fast_tick: Tick, around: Scene
 ):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 41.0)
     close = driving(rig, **both(80.0, CLOSE))
-    _, met, _, _ = run(fast_tick, config, start, 500, close, timeline)
+    _, met, _, _ = run(fast_tick, config, start, 500, close, around)
     assert max(truth.pinch_force_n for truth in met) > 20.0
 
     def removed(number: int) -> list[tuple[int, bytes]]:
@@ -566,7 +567,7 @@ def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
             [panel_frame(rig, ObstacleRate=0.0), *close(number)] if number == 0 else close(number)
         )
 
-    _, free, _, _ = run(fast_tick, config, start, 500, removed, timeline)
+    _, free, _, _ = run(fast_tick, config, start, 500, removed, around)
     assert max(truth.pinch_force_n for truth in free) == 0.0
     assert free[-1].gate_angle_deg < met[-1].gate_angle_deg
 
@@ -650,9 +651,9 @@ def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
     )
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
-    timeline = load_scenario(path).timeline
+    around = scene_alone(load_scenario(path).stimuli)
     close = driving(rig, **both(80.0, CLOSE))
-    _, truths, _, _ = run(fast_tick, config, start, 300, close, timeline)
+    _, truths, _, _ = run(fast_tick, config, start, 300, close, around)
     assert max(truth.pinch_force_n for truth in truths) == 0.0
 
 
@@ -732,8 +733,8 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
         "lateral = 0.3\n"
         "[[obstacle]]\nangle_deg = 20\nstiffness = 5\ndamping = 6\ndistance = 0.5\n"
     )
-    timeline = load_scenario(path).timeline
-    before, during, after = (obstacle_at(timeline, time) for time in (0.9, 1.0, 2.0))
+    timeline, moments = scene_alone(load_scenario(path).stimuli).timeline, no_moments()
+    before, during, after = (obstacle_at(timeline, moments, time) for time in (0.9, 1.0, 2.0))
     assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0, 0.0)
     assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0, 0.3)
 

@@ -12,15 +12,24 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from catalogue_bus import catalogue_rig, input_frames, outputs_in
-from hil_support import NO_TIMELINE, frames_of, loop_config, outside, start_of, transmitted
+from hil_support import (
+    frames_of,
+    loop_config,
+    outside,
+    scene,
+    scene_alone,
+    start_of,
+    transmitted,
+)
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.loop import python_loop
 from liftgate_hil.loop import tick as tick_module
 from liftgate_hil.loop.closed_loop import Trace
-from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.loop.python_loop import Loop, scheduled_tick
 from liftgate_hil.loop.rings import Memory, RingReader, note_row
 from liftgate_hil.loop.tick import STOPPED, edge_times, line_up, tick
 from liftgate_hil.signals import (
@@ -33,9 +42,10 @@ from liftgate_hil.signals import (
     Status,
     Timing,
 )
-from liftgate_hil.stimuli.mailbox import HELD, nothing_held
+from liftgate_hil.stimuli.mailbox import HELD
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.timeline import Profile, timeline_of
+from liftgate_hil.stimuli.scene import NO_STIMULI, Scene, Stimuli
+from liftgate_hil.stimuli.timeline import Profile
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant import integrate, sensors
 from liftgate_plant.bridge import CLOSE, OPEN, drive_input
@@ -106,7 +116,7 @@ def test_a_tick_tells_what_it_senses_what_is_so_and_what_it_is_told(
         emulator_state=float(STOPPED),
         pinch_force_max=113.5,
     )
-    monkeypatch.setattr(sensors, "sense", lambda *given: (given[6], rows.sensed))
+    monkeypatch.setattr(sensors, "sense", lambda *given: (given[7], rows.sensed))
     monkeypatch.setattr(tick_module, "truth_of", lambda *given: rows.truth)
     monkeypatch.setattr(tick_module, "edge_times", lambda *given: rows.edges)
     config = loop_config(rig=whole)
@@ -224,15 +234,16 @@ def test_what_is_said_of_one_quantity_moves_no_other(
     config = loop_config(rig=whole)
     before = shown(fast_tick, config, {}, outside())
     assert before.items() >= COASTING.items()
-    value, said, held, timeline = SURROUNDINGS[column], {}, nothing_held(), NO_TIMELINE
+    value, said, stimuli = SURROUNDINGS[column], {}, NO_STIMULI
     if way == "profile":
-        timeline = timeline_of({column: Profile([(0.0, value)])})
-    elif way == "panel":
+        stimuli = Stimuli({column: Profile([(0.0, value)])})
+    scene = scene_alone(stimuli)
+    if way == "panel":
         name = bus_name(column, signals_of(Surroundings)[column])
         said = {name: value}
-    else:
-        held[getattr(HELD, column)] = value
-    around = outside_at(timeline, held, 0.0, 0.001, 0, False, False)
+    elif way == "posted":
+        scene.held[getattr(HELD, column)] = value
+    around = outside_at(scene, 0.0, 0.001, 0, False, False)
     assert before[column] != value
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
@@ -249,21 +260,19 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
         }
         for k, way in enumerate(("profile", "panel", "posted"))
     }
-    timeline = timeline_of(
-        {name: Profile([(0.0, value)]) for name, value in levels["profile"].items()}
-    )
+    stimuli = Stimuli({name: Profile([(0.0, value)]) for name, value in levels["profile"].items()})
+    unposted, posted = scene_alone(stimuli), scene_alone(stimuli)
     panel = {bus_name(name, ranges[name]): value for name, value in levels["panel"].items()}
-    held = nothing_held()
     for name, value in levels["posted"].items():
-        held[getattr(HELD, name)] = value
+        posted.held[getattr(HELD, name)] = value
 
-    def found(said: dict[str, float], posted: Any) -> dict[str, float]:
-        around = outside_at(timeline, posted, 0.0, 0.001, 0, False, False)
+    def found(said: dict[str, float], scene: Scene) -> dict[str, float]:
+        around = outside_at(scene, 0.0, 0.001, 0, False, False)
         return shown(fast_tick, config, said, around)
 
-    assert found({}, nothing_held()) == pytest.approx({**COASTING, **levels["profile"]})
-    assert found(panel, nothing_held()) == pytest.approx({**COASTING, **levels["panel"]})
-    assert found(panel, held) == pytest.approx({**COASTING, **levels["posted"]})
+    assert found({}, unposted) == pytest.approx({**COASTING, **levels["profile"]})
+    assert found(panel, unposted) == pytest.approx({**COASTING, **levels["panel"]})
+    assert found(panel, posted) == pytest.approx({**COASTING, **levels["posted"]})
 
 
 # From the rows into rings and recordings.
@@ -282,10 +291,17 @@ def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> N
     rows = distinct(Rows)
     memory = Memory(4, 4)
     call = note_row if which == "plain" else compiled(note_row)
-    call(memory.shared, rows.truth, rows.sensed)
-    (row,) = RingReader(memory.shared.rows, memory.shared.control, "rows").take()
+    for place in range(3):
+        assert call(memory.shared, rows.truth, rows.sensed) == place
+    reader = RingReader(memory.shared.rows, memory.shared.control, "rows")
+    taken = reader.take()
+    assert len(taken) == 3
+    for row in taken:
+        check_row(row, rows.truth, rows.sensed)
+    for place in (3, 0):
+        assert call(memory.shared, rows.truth, rows.sensed) == place
+    assert len(reader.take()) == 2
     memory.close()
-    check_row(row, rows.truth, rows.sensed)
 
 
 class Silence:
@@ -317,11 +333,18 @@ class Notes:
         self.rows += list(rows)
 
 
-def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(rig: Rig) -> None:
+def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rows, watched, notes = distinct(Rows), Trace(), Notes()
     config = loop_config(rig=rig)
-    loop = Loop(config, start_of(config), NO_TIMELINE, Silence(), takers=[notes, watched])
-    loop._tick = lambda config, state, frames, *_: (state, frames, rows.truth, rows.sensed)
+    loop = Loop(config, start_of(config), scene(config), Silence(), takers=[notes, watched])
+
+    def tick(config: Any, state: Any, frames: Frames, given: Any) -> Any:
+        return state, frames, rows.truth, rows.sensed
+
+    monkeypatch.setattr(python_loop, "tick", tick)
+    loop._tick = scheduled_tick
     loop.advance(empty_frames(0), 1)
     assert len(watched.rows()) == len(notes.rows) == 1
     for row in (*watched.rows(), *notes.rows):

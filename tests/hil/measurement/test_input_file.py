@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from liftgate_hil.config.scenario import no_scenario
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.loop.simulation import Offline, simulate
+from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
 from liftgate_hil.session import vehicle_from
-from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS
+from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS, ROW_WIDTH
+from liftgate_hil.stimuli.scene import scene_of
+from liftgate_plant.constants import constants_of
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.initial import initial_state
 from liftgate_plant.rows import AT
-from liftgate_plant.vehicle import load_of, plant_of
+from liftgate_plant.vehicle import plant_of
 
 TIMES = [0.0, 0.001, 0.005]
 # Of each range another share, so that no two are alike.
@@ -91,22 +93,25 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
     assert mild.keys() == INPUT_SIGNALS.keys()
     vehicle = vehicle_from("suv", ideal=True)
     plant = plant_of(vehicle)
-    offline = Offline(
-        plant=plant,
-        sensors=vehicle.sensors,
-        timeline=no_scenario().timeline,
-        friction=friction_profile(vehicle, plant, 0),
-        base=load_of(vehicle),
-        step=0.001,
-        every=1,
-        seed=0,
-    )
+    constants = constants_of(vehicle)
+
+    def offline() -> Offline:
+        return Offline(
+            constants=constants,
+            scene=scene_of(constants),
+            friction=friction_profile(vehicle, plant, 0),
+            row=np.full((1, ROW_WIDTH), np.nan),
+            nothing=no_frames(),
+            step=0.001,
+            every=1,
+            seed=0,
+        )
 
     def shown(**changes: float) -> dict[str, float]:
         said = without({**mild, **changes}, "voltage_v" if "left_duty" in changes else "duty")
         given = {name: [value] * len(TIMES) for name, value in said.items()}
         samples, _ = read_samples(written(tmp_path, given), {})
-        (block,) = simulate(offline, initial_state(plant, 0.5), samples, 3)
+        (block,) = simulate(offline(), initial_state(plant, 0.5), samples, 3)
         last = block.rows[-1]
         return {name: last[COLUMN_PLACE[name]] for name in mild if name not in LATCH}
 

@@ -14,11 +14,11 @@ import pytest
 from hil_support import (
     CALM,
     EXTENDED,
-    NO_TIMELINE,
     frames_of,
     loop_config,
     rig_of,
     rows_of,
+    scene,
     start_of,
 )
 from hypothesis import given
@@ -383,7 +383,7 @@ def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path)
     config = loop_config(rig=rig)
     formats = {}
     with can.Bus(interface="virtual", channel=channel) as other:
-        run_free(Loop(config, start_of(config), NO_TIMELINE, transport), 10, lambda: False)
+        run_free(Loop(config, start_of(config), scene(config), transport), 10, lambda: False)
         while (message := other.recv(0)) is not None:
             formats[message.arbitration_id] = (message.is_fd, len(message.data))
     transport.close()

@@ -1,0 +1,237 @@
+"""Scenario files as tests: each is run, judged by its [[expect]] tables, and reported.
+
+Exit code 0: all pass; 1: one fails; 3: one is inconclusive; 2: an error, or wrong usage. The worst counts: error,
+fail, inconclusive, pass.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.cli import options
+from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.errors import ConfigError, printable
+
+if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.runs import Job
+    from liftgate_hil.testing.suite import Case, Outcome
+
+EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3, "error": 2}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument(
+        "paths", nargs="+", metavar="PATH", help="scenario files, or folders of them"
+    )
+    options.add_ecu(parser, "reference")
+    parser.add_argument(
+        "--clock",
+        choices=("realtime", "free", "lockstep"),
+        default="free",
+        help="wall time; as fast as it goes; one command period per command frame; default: free",
+    )
+    options.add_rate(parser)
+    options.add_bus(parser)
+    options.add_vehicle(parser, None, "default: each scenario's, else suv")
+    parser.add_argument("--seed", type=options.whole(0, 2**32 - 1), help="default: each scenario's")
+    parser.add_argument(
+        "--set-parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="replace a parameter of the scenarios (repeatable)",
+    )
+    parser.add_argument(
+        "--wall-timeout",
+        type=options.bounded(1e-3, 1e9, "s"),
+        metavar="S",
+        help="end with an error when lockstep has waited this long for a command; default: for ever",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=options.whole(1, 1024),
+        metavar="N",
+        help="so many at a time; default: a CPU each",
+    )
+    parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
+    parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
+    parser.add_argument(
+        "--results", metavar="FOLDER", help="write both there, and a recording of each scenario"
+    )
+    parser.add_argument("--quiet", action="store_true", help="tell only what does not pass")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.testing import suite
+    from liftgate_hil.testing.reports import as_json, as_junit
+
+    targets = _targets(args)
+    template = _template(args)
+    files = suite.scenario_files(args.paths)
+    with naming_the_flag():
+        cases = suite.cases_of(files, template)
+    if args.results:
+        cases = _recorded(cases, Path(args.results))
+    stop = StopSignals()
+    teller = Teller(args.quiet, is_json=args.json == "-")
+    jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
+    outcomes = {}
+    for outcome in suite.run_suite(cases, jobs, stop):
+        outcomes[outcome.case.file] = outcome
+        _tell(outcome, len(outcomes), len(cases), args, teller)
+    ordered = [outcomes[case.file] for case in cases]
+    told = as_json(ordered, provenance_of(args.command_line, {}).as_dict())
+    for target in targets["json"]:
+        _write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
+    for target in targets["junit"]:
+        _write(target, as_junit(ordered))
+    _summarise(ordered, args)
+    return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(ordered)]
+
+
+def _targets(args: argparse.Namespace) -> dict[str, list[str]]:
+    """Where which report goes. Raises ConfigError."""
+    found: dict[str, list[str]] = {"json": [], "junit": []}
+    if args.results:
+        folder = Path(args.results)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"`results` {folder}: {error.strerror}; allowed: a folder") from error
+        found["json"].append(str(folder / "verdicts.json"))
+        found["junit"].append(str(folder / "junit.xml"))
+    for kind, given in (("json", args.json), ("junit", args.junit)):
+        if given is not None:
+            if given != "-" and not Path(given).parent.is_dir():
+                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
+            if given != "-" and Path(given).is_dir():
+                raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
+            found[kind].append(given)
+    return found
+
+
+def _template(args: argparse.Namespace) -> Job:
+    """How each scenario is run. Raises ConfigError."""
+    from liftgate_hil.ecu.find import ON_A_BUS
+    from liftgate_hil.runs import Job
+    from liftgate_hil.session import RunOptions, variant_of
+
+    wire = options.wire_choice(args)
+    has_wire = any((wire.bus, wire.serial, wire.interface, wire.channel))
+    if has_wire and args.ecu != ON_A_BUS:
+        raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs are in this process")
+    return Job(
+        scenario=None,
+        ecu=options.ecu_of(args),
+        parameters=parameters_of(args.set_parameter),
+        vehicle=args.vehicle,
+        rig=args.rig,
+        settings=tuple(args.settings),
+        seed=args.seed,
+        variant=variant_of(args.draw, args.ideal),
+        wire=wire if has_wire else None,
+        options=RunOptions(rate=args.rate, clock=args.clock, wall_timeout=args.wall_timeout),
+    )
+
+
+@contextlib.contextmanager
+def naming_the_flag() -> Iterator[None]:
+    """Call the API's `parameters` by the flag that they came with."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(
+            [line.replace("`parameters` ", "`set_parameter` ") for line in error.issues]
+        ) from None
+
+
+def parameters_of(given: Sequence[str]) -> dict[str, float]:
+    """NAME=VALUE texts. Raises ConfigError."""
+    found: dict[str, float] = {}
+    issues = []
+    for text in given:
+        name, equals, value = text.partition("=")
+        try:
+            number = float(value.replace("_", ""))
+        except ValueError:
+            number = float("nan")
+        if not equals or not name.strip() or not math.isfinite(number):
+            issues.append(f"`set_parameter` {text}: allowed: NAME=VALUE with a finite number")
+        found[name.strip()] = number
+    if issues:
+        raise ConfigError(issues)
+    return found
+
+
+def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
+    """The cases with a recording each in a folder: frames, and a row a tick."""
+    from dataclasses import replace
+
+    kept, names = [], set()
+    for case in cases:
+        name = stem = Path(case.file).stem
+        count = 1
+        while name in names:
+            count += 1
+            name = f"{stem}-{count}"
+        names.add(name)
+        records = (folder / f"{name}.log", folder / f"{name}.csv")
+        job = replace(case.job, options=replace(case.job.options, records=records))
+        parts = replace(case.parts, options=job.options)
+        kept.append(replace(case, job=job, parts=parts))
+    return kept
+
+
+def _tell(
+    outcome: Outcome, done: int, count: int, args: argparse.Namespace, teller: Teller
+) -> None:
+    """What came of a scenario."""
+    from liftgate_hil.testing.reports import line_of
+
+    if args.json == "-" or (args.quiet and outcome.verdict == "pass"):
+        return
+    lines = [f"[{done}/{count}] {outcome.verdict:<12} {outcome.case.file}  {outcome.wall_s:.2f} s"]
+    if outcome.reason:
+        lines.append(f"    {outcome.reason}")
+    lines += [
+        f"    {printable(each.name)}: {line_of(each)}"
+        for each in outcome.expectations
+        if not args.quiet or each.verdict != "pass"
+    ]
+    print("\n".join(lines), flush=True)
+
+
+def _summarise(outcomes: Sequence[Outcome], args: argparse.Namespace) -> None:
+    """The last line."""
+    from liftgate_hil.testing.suite import counts_of
+
+    if args.json == "-":
+        return
+    counts: dict[str, Any] = counts_of(outcomes)
+    share = counts.pop("inconclusive_share")
+    said = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
+    print(f"{len(outcomes)} scenarios: {said}; {100.0 * share:.0f} % inconclusive", flush=True)
+
+
+def _write(target: str, content: bytes) -> None:
+    """A report. Raises ConfigError."""
+    if target == "-":
+        sys.stdout.write(content.decode() + "\n")
+        return
+    try:
+        Path(target).write_bytes(content)
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error

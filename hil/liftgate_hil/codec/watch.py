@@ -1,0 +1,66 @@
+"""Signals on the bus as they stand: of each its message's last frame, whoever sent it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE
+from liftgate_hil.codec.receive import find_message, physical_of, selected
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.issues import ConfigIssues
+from liftgate_plant.compiler import compilable
+from liftgate_plant.signals import Signal
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_ANY = Signal("", -np.inf, np.inf, "")
+
+
+def watched(
+    messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues
+) -> BusConfig:
+    """The tables of signals (`Message.Signal`) that the messages have; their places in `names` are those of their
+    values.
+    """
+    parts = {name: name.partition(".") for name in names}
+    mappings = [
+        SignalMapping(name, message, signal) for name, (message, _, signal) in parts.items()
+    ]
+    return build_bus_config(messages, mappings, {}, dict.fromkeys(names, _ANY), issues, False)
+
+
+def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:
+    """The unit of `Message.Signal`; None: there is no such signal."""
+    message, _, signal = name.partition(".")
+    if message not in messages:
+        return None
+    found = [each for each in messages[message].signals if each.name == signal]
+    return (found[0].unit or "") if found else None
+
+
+@compilable
+def watch(
+    bus: BusConfig,
+    values: NDArray[np.float64],
+    identifier: int,
+    length: int,
+    data: NDArray[np.uint8],
+    frame: int,
+) -> None:
+    """Take what a frame (row of `data`) says of the watched signals, in the database's units, into `values` (n,).
+    A frame of another length than its message's says nothing.
+    """
+    message = -1
+    if identifier & (ERROR | REMOTE) == 0:
+        message = find_message(bus, identifier & ~FD)
+    if message >= 0 and length == bus.messages[message].length:
+        first = bus.messages[message].first
+        for row in range(first, first + bus.messages[message].count):
+            if selected(bus, row, data, frame):
+                values[bus.signals[row].quantity] = physical_of(bus, row, data, frame)

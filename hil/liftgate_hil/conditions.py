@@ -1,0 +1,493 @@
+"""Conditions on what a run shows: text → postfix table, and the one evaluator, for triggers, expectations, judge.
+
+    gate_angle_deg > 20 and (sensed.left_current_a > 2 * $idle or Gate.LatchState == 1)
+
+A condition has, in each tick, a truth and a margin: how much is left before the truth changes, in the unit of the
+comparison that decides.
+
+    a < b: b − a      a == b: −|a − b|      a != b: |a − b|      and: the smaller    or: the larger    not: negated
+
+A tick in which one of its columns has no value, or a value that is not finite, has neither (margin NaN).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, SENSED_PREFIX
+from liftgate_plant.compiler import compilable, outlined
+
+OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
+
+# Codes: what is put on the stack, what is made of its top, comparisons, what joins them.
+CONST, COLUMN, SIGNAL = 0, 1, 2
+ADD, SUB, MUL, DIV, NEG, ABS = 3, 4, 5, 6, 7, 8
+LT, LE, GT, GE, EQ, NE = 9, 10, 11, 12, 13, 14
+AND, OR, NOT = 15, 16, 17
+
+DEEPEST = 32  # parentheses in each other, and values that wait on the stack
+_LONGEST = 4000  # characters
+_COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
+_SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
+_TOKEN = re.compile(
+    r"""\s*(?:
+      (?P<number>(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?)
+    | (?P<parameter>\$\w+)
+    | (?P<name>[^\W\d]\w*(?:\.[^\W\d]\w*)?)
+    | (?P<sign><=|>=|==|!=|[<>+\-*/()])
+    )""",
+    re.VERBOSE,
+)
+
+
+class Conditions(NamedTuple):
+    """Several conditions: (ops,) OP in postfix order, and where each begins (n + 1,)."""
+
+    ops: Any
+    begins: NDArray[np.int64]
+
+
+class Work(NamedTuple):
+    """What an evaluation works in, and gives in its first rows, for n ticks."""
+
+    numbers: NDArray[np.float64]  # (DEEPEST, n): values, and margins; NaN: the tick does not count
+    truths: NDArray[np.int8]  # (DEEPEST, n)
+    deciders: NDArray[np.int64]  # (DEEPEST, n): which comparison the margin is of
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition, checked."""
+
+    text: str
+    ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value
+    units: tuple[str, ...] = ()  # of its comparisons, in the order of the text
+
+    def names(self, code: int) -> list[str]:
+        """The columns, or the signals, that it reads, each once."""
+        return list(dict.fromkeys(str(name) for each, name in self.ops if each == code))
+
+    def beyond(self, drives: int) -> list[str]:
+        """What it reads that a gate with so many drives does not have, in words."""
+        return [
+            f"{name}: this gate has one drive; allowed: the left one's"
+            for name in self.names(COLUMN)
+            if drives == 1 and name.removeprefix(SENSED_PREFIX).startswith("right_")
+        ]
+
+
+def unit_of_column(name: str) -> str | None:
+    """The unit of a recording's column; None: there is none of that name."""
+    return COLUMNS[name].unit if name in COLUMNS else None
+
+
+def parsed(
+    text: str,
+    parameters: Mapping[str, float],
+    signal_unit: Callable[[str], str | None] = lambda name: "",
+) -> Condition:
+    """The condition of a text. `signal_unit` gives the unit of a signal on the bus, "" where it is not known, None
+    where there is no such signal.
+
+    Raises ValueError with what is wrong and what is allowed.
+    """
+    return _Parser(text, parameters, signal_unit).condition()
+
+
+def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
+    """The table of conditions; `signals` are those of the bus, in the order of the evaluator's columns."""
+    rows: list[tuple[int, int, float]] = []
+    begins = [0]
+    for condition in conditions:
+        for code, what in condition.ops:
+            place, value = 0, 0.0
+            if code == COLUMN:
+                place = COLUMN_PLACE[str(what)]
+            elif code == SIGNAL:
+                place = list(signals).index(str(what))
+            else:
+                value = float(what)
+            rows.append((code, place, value))
+        begins.append(len(rows))
+    return Conditions(np.array(rows, dtype=OP).view(np.recarray), np.array(begins, dtype=np.int64))
+
+
+def work_for(ticks: int) -> Work:
+    """Room to evaluate so many ticks at once."""
+    return Work(
+        np.zeros((DEEPEST, ticks)),
+        np.zeros((DEEPEST, ticks), dtype=np.int8),
+        np.zeros((DEEPEST, ticks), dtype=np.int64),
+    )
+
+
+@compilable
+def calculated(code: int, a: float, b: float) -> float:
+    """An arithmetic operation; NaN where it has no finite result."""
+    if code == ADD:
+        return a + b
+    if code == SUB:
+        return a - b
+    if code == MUL:
+        return a * b
+    return a / b if b != 0.0 else np.nan
+
+
+@compilable
+def compared(code: int, a: float, b: float) -> tuple[bool, float]:
+    """A comparison's truth and margin; NaN where one side has no value."""
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return False, np.nan
+    if code == LT:
+        return a < b, b - a
+    if code == LE:
+        return a <= b, b - a
+    if code == GT:
+        return a > b, a - b
+    if code == GE:
+        return a >= b, a - b
+    if code == EQ:
+        return a == b, 0.0 - abs(a - b)
+    return a != b, abs(a - b)
+
+
+@compilable
+def join(code: int, work: Work, low: int, ticks: int) -> None:
+    """What `and` or `or` makes of two rows of the work, the second one above `low`."""
+    numbers, truths, deciders = work
+    high = low + 1
+    for i in range(ticks):
+        below, above = numbers[low, i], numbers[high, i]
+        first, second = truths[low, i] != 0, truths[high, i] != 0
+        if np.isnan(below) or np.isnan(above):
+            numbers[low, i], truths[low, i] = np.nan, 0
+            continue
+        if code == AND:
+            takes = above < below or (above == below and first and not second)
+            truths[low, i] = int(first and second)
+        else:
+            takes = above > below or (above == below and second and not first)
+            truths[low, i] = int(first or second)
+        if takes:
+            numbers[low, i], deciders[low, i] = above, deciders[high, i]
+
+
+@outlined
+def evaluate(  # noqa: PLR0912
+    conditions: Conditions,
+    which: int,
+    rows: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    ticks: int,
+    work: Work,
+) -> None:
+    """Evaluate a condition in so many ticks, from rows (n, ROW_WIDTH) of signals.COLUMNS and the bus's signals
+    (n, m): truths, margins and deciders to the first rows of `work`.
+    """
+    numbers, truths, deciders = work
+    top, comparison = -1, -1
+    for place in range(conditions.begins[which], conditions.begins[which + 1]):
+        op = conditions.ops[place]
+        code, at = op.code, op.place
+        if code <= SIGNAL:
+            top += 1
+            if code == CONST:
+                for i in range(ticks):
+                    numbers[top, i] = op.value
+            elif code == COLUMN:
+                for i in range(ticks):
+                    numbers[top, i] = rows[i, at]
+            else:
+                for i in range(ticks):
+                    numbers[top, i] = signals[i, at]
+        elif code <= DIV:
+            top -= 1
+            for i in range(ticks):
+                numbers[top, i] = calculated(code, numbers[top, i], numbers[top + 1, i])
+        elif code == NEG:
+            for i in range(ticks):
+                numbers[top, i] = -numbers[top, i]
+        elif code == ABS:
+            for i in range(ticks):
+                numbers[top, i] = abs(numbers[top, i])
+        elif code <= NE:
+            top -= 1
+            comparison += 1
+            for i in range(ticks):
+                truth, numbers[top, i] = compared(code, numbers[top, i], numbers[top + 1, i])
+                truths[top, i] = int(truth)
+                deciders[top, i] = comparison
+        elif code == NOT:
+            for i in range(ticks):
+                numbers[top, i] = 0.0 - numbers[top, i]
+                truths[top, i] = int(truths[top, i] == 0 and not np.isnan(numbers[top, i]))
+        else:
+            top -= 1
+            join(code, work, top, ticks)
+
+
+class _Part(NamedTuple):
+    """A part of the text on its way to the table: is it a truth, and a number's unit (None: a plain number)."""
+
+    is_truth: bool
+    unit: str | None = None
+
+
+@dataclass
+class _Parser:
+    """Recursive descent, one method a level of precedence; each adds its operations behind those of its parts."""
+
+    text: str
+    parameters: Mapping[str, float]
+    signal_unit: Callable[[str], str | None]
+    tokens: list[tuple[str, str, int]] = field(default_factory=list)  # kind, text, where
+    next: int = 0
+    ops: list[tuple[int, str | float]] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
+    depth: int = 0
+    stack: int = 0
+
+    def condition(self) -> Condition:
+        if len(self.text) > _LONGEST:
+            raise ValueError(f"{len(self.text)} characters; allowed: up to {_LONGEST}")
+        self._read()
+        part = self._either()
+        if self._here()[0] != "end":
+            self._wrong("and, or, or the end")
+        if not part.is_truth:
+            raise ValueError(
+                f"{self.text!r} compares nothing; allowed: such as gate_angle_deg > 20"
+            )
+        return Condition(self.text, tuple(self.ops), tuple(self.units))
+
+    def _read(self) -> None:
+        place, text = 0, self.text
+        while text[place:].strip():
+            found = _TOKEN.match(text, place)
+            if found is None or found.lastgroup is None:
+                place += len(text[place:]) - len(text[place:].lstrip())
+                raise ValueError(
+                    f"{text[place]!r} at character {place + 1}; allowed: columns, Message.Signal, numbers, $name, "
+                    "< <= > >= == != + - * / abs() and or not ( )"
+                )
+            kind = found.lastgroup
+            said, begin = found.group(kind), found.start(kind) + 1
+            if kind == "name" and said in ("and", "or", "not", "abs"):
+                kind = "sign"
+            self.tokens.append((kind, said, begin))
+            place = found.end()
+        self.tokens.append(("end", "the end", len(text) + 1))
+
+    def _here(self) -> tuple[str, str, int]:
+        return self.tokens[self.next]
+
+    def _is(self, said: str) -> bool:
+        """Whether that sign comes next; then it is taken."""
+        if self._here()[:2] != ("sign", said):
+            return False
+        self.next += 1
+        return True
+
+    def _wrong(self, allowed: str) -> None:
+        kind, said, place = self._here()
+        where = "" if kind == "end" else f" at character {place}"
+        raise ValueError(f"{said}{where}; allowed: {allowed}")
+
+    def _put(self, code: int, what: str | float = 0.0) -> None:
+        self.ops.append((code, what))
+        if code <= SIGNAL:
+            self.stack += 1
+        elif code not in (NEG, ABS, NOT):
+            self.stack -= 1
+        if self.stack > DEEPEST:
+            raise ValueError(
+                f"more than {DEEPEST} values in each other; allowed: a simpler condition"
+            )
+
+    def _either(self) -> _Part:
+        return self._joined(self._both, "or", OR)
+
+    def _both(self) -> _Part:
+        return self._joined(self._negated, "and", AND)
+
+    def _joined(self, part: Callable[[], _Part], word: str, code: int) -> _Part:
+        place = self._here()[2]
+        left = part()
+        while self._is(word):
+            self._must(left, place, word)
+            place = self._here()[2]
+            self._must(part(), place, word)
+            self._put(code)
+        return left
+
+    def _must(self, part: _Part, place: int, word: str) -> None:
+        if not part.is_truth:
+            raise ValueError(
+                f"at character {place}: a number beside `{word}`; allowed: a comparison, as gate_angle_deg > 20"
+            )
+
+    def _negated(self) -> _Part:
+        count = 0
+        while self._is("not"):
+            count += 1
+        place = self._here()[2]
+        part = self._comparison()
+        if count:
+            self._must(part, place, "not")
+        for _ in range(count % 2):
+            self._put(NOT)
+        return part
+
+    def _comparison(self) -> _Part:
+        place = self._here()[2]
+        left = self._sum()
+        kind, said, at = self._here()
+        if kind != "sign" or said not in _COMPARISONS:
+            return left
+        self.next += 1
+        right_place = self._here()[2]
+        number = len(self.units)
+        self.units.append("")
+        right = self._sum()
+        self._number(left, place)
+        self._number(right, right_place)
+        self._put(_COMPARISONS[said])
+        self.units[number] = self._same_unit(left.unit, right.unit, said, at) or ""
+        if self._here()[1] in _COMPARISONS:
+            self._wrong("one comparison at a time, joined by and")
+        return _Part(True)
+
+    def _number(self, part: _Part, place: int) -> None:
+        if part.is_truth:
+            raise ValueError(f"at character {place}: a comparison where a number is meant")
+
+    def _same_unit(self, a: str | None, b: str | None, said: str, place: int) -> str | None:
+        """The unit of a sum or a comparison; plain numbers, and what has no unit, go with any."""
+        if a and b and a != b:
+            raise ValueError(
+                f"{said} at character {place} takes {a} and {b} together; allowed: the same unit on both sides"
+            )
+        return a or b or (a if a is not None else b)
+
+    def _sum(self) -> _Part:
+        return self._arithmetic(self._product, _SUMS)
+
+    def _product(self) -> _Part:
+        return self._arithmetic(self._signed, _PRODUCTS)
+
+    def _arithmetic(self, part: Callable[[], _Part], signs: Mapping[str, int]) -> _Part:
+        place = self._here()[2]
+        left = part()
+        while self._here()[0] == "sign" and self._here()[1] in signs:
+            _, said, at = self._here()
+            self.next += 1
+            self._number(left, place)
+            right_place = self._here()[2]
+            right = part()
+            self._number(right, right_place)
+            self._put(signs[said])
+            if said in _SUMS:
+                unit = self._same_unit(left.unit, right.unit, said, at)
+            else:
+                unit = _product_unit(left.unit, right.unit, said)
+            left = _Part(False, unit)
+        return left
+
+    def _signed(self) -> _Part:
+        place, negative = self._here()[2], False
+        while (minus := self._is("-")) or self._is("+"):
+            negative ^= minus
+        part = self._primary()
+        if negative:
+            self._number(part, place)
+            self._put(NEG)
+        return part
+
+    def _primary(self) -> _Part:
+        kind, said, _ = self._here()
+        if kind in ("number", "parameter", "name"):
+            self.next += 1
+            return getattr(self, f"_{kind}_named")(said)  # type: ignore[no-any-return]
+        if said == "abs" and self.tokens[self.next + 1][1] == "(":
+            self.next += 1
+            place = self._here()[2]
+            part = self._parenthesised()
+            self._number(part, place)
+            self._put(ABS)
+            return part
+        if said == "(":
+            return self._parenthesised()
+        self._wrong("a column, Message.Signal, a number, $name, abs(), not, or (")
+        raise AssertionError
+
+    def _parenthesised(self) -> _Part:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ValueError(f"parentheses deeper than {DEEPEST}; allowed: up to {DEEPEST}")
+        self._is("(")
+        part = self._either()
+        if not self._is(")"):
+            self._wrong(")")
+        self.depth -= 1
+        return part
+
+    def _number_named(self, said: str) -> _Part:
+        try:
+            value = float(said)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{said}; allowed: a finite number")
+        self._put(CONST, value)
+        return _Part(False)
+
+    def _parameter_named(self, said: str) -> _Part:
+        if said[1:] not in self.parameters:
+            known = ", ".join(f"${name}" for name in self.parameters)
+            raise ValueError(
+                f"{said}: no such parameter; allowed: {known or 'none, there are no [parameters]'}"
+            )
+        self._put(CONST, float(self.parameters[said[1:]]))
+        return _Part(False)
+
+    def _name_named(self, said: str) -> _Part:
+        column = said.replace("sensed.", SENSED_PREFIX, 1) if said.startswith("sensed.") else said
+        unit = unit_of_column(column)
+        if unit is not None and ("." in said or not said.startswith(SENSED_PREFIX)):
+            self._put(COLUMN, column)
+            return _Part(False, unit)
+        if "." in said and not said.startswith("sensed."):
+            unit = self.signal_unit(said)
+            if unit is not None:
+                self._put(SIGNAL, said)
+                return _Part(False, unit)
+        raise ValueError(f"{said}: {_unknown(said)}")
+
+
+def _product_unit(a: str | None, b: str | None, said: str) -> str | None:
+    if said == "*":
+        return f"{a} {b}" if a and b else a or b or (a if a is not None else b)
+    if not b:
+        return a if a is not None else b
+    return "" if a == b else f"{a or '1'}/{b}"
+
+
+def _unknown(said: str) -> str:
+    """What is wrong with a name, and the nearest that there are."""
+    from difflib import get_close_matches
+
+    if "." in said and not said.startswith("sensed."):
+        return "no such signal in the rig's database; allowed: Message.Signal of it"
+    names = [
+        name if not name.startswith(SENSED_PREFIX) else f"sensed.{name.removeprefix(SENSED_PREFIX)}"
+        for name in COLUMNS
+    ]
+    near = get_close_matches(said, names, 3, 0.5)
+    return f"no such column; allowed: {', '.join(near) + ', …' if near else 'those of recordings'}"

@@ -1,0 +1,153 @@
+"""The kinds of faults, each with its keys, its meaning, and which of a gate's constants it changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from liftgate_hil.config.schema import Choice, Key, Kind, Level, Number, Text
+from liftgate_hil.signals import DIRECTIONS
+from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
+
+SIDES = ("left", "right")
+WHERE = (*SIDES, "both")
+
+# A drive that is disconnected is one whose clutch slips at once, so that it takes hold again wherever it is.
+_NO_FORCE = 1e-9  # N
+_JAMMED = 1e6  # N m of dry friction: no motor turns it
+
+# That there is something to look at at all.
+_BROKEN, _TOLD = Edit("plant.lines_broken", SET, 1.0), Edit("faults.inputs", SET, 1.0)
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """One kind: what it means, its own keys, and its edits of one drive (`side`), or of the gate ("")."""
+
+    name: str
+    meaning: str
+    edits: Callable[[Values, str], Sequence[Edit]]
+    keys: tuple[Key, ...] = ()
+    is_of_drive: bool = True
+
+
+def _line(field: str, how: int) -> Callable[[Values, str], Sequence[Edit]]:
+    return lambda values, side: [
+        _BROKEN,
+        Edit(f"plant.{side}.line.{field}", how, float(values.get("ohm", 1.0))),
+    ]
+
+
+def _hall(field: str, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    return lambda values, side: [
+        Edit(f"faults.{side}.hall.is_on", SET, 1.0),
+        Edit(f"faults.{side}.hall.{field}", SET, float(values[key]) if key else 1.0),
+        *(
+            [Edit(f"faults.{side}.hall.seed", SET, float(values["seed"]))]
+            if field in ("missing", "extra")
+            else []
+        ),
+    ]
+
+
+def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    return lambda values, side: [
+        Edit(f"faults.{side}.current.is_on", SET, 1.0),
+        Edit(f"faults.{side}.current.{field}", how, float(values[key]) if key else 1.0),
+    ]
+
+
+def _short(values: Values, side: str) -> Sequence[Edit]:
+    line = Edit(f"plant.{side}.line.is_shorted", SET, 1.0)
+    return [_BROKEN, line, *_current("shorted", SET)(values, side)]
+
+
+def _gate(name: str, how: int, key: str = "") -> Callable[[Values, str], Sequence[Edit]]:
+    also = {"plant.source_open": [_BROKEN], "faults.latch_held": [_TOLD]}.get(name, [])
+    return lambda values, side: [*also, Edit(name, how, float(values[key]) if key else 1.0)]
+
+
+def _bridge(values: Values, side: str) -> Sequence[Edit]:
+    return [_TOLD, Edit(f"faults.{side}.bridge", SET, float(DIRECTIONS.index(values["state"])))]
+
+
+def _spring(values: Values, side: str) -> Sequence[Edit]:
+    return [Edit(f"plant.{side}.spring.health", SCALE, float(values.get("factor", 0.0)))]
+
+
+def _disconnected(values: Values, side: str) -> Sequence[Edit]:
+    return [Edit(f"plant.{side}.clutch_force", SET, _NO_FORCE)]
+
+
+def _jammed(values: Values, side: str) -> Sequence[Edit]:
+    return [Edit(f"plant.{side}.friction.coulomb", SET, _JAMMED)]
+
+
+def _friction(values: Values, side: str) -> Sequence[Edit]:
+    names = ("friction.coulomb", "friction.viscous", "load_friction")
+    return [Edit(f"plant.{side}.{name}", SCALE, float(values["factor"])) for name in names]
+
+
+def _none(values: Values, side: str) -> Sequence[Edit]:
+    raise AssertionError("made of the vehicle")
+
+
+def _key(name: str, kind: Kind, meaning: str) -> tuple[Key, ...]:
+    return (Key(name, kind, meaning),)
+
+
+_LEVEL = _key("value", Level(), "the level that it stays at")
+_KINDS = (
+    FaultKind("supply_open", "nothing can be drawn from or fed into the supply; braking still works",
+              _gate("plant.source_open", SET), is_of_drive=False),
+    FaultKind("motor_open", "the line between bridge and motor is open: no current from that tick on",
+              _line("is_open", SET)),
+    FaultKind("motor_short", "the motor's terminals are joined: its voltage is 0, and the shunt reads the "
+              "converter's limit while the bridge drives", _short),
+    FaultKind("bridge_stuck", "the bridge stays in a state, with all of the voltage, whatever it is told",
+              _bridge, _key("state", Choice(DIRECTIONS), "the state")),
+    FaultKind("contact_resistance", "a resistance in series with the motor", _line("resistance", ADD),
+              _key("ohm", Number(0.0, 1e6, "Ω"), "how large")),
+    FaultKind("hall_a_stuck", "Hall A stays at a level", _hall("level_a", "value"), _LEVEL),
+    FaultKind("hall_b_stuck", "Hall B stays at a level", _hall("level_b", "value"), _LEVEL),
+    FaultKind("hall_missing", "edges that decoder and timer do not see; where they miss one, the levels of both "
+              "sensors have changed at the next, which the decoder does not count",
+              _hall("missing", "probability"),
+              _key("probability", Number(0.0, 1.0), "that an edge is missed")),
+    FaultKind("hall_extra", "edges that no shaft makes, on A or B by chance", _hall("extra", "rate"),
+              _key("rate", Number(0.0, 1e5, "1/s"), "how many")),
+    FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
+    FaultKind("current_offset", "added to the current's reading", _current("offset", ADD, "value"),
+              _key("value", Number(-1e3, 1e3, "A"), "how much")),
+    FaultKind("current_gain", "the current's reading is too large or too small",
+              _current("gain", SCALE, "factor"), _key("factor", Number(-100.0, 100.0), "by this factor")),
+    FaultKind("current_frozen", "the current's last reading stays", _current("frozen", SET)),
+    FaultKind("angle_offset", "added to the angle's reading", _gate("sensors.angle_offset", ADD, "value"),
+              _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), is_of_drive=False),
+    FaultKind("angle_frozen", "the angle's last reading stays", _gate("faults.angle_frozen", SET),
+              is_of_drive=False),
+    FaultKind("latch_stuck", "the latch's switch says the same, whatever the latch does",
+              _gate("faults.latch_reading", SET, "value"),
+              _key("value", Level(("open", "latched")), "what it says"), is_of_drive=False),
+    FaultKind("spring_lost", "the drive's spring has no force left", _spring),
+    FaultKind("spring_weak", "the drive's spring has less force", _spring,
+              _key("factor", Number(0.0, 10.0), "of its force that is left")),
+    FaultKind("drive_disconnected", "the drive turns without moving the gate, or being moved by it",
+              _disconnected),
+    FaultKind("spindle_jammed", "the drive cannot turn, nor be turned", _jammed),
+    FaultKind("friction", "the drive's friction is higher or lower: dry, viscous, and what the load makes",
+              _friction, _key("factor", Number(0.0, 1e4), "by this factor")),
+    FaultKind("latch_not_releasing", "the latch is not released, whatever drives it",
+              _gate("faults.latch_held", SET), is_of_drive=False),
+    FaultKind("parameter", "any number of the vehicle file gets another value", _none, (
+        Key("key", Text("a key of the vehicle file"), "such as `gate.mass` or `left.motor.resistance`"),
+        Key("value", Number(-1e15, 1e15), "in the file's unit"),
+        Key("ramp_s", Number(0.0, 1e6, "s"), "until it is there, in a straight line", 0.0),
+    ), is_of_drive=False),
+)  # fmt: skip
+
+FAULT_KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _KINDS}

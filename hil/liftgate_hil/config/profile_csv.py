@@ -1,0 +1,41 @@
+"""A profile's points from a CSV file: the columns `time_s` and the quantity's, among any others."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from liftgate_hil.config.files import read_bytes
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError
+
+_MOST_BYTES = 100_000_000
+
+
+def read_points(path: Path, quantity: str) -> list[list[float]]:
+    """Points [time, value]. Raises ConfigError."""
+    try:
+        lines = read_bytes(path, _MOST_BYTES).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8: {error}") from error
+    try:
+        rows = [row for row in csv.reader(lines) if row]
+    except csv.Error as error:
+        raise ConfigError(f"{path}: {error}; allowed: a CSV file") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    places = []
+    for name in ("time_s", quantity):
+        if header.count(name) != 1:
+            raise ConfigError(
+                f"{path}: column {name} {header.count(name)} times in its first line; allowed: once"
+            )
+        places.append(header.index(name))
+    points = []
+    for line, row in enumerate(rows[1:], 2):
+        try:
+            points.append([float(row[place]) for place in places])
+        except (ValueError, IndexError):
+            raise ConfigError(
+                f"{path}: row {line}: {show(','.join(row))}; allowed: a number in both columns"
+            ) from None
+    return points

@@ -1,0 +1,218 @@
+"""What a table of a file may hold, said once: the reader checks by it, the documents are made from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from liftgate_hil.config.toml import Table, known_keys, number, show, text
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.moments import Instant
+
+LATEST = 1e6  # s
+
+
+class Kind(Protocol):
+    """What may stand under a key."""
+
+    @property
+    def allowed(self) -> str:
+        """In words."""
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
+        """The value in memory; a fault is noted."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number, converted to memory's unit by `scale`."""
+
+    low: float
+    high: float
+    unit: str = ""
+    scale: float = 1.0
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return f"{self.low:g} to {self.high:g}{' ' + self.unit if self.unit else ''}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
+        """See Kind."""
+        return self.scale * number(issues, key, value, self.low, self.high, self.unit)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole number."""
+
+    low: int
+    high: int
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return f"a whole number of {self.low} to {self.high}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
+        """See Kind."""
+        found = int(value) if isinstance(value, float) and value.is_integer() else value
+        if (
+            isinstance(found, bool)
+            or not isinstance(found, int)
+            or not self.low <= found <= self.high
+        ):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return self.low
+        return found
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of some words."""
+
+    words: Sequence[str]
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return f"one of {', '.join(self.words)}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
+        """See Kind."""
+        return text(issues, key, value, self.words)
+
+
+@dataclass(frozen=True)
+class Level:
+    """0 or 1, or what they are called."""
+
+    words: tuple[str, str] = ("low", "high")
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return f"0 ({self.words[0]}) or 1 ({self.words[1]})"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
+        """See Kind."""
+        if isinstance(value, str) and value in self.words:
+            return float(self.words.index(value))
+        if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
+            return float(value)
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return math.nan
+
+
+@dataclass(frozen=True)
+class Text:
+    """Any text that is not empty; `called` says what it is."""
+
+    called: str = "a text"
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return self.called
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
+        """See Kind."""
+        if not isinstance(value, str) or not value.strip():
+            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            return ""
+        return value
+
+
+@dataclass(frozen=True)
+class Texts:
+    """A list of texts, or one."""
+
+    called: str
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return self.called
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """See Kind."""
+        given = [value] if isinstance(value, str) else value
+        if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
+            issues.add(key, f"{show(value)}; allowed: {self.called}")
+            return ()
+        return tuple(given)
+
+
+@dataclass(frozen=True)
+class When:
+    """A time, or a condition."""
+
+    allowed: str = f"0 to {LATEST:g} s, or a condition"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
+        """See Kind."""
+        if isinstance(value, str) and value.strip():
+            return Instant(math.nan, value, key=key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return Instant()
+        return Instant(number(issues, key, value, 0.0, LATEST, "s, or a condition"))
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Whatever its own reader makes of it."""
+
+    allowed: str
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
+        """See Kind."""
+        return value
+
+
+REQUIRED = object()
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a table; `told` is its default in words, where the value does not say it."""
+
+    name: str
+    kind: Kind
+    meaning: str
+    default: Any = REQUIRED
+    told: str = ""
+
+    @property
+    def default_told(self) -> str:
+        """The default in words."""
+        if self.default is REQUIRED:
+            return "required"
+        if self.told or self.default is None or self.default == ():
+            return self.told
+        return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
+
+
+def read_table(
+    issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]
+) -> dict[str, Any]:
+    """The values of a table by its keys; what is wrong with it is noted."""
+    known_keys(issues, prefix, given, [key.name for key in keys])
+    found: dict[str, Any] = {}
+    for key in keys:
+        dotted = f"{prefix}.{key.name}" if prefix else key.name
+        if key.name in given:
+            found[key.name] = key.kind.read(issues, dotted, given[key.name])
+        elif key.default is REQUIRED:
+            issues.add(dotted, f"missing; allowed: {key.kind.allowed}")
+            found[key.name] = None
+        else:
+            found[key.name] = key.default
+    return found
+
+
+def keys_by_name(keys: Sequence[Key]) -> Mapping[str, Key]:
+    """The same by their names."""
+    return {key.name: key for key in keys}

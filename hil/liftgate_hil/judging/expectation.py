@@ -1,0 +1,25 @@
+"""What is expected of a run, as a scenario says it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+KINDS = ("always", "eventually", "never")
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """A condition that holds always, eventually or never in a window.
+
+    `after` opens it: a time [s], or the first time that a condition is true; `within` [s] is its length, to the
+    run's end where it is infinite. What holds eventually holds for `hold` [s] without interruption.
+    """
+
+    name: str
+    kind: str  # one of KINDS
+    condition: str
+    after: float | str = 0.0
+    within: float = math.inf
+    hold: float = 0.0
+    key: str = ""  # of the file: expect[0]

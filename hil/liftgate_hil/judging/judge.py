@@ -1,0 +1,248 @@
+"""Judges a run: takes its rows and frames as they come, and says at the end what came of each expectation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.codec.watch import signal_unit, watched
+from liftgate_hil.conditions import NOT, SIGNAL, Condition, parsed, table_of, work_for
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.table import (
+    ALWAYS,
+    BLOCK,
+    EVENTUALLY,
+    EXPECTATION,
+    PROGRESS,
+    STRETCH,
+    Expectations,
+    Judged,
+    judge_block,
+)
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_plant.compiler import compiled
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_SLACK = 1e-7  # s, as in `table`
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expectations with their conditions, fitted to a rig's database and to a gate's drives."""
+
+    expectations: tuple[Expectation, ...]
+    conditions: tuple[Condition, ...]  # of each its own, then of each that has one its opener
+    openers: tuple[int, ...]  # which of the conditions opens each; -1: a time
+    signals: tuple[str, ...]  # of the bus, that they speak of
+    messages: Mapping[str, Message]
+    awaited: int = 0  # the last so many are what stimuli wait for
+
+
+def expected_of(
+    expectations: Sequence[Expectation],
+    parameters: Mapping[str, float],
+    messages: Mapping[str, Message],
+    drives: int,
+    source: str,
+    awaited: Sequence[Expectation] = (),
+) -> Expected:
+    """Fit expectations to a database and to a gate. Raises ConfigError with all that does not fit; `source` is the
+    file. `awaited` are conditions that stimuli wait for, as expectations: where one never comes nothing passes.
+    """
+    expectations = [*expectations, *awaited]
+    issues = ConfigIssues(source)
+
+    def condition_of(key: str, text: str, is_never: bool = False) -> Condition | None:
+        try:
+            made = parsed(text, parameters, lambda name: signal_unit(messages, name))
+        except ValueError as error:
+            issues.add(key, str(error))
+            return None
+        for said in made.beyond(drives):
+            issues.add(key, said)
+        return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
+
+    own, openers, judged = [], [], len(expectations) - len(awaited)
+    for place, each in enumerate(expectations):
+        is_own = place < judged
+        key = f"{each.key}.{each.kind}" if is_own else each.key
+        own.append(condition_of(key, each.condition, each.kind == "never"))
+        if isinstance(each.after, str):
+            openers.append(condition_of(f"{each.key}.after" if is_own else each.key, each.after))
+    issues.raise_if_any()
+    conditions = [each for each in (*own, *openers) if each is not None]
+    opener_of, count = [], len(expectations)
+    for each in expectations:
+        is_opened = isinstance(each.after, str)
+        opener_of.append(count if is_opened else -1)
+        count += is_opened
+    signals = tuple(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
+    watched(messages, signals, issues)
+    issues.raise_if_any()
+    found = tuple(expectations), tuple(conditions), tuple(opener_of)
+    return Expected(*found, signals, messages, len(awaited))
+
+
+class Judge:
+    """Judges rows and frames as they come; a Taker. `rate` [Hz] is that of the rows, `end` [s] that of the run and
+    of every window.
+    """
+
+    def __init__(self, expected: Expected, rate: float, end: float) -> None:
+        self._expected = expected
+        self._end = end
+        self._last = -math.inf
+        self._frames = no_logged()
+        self._run = compiled(judge_block)
+        self._tables, self._judged = _tables_of(expected, rate, end)
+
+    @property
+    def reads_the_bus(self) -> bool:
+        """Whether it needs frames."""
+        return bool(self._expected.signals)
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        if not self.reads_the_bus:
+            frames = no_logged()
+        if len(self._frames):
+            frames = np.concatenate([self._frames, frames])
+        if not len(rows):
+            self._frames = np.array(frames)
+            return
+        self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
+        frames = frames.view(np.recarray)
+        payloads = np.ascontiguousarray(frames["payload"])
+        seen = self._run(self._tables, self._judged, rows, frames, payloads, self._end)
+        self._frames = np.array(frames[seen:]) if seen < len(frames) else no_logged()
+
+    def verdicts(
+        self, error: str = "", late: str = "", gaps: Sequence[tuple[float, float]] = ()
+    ) -> list[Verdict]:
+        """What came of them, in the order of the file; `error` is why the run has not come to its end, `late` how
+        late the bench itself was, so that nothing can be said of the ECU, `gaps` from when to when [s] rows are
+        missing.
+        """
+        count = len(self._expected.expectations) - self._expected.awaited
+        found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
+        for place in range(count, len(self._expected.expectations)):
+            if not self._judged.progress[place].is_decided:
+                waiting = self._expected.expectations[place]
+                reason = f"{waiting.key} never came: {waiting.condition}"
+                found = [
+                    Verdict(each.name, INCONCLUSIVE, reason=reason)
+                    if each.verdict == PASS
+                    else each
+                    for each in found
+                ]
+        if not late:
+            return found
+        return [
+            each if each.verdict == ERROR else Verdict(each.name, INCONCLUSIVE, reason=late)
+            for each in found
+        ]
+
+    def _verdict(self, place: int, error: str) -> Verdict:
+        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        name, is_always = expectation.name, expectation.kind != "eventually"
+        if error:
+            return Verdict(name, ERROR, reason=error)
+        reason = self._undecided(place)
+        if reason:
+            return Verdict(name, INCONCLUSIVE, reason=reason)
+        is_decided = bool(progress.is_decided)
+        verdict = PASS if is_decided != is_always else FAIL
+        unit = self._expected.conditions[place].units[int(progress.decider)]
+        time = progress.decided_at if is_decided else progress.margin_at
+        return Verdict(
+            name, verdict, float(progress.margin), unit, float(time), self._told(place, verdict)
+        )
+
+    def _in_gaps(
+        self, place: int, verdict: Verdict, gaps: Sequence[tuple[float, float]]
+    ) -> Verdict:
+        """A verdict that no missing row of its window, or before what opens it, could have changed."""
+        progress = self._judged.progress[place]
+        is_opened = self._expected.openers[place] >= 0
+        begin = 0.0 if is_opened else float(progress.begin)
+        for gone, back in gaps:
+            if back > begin + _SLACK and not gone > progress.end + _SLACK:
+                reason = f"rows are missing from {gone:g} to {back:g} s"
+                return Verdict(verdict.name, INCONCLUSIVE, reason=reason)
+        return verdict
+
+    def _undecided(self, place: int) -> str:
+        """Why nothing can be said of an expectation; "": something can."""
+        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        if np.isnan(progress.begin):
+            return f"its trigger never came: {expectation.after}"
+        if progress.is_decided:
+            return ""
+        end = min(float(progress.end), self._end)
+        if progress.begin > self._last + _SLACK:
+            return f"its window begins at {progress.begin:g} s, the run ended at {self._last:g} s"
+        if progress.end > self._end + _SLACK and math.isfinite(expectation.within):
+            return f"its window, to {progress.end:g} s, was cut off by the end at {self._end:g} s"
+        if math.isfinite(end) and self._last < end - _SLACK:
+            return f"its window, to {end:g} s, was cut off where the run ended, at {self._last:g} s"
+        if progress.ticks == 0:
+            return f"no tick lies in its window, {progress.begin:g} to {end:g} s"
+        if progress.counted == 0:
+            return "a column or a signal of it has no value in its window"
+        if np.isnan(progress.margin):
+            return f"no stretch of {expectation.hold:g} s in its window in which all has a value"
+        return ""
+
+    def _told(self, place: int, verdict: str) -> str:
+        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        if verdict == PASS:
+            return ""
+        text, since = expectation.condition, f"from {progress.begin:g} s"
+        if expectation.kind == "always":
+            return f"{text}: not at {progress.decided_at:g} s"
+        if expectation.kind == "never":
+            return f"{text}: at {progress.decided_at:g} s"
+        held = f" for {expectation.hold:g} s" if expectation.hold else ""
+        within = f" within {expectation.within:g} s" if math.isfinite(expectation.within) else ""
+        return f"{text}{held}: not {since}{within}"
+
+
+def _tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
+    count = len(expected.expectations)
+    rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
+    progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
+    room = 0
+    for place, (row, each) in enumerate(zip(rows, expected.expectations, strict=True)):
+        row.kind = EVENTUALLY if each.kind == "eventually" else ALWAYS
+        row.condition, row.opener = place, expected.openers[place]
+        row.after = math.nan if isinstance(each.after, str) else each.after
+        row.within, row.hold = each.within, each.hold
+        row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
+        room += int(row.stretch_count) if each.hold else 0
+    for name in ("begin", "end", "decided_at", "margin", "margin_at", "since", "false_at"):
+        progress[name] = math.nan
+    issues = ConfigIssues("")
+    tables = Expectations(
+        rows,
+        table_of(expected.conditions, expected.signals),
+        watched(expected.messages, expected.signals, issues),
+    )
+    signals = len(expected.signals)
+    judged = Judged(
+        progress,
+        np.zeros(room, dtype=STRETCH).view(np.recarray),
+        np.full(signals, math.nan),
+        np.full((BLOCK, signals), math.nan),
+        work_for(BLOCK),
+    )
+    return tables, judged

@@ -1,0 +1,221 @@
+"""Expectations as tables, judged in machine code over blocks of rows and frames: while a run goes on, and again
+from its recording.
+
+An expectation has a window, [begin, end], both ends in, that a time or a condition opens. In it a condition holds
+always, or eventually, or eventually for some time without interruption. What is kept of it does not grow with the
+run.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.watch import watch
+from liftgate_hil.conditions import Conditions, Work, evaluate
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_plant.compiler import compilable
+
+ALWAYS, EVENTUALLY = 0, 1
+
+EXPECTATION = np.dtype(
+    [
+        ("kind", "i8"),
+        ("condition", "i8"),
+        ("opener", "i8"),  # condition that opens the window; -1: a time does
+        ("after", "f8"),  # s
+        ("within", "f8"),  # s; infinite: to the end
+        ("hold", "f8"),  # s, 0: a single tick does
+        ("stretch_first", "i8"),  # rows of the ring that the last `hold` is kept in
+        ("stretch_count", "i8"),
+    ]
+)
+
+PROGRESS = np.dtype(
+    [
+        ("begin", "f8"),  # s, of the window; NaN: not open yet
+        ("end", "f8"),
+        ("ticks", "i8"),  # in the window
+        ("counted", "i8"),  # ticks in the window in which the condition has a value
+        (
+            "is_decided",
+            "i8",
+        ),  # it was false once (always), or true (eventually): no later tick changes that
+        ("decided_at", "f8"),  # s
+        ("margin", "f8"),  # so far; NaN: none
+        ("margin_at", "f8"),  # s
+        ("decider", "i8"),  # comparison that it is of
+        # Of the last `hold`: the smallest margins to come, in a ring.
+        ("since", "f8"),  # s, of the first tick without interruption; NaN: none
+        ("false_at", "f8"),  # s, the last tick in which the condition was false
+        ("head", "i8"),
+        ("tail", "i8"),
+    ]
+)
+
+STRETCH = np.dtype([("time", "f8"), ("margin", "f8"), ("decider", "i8")])
+
+BLOCK = 512  # ticks that are evaluated at once
+
+_SLACK = 1e-7  # s: rows lie 1e-4 s apart at least, sums of times are exact to 1e-10 s
+_TIME = COLUMN_PLACE["time_s"]
+
+
+class Expectations(NamedTuple):
+    """All of a scenario, and the signals on the bus that they speak of."""
+
+    rows: Any  # (n,) EXPECTATION
+    conditions: Conditions
+    bus: BusConfig
+
+
+class Judged(NamedTuple):
+    """How far they are. Written in place."""
+
+    progress: Any  # (n,) PROGRESS
+    stretches: Any  # STRETCH, the rings
+    values: NDArray[np.float64]  # (signals,) on the bus as they stand
+    signals: NDArray[np.float64]  # (BLOCK, signals) in each tick of a block
+    work: Work
+
+
+@compilable
+def signals_in(
+    expectations: Expectations,
+    judged: Judged,
+    rows: NDArray[np.float64],
+    frames: Any,
+    payloads: NDArray[np.uint8],
+    seen: int,
+) -> int:
+    """The bus's signals in each tick of a block, from the frames after so many: how many are behind it then. A
+    frame counts from the first row whose time is its own or later, in whole microseconds.
+    """
+    if len(judged.values) == 0:
+        return len(frames)
+    for i in range(len(rows)):
+        now = round(rows[i, _TIME] * 1e6)
+        while seen < len(frames) and (frames[seen].time_ns + 500) // 1000 <= now:
+            frame = frames[seen]
+            watch(expectations.bus, judged.values, frame.identifier, frame.length, payloads, seen)
+            seen += 1
+        for place in range(len(judged.values)):
+            judged.signals[i, place] = judged.values[place]
+    return seen
+
+
+@compilable
+def opened(
+    expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
+) -> None:
+    """Open a window in this block, where its time or its condition comes."""
+    own, progress = expectations.rows[which], judged.progress[which]
+    if own.opener < 0:
+        progress.begin = own.after
+    else:
+        work = judged.work
+        evaluate(expectations.conditions, own.opener, rows, judged.signals, len(rows), work)
+        for i in range(len(rows)):
+            if work.truths[0, i] != 0 and not np.isnan(work.numbers[0, i]):
+                progress.begin = rows[i, _TIME]
+                break
+    progress.end = progress.begin + own.within
+
+
+@compilable
+def note_margin(progress: Any, kind: int, time: float, margin: float, decider: int) -> None:
+    """The smallest margin of always, the largest of eventually."""
+    better = margin < progress.margin if kind == ALWAYS else margin > progress.margin
+    if better or np.isnan(progress.margin):
+        progress.margin, progress.margin_at, progress.decider = margin, time, decider
+
+
+@compilable
+def note_stretch(
+    own: Any, progress: Any, ring: Any, time: float, truth: bool, margin: float, decider: int
+) -> None:
+    """One tick more of an expectation that must hold for some time: the smallest margin of each stretch that ends
+    here, from a queue of those that may yet be the smallest.
+    """
+    first, count = own.stretch_first, own.stretch_count
+    if np.isnan(progress.since):
+        progress.since, progress.head, progress.tail = time, 0, 0
+    if not truth:
+        progress.false_at = time
+    while progress.tail > progress.head and (
+        ring[first + (progress.tail - 1) % count].margin >= margin
+    ):
+        progress.tail -= 1
+    row = ring[first + progress.tail % count]
+    row.time, row.margin, row.decider = time, margin, decider
+    progress.tail += 1
+    begin = time - own.hold
+    while ring[first + progress.head % count].time < begin - _SLACK:
+        progress.head += 1
+    if begin < progress.since - _SLACK:
+        return
+    smallest = ring[first + progress.head % count]
+    note_margin(progress, EVENTUALLY, time, smallest.margin, smallest.decider)
+    is_whole = np.isnan(progress.false_at) or progress.false_at < begin - _SLACK
+    if is_whole and progress.is_decided == 0:
+        progress.is_decided, progress.decided_at = 1, time
+
+
+@compilable
+def judge_one(
+    expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
+) -> None:
+    """Take a block into one expectation."""
+    own, progress = expectations.rows[which], judged.progress[which]
+    if np.isnan(progress.begin):
+        opened(expectations, judged, which, rows)
+    last = rows[len(rows) - 1, _TIME]
+    if np.isnan(progress.begin) or last < progress.begin - _SLACK:
+        return
+    if rows[0, _TIME] > progress.end + _SLACK:
+        return
+    work = judged.work
+    evaluate(expectations.conditions, own.condition, rows, judged.signals, len(rows), work)
+    for i in range(len(rows)):
+        time, margin = rows[i, _TIME], work.numbers[0, i]
+        if not (progress.begin - _SLACK <= time <= progress.end + _SLACK):
+            continue
+        progress.ticks += 1
+        if np.isnan(margin):
+            progress.since = np.nan
+            continue
+        progress.counted += 1
+        truth, decider = work.truths[0, i] != 0, work.deciders[0, i]
+        if own.hold > 0.0:
+            note_stretch(own, progress, judged.stretches, time, truth, margin, decider)
+            continue
+        note_margin(progress, own.kind, time, margin, decider)
+        if progress.is_decided == 0 and truth == (own.kind == EVENTUALLY):
+            progress.is_decided, progress.decided_at = 1, time
+
+
+@compilable
+def judge_block(
+    expectations: Expectations,
+    judged: Judged,
+    rows: NDArray[np.float64],
+    frames: Any,
+    payloads: NDArray[np.uint8],
+    last: float,
+) -> int:
+    """Take rows (n, ROW_WIDTH) up to a time [s] and frames (m,) LOGGED with their payloads (m, 64): how many of
+    the frames are behind the last row.
+    """
+    seen = 0
+    for first in range(0, len(rows), BLOCK):
+        block = rows[first : first + BLOCK]
+        while len(block) > 0 and block[len(block) - 1, _TIME] > last + _SLACK:
+            block = block[: len(block) - 1]
+        if len(block) > 0:
+            seen = signals_in(expectations, judged, block, frames, payloads, seen)
+            for which in range(len(expectations.rows)):
+                judge_one(expectations, judged, which, block)
+    return seen

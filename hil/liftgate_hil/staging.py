@@ -1,0 +1,202 @@
+"""A scenario on its stage: with a vehicle and a rig at hand it becomes what the loops carry along and judge by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from liftgate_hil.codec.watch import signal_unit
+from liftgate_hil.conditions import Condition, parsed
+from liftgate_hil.config.fault_kinds import FAULT_KINDS, SIDES
+from liftgate_hil.config.scenario import Fault, Scenario
+from liftgate_hil.config.toml import show
+from liftgate_hil.config.vehicle import faults_with
+from liftgate_hil.identify.parameters import find_parameter, value_of, with_value
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.loop.simulation import Offline
+from liftgate_hil.loop.tick import no_frames
+from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
+from liftgate_hil.stimuli.moments import Instant, Moments
+from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
+from liftgate_hil.stimuli.scene import Scene, scene_of
+from liftgate_plant.constants import constants_of, numbers_of
+from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.session import Setup
+
+
+# Keys that a running gate cannot change.
+_FIXED = {
+    "sensors.hall_counts": "the decoders have counted by it; allowed: from the start, with [set]",
+    "sensors.hall_wheel": "another wheel; allowed: from the start, with [set]",
+}
+
+
+def staged(setup: Setup, rig: Rig) -> Scene:
+    """A run's scene before its first tick. Raises ConfigError with all that does not fit vehicle or rig."""
+    return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig.messages)
+
+
+def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
+    """The constants of `simulate`, at a step [s], with a row of every so many: a gate that is not latched, and
+    has no bus. Raises ConfigError.
+    """
+    scene = _scene(setup.scenario, setup.vehicle, (), None)
+    constants = constants_of(setup.vehicle)
+    released = constants._replace(load=constants.load._replace(latch_released=1.0))
+    place = list(numbers_of(constants)).index("load.latch_released")
+    scene.faults.sound[place] = scene.faults.row[place] = 1.0
+    return Offline(
+        constants=released,
+        scene=scene,
+        friction=friction_profile(setup.vehicle, constants.plant, setup.seed),
+        row=np.full((1, ROW_WIDTH), math.nan),
+        nothing=no_frames(),
+        step=step,
+        every=every,
+        seed=setup.seed,
+    )
+
+
+def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
+    """Requests to an ECU without the gate in this process. Raises ConfigError where one waits for a condition."""
+    issues = ConfigIssues("")
+    for each in requests:
+        if each.when.condition:
+            said = f"{each.when.key or 'request'}: {each.when.condition}"
+            issues.take([f"{said}: allowed: a time, as the gate is in another process"])
+    issues.raise_if_any()
+    return by_the_clock(requests)
+
+
+def _scene(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    requests: Sequence[Request],
+    messages: Mapping[str, Message] | None,
+) -> Scene:
+    issues = ConfigIssues(scenario.source)
+    injections = _injections(scenario.faults, vehicle, issues)
+    scene = scene_of(
+        constants_of(vehicle),
+        scenario.stimuli,
+        requests,
+        injections,
+        _conditions(scenario, vehicle, messages, issues),
+        messages,
+    )
+    issues.raise_if_any()
+    return scene
+
+
+def _conditions(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    messages: Mapping[str, Message] | None,
+    issues: ConfigIssues,
+) -> Callable[[Instant], Condition]:
+    """Makes the conditions of a scenario's instants."""
+
+    def made(instant: Instant) -> Condition:
+        try:
+            found = parsed(
+                instant.condition,
+                scenario.parameters,
+                lambda name: None if messages is None else signal_unit(messages, name),
+            )
+        except ValueError as error:
+            issues.add(instant.key, str(error))
+            return Condition(instant.condition, ())
+        for said in found.beyond(vehicle.drives):
+            issues.add(instant.key, said)
+        return found
+
+    return made
+
+
+def injections_of(faults: Sequence[Fault], vehicle: Vehicle) -> list[Injection]:
+    """Faults in a vehicle. Raises ConfigError."""
+    issues = ConfigIssues("")
+    found = _injections(faults, vehicle, issues)
+    issues.raise_if_any()
+    return found
+
+
+def _injections(faults: Sequence[Fault], vehicle: Vehicle, issues: ConfigIssues) -> list[Injection]:
+    """The same, without those that there are issues with."""
+    changed = [_changed_by(each, vehicle, issues) for each in faults]
+    found = []
+    for fault, own in zip(faults, changed, strict=True):
+        others = [
+            name
+            for other, names in zip(faults, changed, strict=True)
+            if other.values.get("key") != fault.values.get("key")
+            for name in names
+        ]
+        edits = _edits(fault, vehicle, issues)
+        for name, (before, after) in own.items():
+            # Of several keys that one constant follows from each has its part; of one key the last value counts.
+            is_shared = name in others
+            edits.append(Edit(name, ADD, after - before) if is_shared else Edit(name, SET, after))
+        if edits:
+            times = (fault.start, fault.end, fault.period, fault.share)
+            ramp = float(fault.values.get("ramp_s") or 0.0)
+            found.append(Injection(tuple(edits), *times, ramp=ramp))
+    return found
+
+
+def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
+    """What a fault changes, but for one of a key of the vehicle file."""
+    kind, where = FAULT_KINDS[fault.kind], fault.where or "both"
+    if fault.kind == "parameter":
+        return []
+    if not kind.is_of_drive:
+        return list(kind.edits(fault.values, ""))
+    if vehicle.drives == 1 and where == "right":
+        issues.take([f"{fault.key}.where: right: this gate has one drive; allowed: left, both"])
+    sides = SIDES[: vehicle.drives] if where == "both" else (where,)
+    return [edit for side in sides for edit in kind.edits(fault.values, side)]
+
+
+def _changed_by(
+    fault: Fault, vehicle: Vehicle, issues: ConfigIssues
+) -> dict[str, tuple[float, float]]:
+    """Which constants another value of a key of the vehicle file changes, from what to what."""
+    if fault.kind != "parameter":
+        return {}
+    key, value = fault.values["key"], float(fault.values["value"])
+    try:
+        parameter = find_parameter(vehicle, key)
+    except ValueError as error:
+        issues.take([f"{fault.key}.key: {show(key)}: {error}"])
+        return {}
+    quantity = parameter.quantity
+    if not quantity.low <= value <= quantity.high:
+        allowed = f"{quantity.low:g} to {quantity.high:g} {quantity.unit}".strip()
+        issues.take([f"{fault.key}.value: {value:g} is out of range; allowed: {allowed}"])
+        return {}
+    changed = with_value(vehicle, parameter, value)
+    wrong = [_FIXED[key]] if key in _FIXED else faults_with(changed)
+    if wrong:
+        issues.take([f"{fault.key}.value: {key} = {value:g}: {each}" for each in wrong])
+        return {}
+    before, after = numbers_of(constants_of(vehicle)), numbers_of(constants_of(changed))
+    found = {
+        name: (number, after[name])
+        for name, number in before.items()
+        if after[name] != number and not (math.isnan(after[name]) and math.isnan(number))
+    }
+    if not found and value_of(vehicle, parameter) != value:
+        issues.take(
+            [f"{fault.key}.key: {show(key)}: allowed: one that the running gate depends on"]
+        )
+    return found

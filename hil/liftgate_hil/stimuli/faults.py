@@ -1,0 +1,164 @@
+"""Faults as tables: from when to when each changes which of the gate's constants, and the row that is in force.
+
+Row and tables are data of the loop, so that no fault is compiled in. The row changes only where a fault begins,
+ends or ramps: between, the loop keeps what it has made of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, time_of
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.constants import Constants, numbers_of
+
+SET, SCALE, ADD = 0, 1, 2
+
+FAULT = np.dtype(
+    [
+        ("start", "f8"),
+        ("start_moment", "i8"),
+        ("end", "f8"),
+        ("end_moment", "i8"),
+        ("period", "f8"),  # s; 0: on all the time
+        ("share", "f8"),  # of each period, its first part
+        ("ramp", "f8"),  # s from nothing to all of it
+        ("first", "i8"),  # rows of its edits
+        ("count", "i8"),
+    ]
+)
+EDIT = np.dtype([("place", "i8"), ("how", "i8"), ("value", "f8")])
+
+_SLACK = 1e-9  # s
+_FOREVER = 1e300
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What a fault does to one number of the constants: `how` is SET, SCALE or ADD."""
+
+    name: str  # such as plant.left.spring.health
+    how: int
+    value: float
+
+
+class Injection(NamedTuple):
+    """A fault that is to be made: what it changes, and when."""
+
+    edits: tuple[Edit, ...]
+    start: Instant = START
+    end: Instant = NEVER
+    period: float = 0.0
+    share: float = 1.0
+    ramp: float = 0.0
+
+
+class Faults(NamedTuple):
+    """All faults of a run, and what is in force."""
+
+    rows: Any  # (n,) FAULT
+    edits: Any  # EDIT
+    sound: NDArray[np.float64]  # (w,) the constants without faults
+    row: NDArray[np.float64]  # (w,) those in force. Written in place, as what follows
+    shares: NDArray[np.float64]  # (n,) how much of each fault is in force
+    next: NDArray[np.float64]  # (1,) s, when to look again
+
+
+def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet) -> Faults:
+    """The tables of faults of a gate; their moments go to the sheet."""
+    numbers = numbers_of(constants)
+    places = {name: place for place, name in enumerate(numbers)}
+    rows: list[tuple[float, ...]] = []
+    edits: list[tuple[float, ...]] = []
+    for each in injections:
+        start = sheet.place(each.start)
+        end = sheet.place(each.end, start)
+        made = [(places[edit.name], edit.how, edit.value) for edit in each.edits]
+        times = (each.period, each.share, each.ramp)
+        rows.append((*start, *end, *times, len(edits), len(made)))
+        edits += made
+    sound = np.array(list(numbers.values()))
+    return Faults(
+        np.array(rows, dtype=FAULT).view(np.recarray),
+        np.array(edits, dtype=EDIT).view(np.recarray),
+        sound,
+        sound.copy(),
+        np.zeros(len(rows)),
+        np.full(1, -math.inf if rows else _FOREVER),
+    )
+
+
+@compilable
+def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
+    """How much of a fault is in force at a time [s], 0 to 1, and when that changes next; what waits for a moment
+    does so when that has come.
+    """
+    start = time_of(moments, fault.start, fault.start_moment)
+    end = time_of(moments, fault.end, fault.end_moment)
+    if np.isnan(start):
+        return 0.0, _FOREVER
+    if np.isnan(end):
+        end = _FOREVER
+    since = now - start + _SLACK
+    if since < 0.0:
+        return 0.0, min(start, _FOREVER)
+    if now >= end - _SLACK:
+        return 0.0, _FOREVER
+    then, share = end, 1.0
+    if fault.period > 0.0:
+        begin = start + math.floor(since / fault.period) * fault.period
+        off = begin + fault.share * fault.period
+        if now >= off - _SLACK:
+            return 0.0, min(end, begin + fault.period)
+        then = min(end, off)
+    if since < fault.ramp:
+        share, then = min(1.0, max(0.0, (now - start) / fault.ramp)), now
+    return share, then
+
+
+@outlined
+def look(faults: Faults, moments: Moments, now: float) -> bool:
+    """See `is_changed`."""
+    faults.next[0] = _FOREVER
+    changed = False
+    for place in range(len(faults.rows)):
+        share, then = share_at(faults.rows[place], moments, now)
+        faults.next[0] = min(faults.next[0], then)
+        if share != faults.shares[place]:
+            faults.shares[place] = share
+            changed = True
+    if changed:
+        put_together(faults)
+    return changed
+
+
+@compilable
+def is_changed(faults: Faults, moments: Moments, now: float) -> bool:
+    """Whether the row in force is another one from a time [s] on; it is made then."""
+    return now >= faults.next[0] - _SLACK and look(faults, moments, now)
+
+
+@compilable
+def put_together(faults: Faults) -> None:
+    """The row in force: the constants, changed by one fault after the other in the order of the file."""
+    row = faults.row
+    for place in range(len(row)):
+        row[place] = faults.sound[place]
+    for place in range(len(faults.rows)):
+        fault, share = faults.rows[place], faults.shares[place]
+        if share == 0.0:
+            continue
+        for k in range(fault.first, fault.first + fault.count):
+            edit = faults.edits[k]
+            before = row[edit.place]
+            if edit.how == ADD:
+                row[edit.place] = before + share * edit.value
+            else:
+                after = before * edit.value if edit.how == SCALE else edit.value
+                row[edit.place] = after if share == 1.0 else before + share * (after - before)

@@ -1,0 +1,157 @@
+"""When something begins or ends: at a time, or once a condition has come true.
+
+Conditions see the row of the tick before, and the frames up to it: what they let begin acts from the next tick on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.watch import watch, watched
+from liftgate_hil.conditions import (
+    SIGNAL,
+    Condition,
+    Conditions,
+    Work,
+    evaluate,
+    table_of,
+    work_for,
+)
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_plant.compiler import compilable, outlined
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+BY_TIME = -1  # in place of a moment's row
+
+MOMENT = np.dtype(
+    [
+        ("condition", "i8"),
+        ("delay", "f8"),  # s, from when it comes true
+        ("after", "f8"),  # s: it does not count before
+        ("after_moment", "i8"),  # or not before this moment; BY_TIME: `after`
+    ]
+)
+
+_TIME = COLUMN_PLACE["time_s"]
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A time [s], or the first time that a condition is true and `delay` [s] more."""
+
+    time: float = 0.0
+    condition: str = ""
+    delay: float = 0.0
+    key: str = ""  # of the file, where a condition stands
+
+
+START, NEVER = Instant(0.0), Instant(math.inf)
+
+
+class Moments(NamedTuple):
+    """The moments that conditions decide, and what is known of them so far."""
+
+    rows: Any  # (n,) MOMENT
+    conditions: Conditions
+    bus: BusConfig  # the signals that they speak of
+    when: NDArray[np.float64]  # (n,) s; NaN: not yet. Written in place, as what follows
+    values: NDArray[np.float64]  # (1, signals) on the bus as they stand
+    pending: NDArray[np.int64]  # (1,) moments that have not come
+    work: Work
+
+
+class Sheet:
+    """Instants on their way into tables: `place` gives what a table holds of one, `moments` what decides them."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, float, float, int]] = []
+        self.instants: list[Instant] = []
+
+    def place(
+        self, instant: Instant, after: tuple[float, int] = (0.0, BY_TIME)
+    ) -> tuple[float, int]:
+        """A time and a moment's row, of which one counts. No condition counts before `after`, such a pair."""
+        if not instant.condition:
+            return instant.time, BY_TIME
+        self._rows.append((len(self.instants), instant.delay, *after))
+        self.instants.append(instant)
+        return math.nan, len(self._rows) - 1
+
+    def moments(self, conditions: Sequence[Condition], messages: Mapping[str, Message]) -> Moments:
+        """The table, with the conditions of `instants`."""
+        signals = list(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
+        count = len(self._rows)
+        return Moments(
+            np.array(self._rows, dtype=MOMENT).view(np.recarray),
+            table_of(conditions, signals),
+            watched(messages, signals, ConfigIssues("")),
+            np.full(count, math.nan),
+            np.full((1, len(signals)), math.nan),
+            np.full(1, count, dtype=np.int64),
+            work_for(1),
+        )
+
+
+def no_moments() -> Moments:
+    """Nothing waits for a condition."""
+    return Sheet().moments((), {})
+
+
+def moved(instant: Instant, delay: float) -> Instant:
+    """The same, so much [s] after its condition."""
+    return replace(instant, delay=delay)
+
+
+@compilable
+def time_of(moments: Moments, time: float, moment: int) -> float:
+    """When something is [s]; NaN: that is not known yet."""
+    return time if moment < 0 else float(moments.when[moment])
+
+
+@outlined
+def note_frames_for(moments: Moments, frames: Frames) -> None:
+    """Take what frames say."""
+    for i in range(frames.count):
+        watch(
+            moments.bus,
+            moments.values[0],
+            int(frames.identifiers[i]),
+            int(frames.lengths[i]),
+            frames.data,
+            i,
+        )
+
+
+@compilable
+def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
+    """See `note_moments`."""
+    if len(moments.bus.messages) > 0:
+        note_frames_for(moments, given)
+        note_frames_for(moments, heard)
+    has_come, now, work = False, rows[0, _TIME], moments.work
+    for place in range(len(moments.rows)):
+        own = moments.rows[place]
+        if np.isnan(moments.when[place]) and time_of(moments, own.after, own.after_moment) < now:
+            evaluate(moments.conditions, own.condition, rows, moments.values, 1, work)
+            if work.truths[0, 0] != 0:
+                moments.when[place] = now + own.delay
+                moments.pending[0] -= 1
+                has_come = True
+    return has_come
+
+
+@compilable
+def note_moments(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
+    """Whether a moment has come with this tick, of which that is the row (1, ROW_WIDTH), and those the frames."""
+    return moments.pending[0] != 0 and look(moments, rows, given, heard)

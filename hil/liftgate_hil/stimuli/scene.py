@@ -1,0 +1,75 @@
+"""All that acts on a run from outside, and how far it is: what the loops carry with them from tick to tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.conditions import Condition, parsed
+from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
+from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
+from liftgate_hil.stimuli.requests import Request, Requests, requests_of
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
+from liftgate_plant.compiler import compilable
+from liftgate_plant.constants import Constants
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_AT_ONCE = -1e300
+
+
+class Scene(NamedTuple):
+    """Of one run; its arrays are written in place."""
+
+    timeline: Timeline
+    moments: Moments
+    faults: Faults
+    held: NDArray[np.float64]  # what was posted, see mailbox
+    requests: Requests
+
+
+class Stimuli(NamedTuple):
+    """What a scenario puts around the gate."""
+
+    profiles: Mapping[str, Profile]
+    obstacles: Sequence[TimedObstacle] = ()
+
+
+NO_STIMULI = Stimuli({})
+
+
+def scene_of(
+    constants: Constants,
+    stimuli: Stimuli = NO_STIMULI,
+    requests: Sequence[Request] = (),
+    injections: Sequence[Injection] = (),
+    condition_of: Callable[[Instant], Condition] = lambda instant: parsed(instant.condition, {}),
+    messages: Mapping[str, Message] | None = None,
+) -> Scene:
+    """A scene before the first tick, of a gate with these constants, on a bus with these messages."""
+    sheet = Sheet()
+    timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
+    faults = faults_of(constants, injections, sheet)
+    asked = requests_of(requests, sheet)
+    conditions = [condition_of(each) for each in sheet.instants]
+    moments = sheet.moments(conditions, messages or {})
+    return Scene(timeline, moments, faults, nothing_held(), asked)
+
+
+@compilable
+def turns(scene: Scene, time: float) -> bool:
+    """Whether the constants in force (`faults.row`) are others from a time [s] on."""
+    return is_changed(scene.faults, scene.moments, time)
+
+
+@compilable
+def note_tick(scene: Scene, rows: NDArray[np.float64], given: Frames, heard: Frames) -> None:
+    """Take what a tick has shown: its row (1, ROW_WIDTH) and its frames, either way."""
+    if note_moments(scene.moments, rows, given, heard):
+        scene.faults.next[0] = _AT_ONCE

@@ -1,0 +1,1 @@
+"""Scenarios as tests: found, run, judged, reported; and pytest's plugin."""

@@ -1,0 +1,237 @@
+"""pytest's plugin: the fixture `liftgate`, and `test_*.toml` files that hold an `[[expect]]` as tests.
+
+    def test_reverses(liftgate):
+        result = liftgate.run("scenario.toml", ecu="my_ecu:Ecu")
+        assert result.expectations["reverses"].verdict == "pass"
+
+An expectation that is inconclusive, or an error, is an error of pytest's, not a failure.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from liftgate_hil.gate import Gate
+    from liftgate_hil.judging.verdict import Verdict
+    from liftgate_hil.runs import Job, Result
+    from liftgate_hil.testing.suite import Case, Outcome
+
+_GROUP = "liftgate-bus"
+_FAILED = pytest.StashKey[bool]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Flags."""
+    group = parser.getgroup("liftgate", "lift gate emulator")
+    told = "of scenario files and of the fixture"
+    group.addoption(
+        "--liftgate-ecu", metavar="reference|LIBRARY|MODULE:CLASS|bus", help=f"the ECU {told}"
+    )
+    group.addoption("--liftgate-bus", metavar="INTERFACE:CHANNEL", help="the bus with the ECU")
+    group.addoption("--liftgate-vehicle", metavar="NAME|FILE", help=f"the vehicle {told}")
+    group.addoption("--liftgate-rig", metavar="NAME|FILE", help=f"the rig {told}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """One bus is for one at a time: all tests on it go to one worker of xdist."""
+    if config.getoption("liftgate_bus") and getattr(config.option, "dist", "no") != "no":
+        config.option.dist = "loadgroup"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """See `pytest_configure`."""
+    if not config.getoption("liftgate_bus") or not config.pluginmanager.hasplugin("xdist"):
+        return
+    for item in items:
+        if isinstance(item, ExpectationItem) or "liftgate" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.xdist_group(_GROUP))
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """A scenario whose name begins with test_; other tools' TOML files are none."""
+    if file_path.suffix != ".toml" or not file_path.name.startswith("test_"):
+        return None
+    if b"expect" not in file_path.read_bytes():
+        return None
+    from liftgate_hil.testing.suite import is_scenario
+
+    return ScenarioFile.from_parent(parent, path=file_path) if is_scenario(file_path) else None
+
+
+class ScenarioFile(pytest.File):
+    """A scenario file: run once, by the first of its expectations that is asked for."""
+
+    _case: Case
+    _outcome: Outcome | None = None
+
+    def collect(self) -> Iterator[pytest.Item]:
+        """An item an expectation."""
+        from liftgate_hil.errors import ConfigError
+        from liftgate_hil.testing.suite import cases_of
+
+        try:
+            _allow_imports_from_root(self.config)
+            (self._case,) = cases_of([self.path], _template(self.config))
+        except ConfigError as error:
+            raise self.CollectError("\n".join(error.issues)) from None
+        for each in self._case.parts.setup.scenario.expectations:
+            yield ExpectationItem.from_parent(self, name=each.name)
+
+    def verdict(self, name: str) -> Verdict:
+        """What came of an expectation."""
+        from liftgate_hil.testing.suite import run_case
+
+        if self._outcome is None:
+            self._outcome = run_case(self._case)
+        return next(each for each in self._outcome.expectations if each.name == name)
+
+
+class ExpectationItem(pytest.Item):
+    """An expectation of a scenario file."""
+
+    _verdict: Verdict
+
+    def setup(self) -> None:
+        """Run the scenario: what cannot be judged is an error of the set-up."""
+        assert isinstance(self.parent, ScenarioFile)
+        self._verdict = self.parent.verdict(self.name)
+        if self._verdict.verdict in ("inconclusive", "error"):
+            raise NoVerdictError(self._verdict)
+
+    def runtest(self) -> None:
+        """Fail where it has failed."""
+        if self._verdict.verdict != "pass":
+            raise NotAsExpectedError(self._verdict)
+
+    def repr_failure(
+        self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None
+    ) -> str | Any:
+        """In words, without a traceback."""
+        if isinstance(excinfo.value, NoVerdictError | NotAsExpectedError):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """Where it stands."""
+        return self.path, None, f"{self.path.name}: {self.name}"
+
+
+class _VerdictError(Exception):
+    def __init__(self, verdict: Verdict) -> None:
+        from liftgate_hil.testing.reports import line_of
+
+        super().__init__(f"{verdict.name}: {line_of(verdict)}")
+
+
+class NotAsExpectedError(_VerdictError):
+    """An expectation has failed."""
+
+
+class NoVerdictError(_VerdictError):
+    """An expectation is inconclusive, or its scenario has not come to its end."""
+
+
+def _allow_imports_from_root(config: pytest.Config) -> None:
+    """An ECU's module may lie in pytest's root folder; last, so that nothing there hides what is installed."""
+    folder = str(config.rootpath)
+    if folder not in sys.path:
+        sys.path.append(folder)
+
+
+def _template(config: pytest.Config) -> Job:
+    """How the flags say that scenarios are run. Raises ConfigError."""
+    from liftgate_hil.runs import Job
+    from liftgate_hil.session import RunOptions
+    from liftgate_hil.transport.can_arguments import WireChoice
+
+    bus = config.getoption("liftgate_bus")
+    ecu = config.getoption("liftgate_ecu") or ("bus" if bus else "reference")
+    return Job(
+        scenario=None,
+        ecu=ecu,
+        vehicle=config.getoption("liftgate_vehicle"),
+        rig=config.getoption("liftgate_rig"),
+        wire=WireChoice(bus=bus) if bus else None,
+        options=RunOptions(clock="realtime" if bus else "free"),
+    )
+
+
+class Liftgate:
+    """What the fixture gives: gates, and runs whose recordings stay where the test fails."""
+
+    def __init__(self, config: pytest.Config, folder: Path) -> None:
+        self._config = config
+        self._folder = folder
+        self._gates: list[Gate] = []
+        self._runs = 0
+
+    def gate(self, **arguments: Any) -> Gate:
+        """A `liftgate_hil.Gate`, closed with the test."""
+        from liftgate_hil.gate import Gate
+
+        for name in ("vehicle", "rig"):
+            given = self._config.getoption(f"liftgate_{name}")
+            if given is not None:
+                arguments.setdefault(name, given)
+        made = Gate(**arguments)
+        self._gates.append(made)
+        return made
+
+    def run(self, scenario: Any = None, **arguments: Any) -> Result:
+        """`liftgate_hil.run`, with the flags' ECU, bus, vehicle and rig where none is named."""
+        from liftgate_hil.runs import run
+
+        for name in ("ecu", "bus", "vehicle", "rig"):
+            given = self._config.getoption(f"liftgate_{name}")
+            if given is not None:
+                arguments.setdefault(name, given)
+        if arguments.get("bus") is not None:
+            arguments.setdefault("ecu", "bus")
+            arguments.setdefault("clock", "realtime")
+        self._runs += 1
+        stem = self._folder / f"run-{self._runs}"
+        arguments.setdefault("record", [f"{stem}.log", f"{stem}.csv"])
+        self._folder.mkdir(parents=True, exist_ok=True)
+        _allow_imports_from_root(self._config)
+        return run(scenario, **arguments)
+
+    def close(self, is_kept: bool) -> None:
+        """Close the gates; without a failure nobody wants the recordings."""
+        for each in self._gates:
+            each.close()
+        if not is_kept:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+
+@pytest.fixture
+def liftgate(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Liftgate]:
+    """`liftgate.gate(...)` and `liftgate.run(...)`; recordings of a test that fails are kept, and told."""
+    made = Liftgate(
+        request.config, tmp_path_factory.mktemp("liftgate", numbered=True) / "recordings"
+    )
+    yield made
+    has_failed = request.node.stash.get(_FAILED, False)
+    made.close(is_kept=has_failed)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
+    """Note that a test has failed, and say where its recordings are; what has no verdict is told in words."""
+    report = yield
+    if call.excinfo is not None and isinstance(call.excinfo.value, NoVerdictError):
+        report.longrepr = str(call.excinfo.value)
+    if report.failed and "liftgate" in getattr(item, "fixturenames", ()):
+        item.stash[_FAILED] = True
+        used = getattr(item, "funcargs", {}).get("liftgate")
+        if isinstance(used, Liftgate) and used._runs:
+            report.sections.append(("liftgate recordings", str(used._folder)))
+    return report

@@ -1,0 +1,177 @@
+"""Scenario files as a suite: which there are, and what came of each, several at a time."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil import runs
+from liftgate_hil.config.files import is_there
+from liftgate_hil.config.scenario_keys import TOP
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.toml import read_toml
+from liftgate_hil.ecu.find import ON_A_BUS, is_library
+from liftgate_hil.errors import ConfigError, LiftgateError, causes
+from liftgate_hil.judging.expectation import KINDS
+from liftgate_hil.judging.verdict import ERROR, Verdict, worst
+from liftgate_hil.runs import Job, Parts, Result
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scenario about to run."""
+
+    file: str  # as reports name it
+    job: Job
+    parts: Parts
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a scenario."""
+
+    case: Case
+    verdict: str
+    reason: str  # why it has not come to its end
+    expectations: tuple[Verdict, ...]
+    result: Result | None
+    wall_s: float
+
+
+def scenario_files(paths: Sequence[str]) -> list[Path]:
+    """The scenario files of paths and shipped names: a folder stands for all scenarios in it and below that expect
+    something. Raises ConfigError.
+    """
+    found: list[Path] = []
+    for name in paths:
+        path = Path(name)
+        if path.is_dir():
+            inside = sorted(each for each in path.rglob("*.toml") if is_scenario(each))
+            if not inside:
+                raise ConfigError(
+                    f"{path}: no scenario with [[expect]]; allowed: a folder with some"
+                )
+            found += inside
+        else:
+            found.append(path if is_there(path) else find_config("scenarios", name))
+    kept: dict[Path, Path] = {}
+    for path in found:
+        kept.setdefault(path.resolve(), path)
+    return list(kept.values())
+
+
+def is_scenario(path: Path) -> bool:
+    """Whether a TOML file says what is expected of a gate: it has [[expect]], and nothing that a scenario has not,
+    or an expectation that is one of ours. What cannot be read is none, nor are other tools' files.
+    """
+    try:
+        content = read_toml(path)
+    except ConfigError:
+        return False
+    expected = content.get("expect")
+    if not isinstance(expected, list) or not all(isinstance(each, dict) for each in expected):
+        return False
+    is_known = len(content) > 1 and {*content} <= {key.name for key in TOP}
+    return bool(expected) and (is_known or any({*each} & {*KINDS} for each in expected))
+
+
+def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
+    """The cases of scenario files, each run as the template says. Raises ConfigError with the issues of all."""
+    cases: list[Case] = []
+    issues: list[str] = []
+    for path in files:
+        job = replace(template, scenario=path)
+        try:
+            parts = runs.resolve(job)
+            scenario = parts.setup.scenario
+            if not scenario.expectations:
+                issues.append(f"{path}: expect: missing; allowed: [[expect]] tables")
+            elif scenario.duration is None and job.options.duration is None:
+                issues.append(f"{path}: duration: missing; allowed: 0 to 1e+06 s")
+            else:
+                cases.append(Case(os.path.relpath(path), job, parts))
+        except ConfigError as error:
+            issues += [line for line in error.issues if line not in issues]
+    if issues:
+        raise ConfigError(issues)
+    return cases
+
+
+def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome:
+    """Run one and judge it. What is foreign runs in a process of its own."""
+    began = time.monotonic()
+    job = case.job
+    if isinstance(job.ecu, str) and ":" in job.ecu and job.wire is None and not is_library(job.ecu):
+        job = replace(job, is_isolated=True)
+    result, reason = None, ""
+    try:
+        result = runs.execute(job, stopped, case.parts)
+        reason = result.reason
+    except LiftgateError as error:
+        reason = "; ".join(causes(error))
+    scenario = case.parts.setup.scenario
+    if not reason and result is not None and stopped():
+        end = job.options.duration or scenario.duration or 0.0
+        if result.summary.model_time_s < end:
+            reason = f"stopped at {result.summary.model_time_s:.3f} s"
+    found = result.expectations if result is not None and not reason else {}
+    verdicts = tuple(
+        found.get(each.name) or Verdict(each.name, ERROR, reason=reason)
+        for each in scenario.expectations
+    )
+    verdict = worst([*(each.verdict for each in verdicts), *([ERROR] if reason else [])])
+    return Outcome(case, verdict, reason, verdicts, result, time.monotonic() - began)
+
+
+def not_run(case: Case, reason: str) -> Outcome:
+    """Of a case whose turn never came."""
+    expectations = case.parts.setup.scenario.expectations
+    verdicts = tuple(Verdict(each.name, ERROR, reason=reason) for each in expectations)
+    return Outcome(case, ERROR, reason, verdicts, None, 0.0)
+
+
+def run_suite(
+    cases: Sequence[Case], jobs: int = 1, stopped: Callable[[], bool] = lambda: False
+) -> Iterator[Outcome]:
+    """What came of the cases, as they end: so many at a time on the free clock, where the loop holds no
+    interpreter lock. A stop leaves those whose turn has not come as errors.
+    """
+    if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
+        for case in cases:
+            yield not_run(case, "stopped before it began") if stopped() else run_case(case, stopped)
+        return
+
+    def turn(case: Case) -> Outcome:
+        return not_run(case, "stopped before it began") if stopped() else run_case(case, stopped)
+
+    with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+        waiting = {pool.submit(turn, case) for case in cases}
+        while waiting:  # in short waits, so that a signal's handler has its turn
+            done, waiting = concurrent.futures.wait(
+                waiting, timeout=0.1, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            for each in done:
+                yield each.result()
+
+
+def verdict_of(outcomes: Sequence[Outcome]) -> str:
+    """The worst of all."""
+    return worst(each.verdict for each in outcomes)
+
+
+def counts_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """How many expectations came to which verdict."""
+    verdicts = [each.verdict for outcome in outcomes for each in outcome.expectations]
+    counts = {name: verdicts.count(name) for name in ("pass", "fail", "inconclusive", "error")}
+    share = counts["inconclusive"] / len(verdicts) if verdicts else 0.0
+    return {**counts, "inconclusive_share": share}
+
+
+def is_alone(template: Job) -> bool:
+    """Whether its scenarios cannot run beside each other: on one bus, or in real time."""
+    return template.ecu == ON_A_BUS or template.wire is not None or template.options.clock != "free"

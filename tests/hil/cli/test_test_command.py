@@ -1,0 +1,186 @@
+"""`liftgate-hil test`: which scenarios, verdicts, exit codes, reports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from liftgate_hil.cli.main import main
+
+RESTS = '[[expect]]\nname = "rests"\nalways = "gate_angle_deg < $most"\n'
+MOVES = '[[expect]]\nname = "moves & <more>"\neventually = "gate_angle_deg > 1"\n'
+NEVER = '[[expect]]\nname = "never"\nalways = "latched == 1"\nafter = "latched == 0"\n'
+HEAD = 'duration = 0.5\nrequirement = ["LG-1", "LG-2"]\n[parameters]\nmost = 1\n'
+FROZEN = """
+class Crash:
+    period_s = 0.01
+    def step(self, now_s, frames):
+        import os
+        os._exit(3)
+
+class Raises:
+    period_s = 0.01
+    turns = 0
+    def step(self, now_s, frames):
+        self.turns += 1
+        if self.turns > 10:
+            raise ValueError("rubbish")
+        return []
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def scenario(name: str, *expectations: str) -> str:
+    Path(name).write_text(HEAD + "".join(expectations))
+    return name
+
+
+@pytest.mark.parametrize(
+    ("expectations", "code"),
+    [
+        ((RESTS,), 0),
+        ((RESTS, MOVES), 1),
+        ((RESTS, NEVER), 3),
+        ((MOVES, NEVER), 1),
+    ],
+)
+def test_the_exit_code_is_that_of_the_worst_verdict(
+    expectations: tuple[str, ...], code: int
+) -> None:
+    assert main(["test", scenario("s.toml", *expectations)]) == code
+
+
+def test_parameters_are_replaced(capsys: pytest.CaptureFixture[str]) -> None:
+    path = scenario("s.toml", RESTS)
+    assert main(["test", path, "--set-parameter", "most=-1"]) == 1
+    assert "rests: fail, margin -1 deg" in capsys.readouterr().out
+    assert main(["test", path, "--set-parameter", "mots=-1"]) == 2
+    assert "--set-parameter mots: no such parameter; allowed: most" in capsys.readouterr().err
+    assert main(["test", path, "--set-parameter", "most"]) == 2
+
+
+def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
+    assert main(["test", *names, "--json", "out.json", "--junit", "out.xml", "--jobs", "2"]) == 1
+    out = capsys.readouterr().out
+    assert "2 scenarios: 1 pass, 1 fail, 1 inconclusive; 33 % inconclusive" in out
+    told: dict[str, Any] = json.loads(Path("out.json").read_text())
+    assert told["verdict"] == "fail"
+    assert told["expectations"]["inconclusive_share"] == pytest.approx(1 / 3)
+    first, second = told["scenarios"]
+    assert (first["file"], first["verdict"], first["requirement"]) == (
+        "a.toml",
+        "fail",
+        ["LG-1", "LG-2"],
+    )
+    rests, moves = first["expectations"]
+    assert rests == {
+        "name": "rests", "verdict": "pass", "margin": 1.0, "margin_unit": "deg", "time_s": 0.001, "reason": "",
+    }  # fmt: skip
+    assert (moves["verdict"], moves["margin"]) == ("fail", -1.0)
+    (never,) = second["expectations"]
+    assert (never["verdict"], never["margin"], never["time_s"]) == ("inconclusive", None, None)
+    assert "its trigger never came" in never["reason"]
+    root = ElementTree.parse("out.xml").getroot()
+    suite, other = root
+    assert (suite.get("failures"), suite.get("errors"), other.get("errors")) == ("1", "0", "1")
+    case = suite.findall("testcase")[1]
+    assert case.get("name") == "moves & <more>"
+    failure = case.find("failure")
+    assert failure is not None
+    assert "margin -1 deg" in (failure.get("message") or "")
+
+
+def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path: Path) -> None:
+    (tmp_path / "suite" / "deep").mkdir(parents=True)
+    scenario("suite/a.toml", RESTS)
+    scenario("suite/deep/a.toml", RESTS)
+    Path("suite/parts.toml").write_text("[parameters]\nx = 1\n")
+    Path("suite/tool.toml").write_text('[[expect]]\nstdout = "x"\n[tool]\na = 1\n')
+    assert main(["test", "suite", "suite/a.toml", "--results", "out", "--quiet"]) == 0
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "a-2.csv", "a-2.log", "a.csv", "a.log", "junit.xml", "verdicts.json",
+    ]  # fmt: skip
+    told = json.loads(Path("out/verdicts.json").read_text())
+    assert [each["recordings"] for each in told["scenarios"]] == [
+        ["out/a.log", "out/a.csv"], ["out/a-2.log", "out/a-2.csv"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("ecu", "said"), [("Crash", "exit code 3"), ("Raises", "rubbish")])
+def test_an_ecu_that_fails_is_an_error_and_the_next_scenario_runs(
+    ecu: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("bad_ecu.py").write_text(FROZEN)
+    names = [scenario("a.toml", RESTS), scenario("b.toml", RESTS)]
+    assert main(["test", *names, "--ecu", f"bad_ecu:{ecu}"]) == 2
+    out = capsys.readouterr().out
+    assert out.count("rests: error: the ECU at") == 2
+    assert said in out
+    assert "2 scenarios: 2 error" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("duration = 1.0\n", "s.toml: expect: missing; allowed: [[expect]] tables"),
+        (RESTS.replace("$most", "1"), "s.toml: duration: missing; allowed: 0 to 1e+06 s"),
+        ("duration = 1\n[[expect]]\nname = 'x'\n", "expect[0]: nothing; allowed: one of always"),
+        ("duration = 1\n[[expect]]\nalways = 'time_s > 0'\n", "expect[0].name: missing"),
+        ("duration = 1\n[[expect]]\nname = 'x'\nalways = 'time_s > 0'\nfor_s = 1\n",
+         "for_s: 1; allowed: with eventually"),
+        ("duration = 1\n[[expect]]\nname = 'x'\neventually = 'time_s > 0'\nfor_s = 1\nwithin_s = 0.5\n",
+         "for_s: 1; allowed: up to within_s, 0.5 s"),
+        ("duration = 1\n[[expect]]\nname = 'x'\nalways = 'X.Y > 0'\n", "expect[0].always: X.Y: no such signal"),
+        (HEAD + RESTS + RESTS, "expect: rests comes 2 times; allowed: once"),
+        ("duration = 1\nexpect = 3\n", "expect: 3; allowed: [[expect]] tables"),
+        ("not TOML", "not valid TOML"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_told_before_anything_runs(
+    text: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("s.toml").write_text(text)
+    assert main(["test", "s.toml"]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    names = [
+        scenario("a.toml", RESTS.replace("always", "allways")),
+        scenario("b.toml", "[[fault]]\nkind = 'x'\n"),
+    ]
+    assert main(["test", *names]) == 2
+    told = capsys.readouterr().err
+    assert "a.toml: expect[0].allways" in told
+    assert "b.toml: fault[0].kind" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nix.toml"], "no such file"),
+        (["empty"], "no scenario with [[expect]]"),
+        (["s.toml", "--bus", "virtual:x"], "--bus: allowed together with --ecu bus"),
+        (["s.toml", "--json", "nix/out.json"], "--json nix/out.json: no such folder"),
+        (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
+        (["s.toml", "--results", "s.toml"], "--results s.toml"),
+        (["s.toml", "--ecu", "bus"], "--bus: missing"),
+    ],
+)
+def test_wrong_usage_is_told(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario("s.toml", RESTS)
+    Path("empty").mkdir()
+    assert main(["test", *arguments]) == 2
+    assert said in capsys.readouterr().err

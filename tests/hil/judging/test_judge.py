@@ -1,0 +1,221 @@
+"""Expectations over windows, against a judgement of our own that keeps everything."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import CALM, shipped_rig
+from hypothesis import given
+from hypothesis import strategies as st
+
+from liftgate_hil.codec.frames import LOGGED, no_logged
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.judge import Judge, expected_of
+from liftgate_hil.judging.verdict import Verdict, worst
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+
+RATE = 100.0
+TIME, ANGLE, CURRENT = (
+    COLUMN_PLACE[name] for name in ("time_s", "gate_angle_deg", "left_current_a")
+)
+
+
+def rows_of(angles: list[float], currents: list[float] | None = None) -> Any:
+    """A row a tick from time 0.01 s on."""
+    rows = np.zeros((len(angles), ROW_WIDTH))
+    rows[:, TIME] = np.arange(1, len(angles) + 1) / RATE
+    rows[:, ANGLE] = angles
+    rows[:, CURRENT] = 0.0 if currents is None else currents
+    return rows
+
+
+def judged(
+    expectation: Expectation, rows: Any, end: float | None = None, blocks: list[int] | None = None,
+    frames: Any = None,
+) -> Verdict:  # fmt: skip
+    expected = expected_of([expectation], {}, shipped_rig().messages, 2, "file")
+    judge = Judge(expected, RATE, len(rows) / RATE if end is None else end)
+    left = no_logged() if frames is None else frames
+    for part in np.split(rows, blocks or []):
+        judge.take(part, left)
+        left = no_logged()
+    (verdict,) = judge.verdicts()
+    return verdict
+
+
+def our_judgement(each: Expectation, angles: list[float], currents: list[float]) -> tuple[str, Any]:
+    """By brute force: the condition is always `gate_angle_deg > 0`, the trigger `left_current_a > 0`."""
+    times = [k / RATE for k in range(1, len(angles) + 1)]
+    end = len(angles) / RATE
+    begin = each.after
+    if isinstance(begin, str):
+        opening = [time for time, current in zip(times, currents, strict=True) if current > 0]
+        if not opening:
+            return "inconclusive", None
+        begin = opening[0]
+    if begin > end + 1e-9:
+        return "inconclusive", None
+    until = begin + each.within
+    inside = [k for k, time in enumerate(times) if begin - 1e-9 <= time <= min(until, end) + 1e-9]
+    values = [(angles[k], -angles[k])[each.kind == "never"] for k in inside]
+    truths = [angles[k] > 0 if each.kind != "never" else not angles[k] > 0 for k in inside]
+    margins, holds = values, truths
+    if each.hold:
+        length = round(each.hold * RATE) + 1
+        starts = range(len(inside) - length + 1)
+        margins = [min(values[k : k + length]) for k in starts]
+        holds = [all(truths[k : k + length]) for k in starts]
+    is_decided = any(holds) if each.kind == "eventually" else not all(holds)
+    if not is_decided and math.isfinite(each.within) and until > end + 1e-9:
+        return "inconclusive", None
+    if not margins:
+        return "inconclusive", None
+    if each.kind == "eventually":
+        return "pass" if is_decided else "fail", max(margins)
+    return "fail" if is_decided else "pass", min(margins)
+
+
+ANGLES = st.one_of(
+    st.lists(st.sampled_from([-2.0, -1.0, 0.0, 1.0, 2.0]), min_size=1, max_size=30),
+    st.lists(st.sampled_from([-1.0, 1.0, 2.0, 3.0]), min_size=15, max_size=30),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "hold"),
+    [
+        ("always", 0.0),
+        ("never", 0.0),
+        ("eventually", 0.0),
+        ("eventually", 0.01),
+        ("eventually", 0.03),
+    ],
+)
+@CALM
+@given(
+    ANGLES,
+    st.sampled_from([0.0, 0.03, 0.1, 5.0, "left_current_a > 0"]),
+    st.sampled_from([math.inf, 0.03, 0.04, 0.1]),
+    st.integers(0, 29),
+    st.lists(st.integers(1, 29), max_size=3),
+)
+def test_windows_are_judged_as_by_one_that_keeps_everything(
+    kind: str, hold: float, angles: list[float], after: Any, within: float, trigger: int, cuts: list[int]
+) -> None:  # fmt: skip
+    each = Expectation("x", kind, "gate_angle_deg > 0", after, within, hold, "expect[0]")
+    currents = [float(k == trigger) for k in range(len(angles))]
+    blocks = sorted({cut for cut in cuts if cut < len(angles)})
+    found = judged(each, rows_of(angles, currents), blocks=blocks)
+    verdict, margin = our_judgement(each, angles, currents)
+    assert (found.verdict, found.margin) == (verdict, margin)
+
+
+def test_a_false_formula_whose_margin_is_0_fails() -> None:
+    each = Expectation("x", "always", "gate_angle_deg > 0")
+    found = judged(each, rows_of([1.0, 0.0]))
+    assert (found.verdict, found.margin, found.time_s) == ("fail", 0.0, 0.02)
+    each = Expectation("x", "always", "gate_angle_deg >= 0")
+    assert judged(each, rows_of([1.0, 0.0])).verdict == "pass"
+
+
+def test_never_latched_on_a_latched_gate_fails() -> None:
+    rows = rows_of([0.0] * 5)
+    rows[:, COLUMN_PLACE["latched"]] = 1.0
+    found = judged(Expectation("x", "never", "latched == 1"), rows)
+    assert (found.verdict, found.margin) == ("fail", 0.0)
+
+
+def test_both_ends_of_a_window_are_in() -> None:
+    each = Expectation("x", "eventually", "gate_angle_deg > 0", 0.02, 0.03)
+    for place, verdict in ((0, "fail"), (1, "pass"), (4, "pass"), (5, "fail")):
+        angles = [-1.0] * 10
+        angles[place] = 1.0
+        assert judged(each, rows_of(angles)).verdict == verdict
+
+
+def test_what_was_cut_off_is_inconclusive_unless_something_had_decided_it() -> None:
+    always = Expectation("x", "always", "gate_angle_deg > 0", 0.0, 1.0)
+    assert "cut off by the end" in judged(always, rows_of([1.0] * 5)).reason
+    assert judged(always, rows_of([1.0, -1.0])).verdict == "fail"
+    eventually = Expectation("x", "eventually", "gate_angle_deg > 0", 0.0, 1.0)
+    assert judged(eventually, rows_of([-1.0, 1.0])).verdict == "pass"
+    assert judged(eventually, rows_of([-1.0])).verdict == "inconclusive"
+    # A run that has not come to its end cuts off windows that have none.
+    to_the_end = Expectation("x", "always", "gate_angle_deg > 0")
+    assert "where the run ended" in judged(to_the_end, rows_of([1.0] * 5), end=1.0).reason
+
+
+def test_rows_after_the_end_do_not_count() -> None:
+    each = Expectation("x", "always", "gate_angle_deg > 0")
+    assert judged(each, rows_of([1.0, 1.0, -1.0]), end=0.02).verdict == "pass"
+
+
+def frames_of(times_ns: list[int], states: list[int]) -> Any:
+    """Frames of the message Gate, with that LatchState."""
+    message = shipped_rig().messages["Gate"]
+    frames = np.zeros(len(times_ns), dtype=LOGGED)
+    for row, time_ns, state in zip(frames, times_ns, states, strict=True):
+        data = message.encode({**{each.name: 0 for each in message.signals}, "LatchState": state})
+        row["time_ns"], row["identifier"], row["length"] = time_ns, message.frame_id, len(data)
+        row["payload"][: len(data)] = list(data)
+    return frames
+
+
+def test_a_bus_signal_has_the_value_of_the_last_frame_and_none_before_the_first() -> None:
+    frames = frames_of([20_000_000, 40_000_000], [1, 0])
+    each = Expectation("x", "always", "Gate.LatchState == 1", 0.0, 0.03)
+    assert judged(each, rows_of([0.0] * 6), frames=frames).verdict == "pass"
+    each = Expectation("x", "always", "Gate.LatchState == 1", 0.0, 0.04)
+    found = judged(each, rows_of([0.0] * 6), frames=frames)
+    assert (found.verdict, found.time_s) == ("fail", 0.04)
+    early = Expectation("x", "always", "Gate.LatchState == 1", 0.0, 0.01)
+    found = judged(early, rows_of([0.0] * 6), frames=frames)
+    assert (found.verdict, found.margin) == ("inconclusive", None)
+    assert "no value" in found.reason
+
+
+def test_a_stamp_counts_in_whole_microseconds_and_a_short_frame_not_at_all() -> None:
+    frames = frames_of([20_000_499], [1])
+    each = Expectation("x", "eventually", "Gate.LatchState == 1", 0.02, 0.0)
+    assert judged(each, rows_of([0.0] * 3), frames=frames).verdict == "pass"
+    frames["time_ns"] = 20_000_500
+    assert judged(each, rows_of([0.0] * 3), frames=frames).verdict == "inconclusive"
+    frames["time_ns"], frames["length"] = 10_000_000, 1
+    assert judged(each, rows_of([0.0] * 3), frames=frames).verdict == "inconclusive"
+
+
+def test_frames_that_come_after_their_rows_wait_for_the_next() -> None:
+    expected = expected_of(
+        [Expectation("x", "eventually", "Gate.LatchState == 1")], {}, shipped_rig().messages, 2, "f"
+    )
+    judge, rows = Judge(expected, RATE, 0.06), rows_of([0.0] * 6)
+    judge.take(rows[:0], frames_of([30_000_000], [1]))
+    judge.take(rows[:2], no_logged())
+    assert judge.verdicts()[0].verdict == "inconclusive"
+    judge.take(rows[2:], no_logged())
+    assert judge.verdicts()[0].time_s == 0.03
+
+
+def test_all_that_does_not_fit_is_told_at_once() -> None:
+    expectations = [
+        Expectation("a", "always", "Gate.NoSuch > 1", key="expect[0]"),
+        Expectation("b", "always", "right_current_a > 1", "Nobody.X == 1", key="expect[1]"),
+    ]
+    with pytest.raises(ConfigError) as caught:
+        expected_of(expectations, {}, shipped_rig().messages, 1, "file")
+    assert [line.split(": ")[1] for line in caught.value.issues] == [
+        "expect[0].always",
+        "expect[1].always",
+        "expect[1].after",
+    ]
+
+
+def test_the_worst_verdict_counts() -> None:
+    assert worst(["pass", "inconclusive"]) == "inconclusive"
+    assert worst(["inconclusive", "fail", "pass"]) == "fail"
+    assert worst(["fail", "error"]) == "error"
+    assert worst([]) == "pass"

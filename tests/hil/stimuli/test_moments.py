@@ -1,0 +1,168 @@
+"""What begins once a condition has come true, and faults over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.errors import ConfigError
+
+
+def ran(folder: Path, text: str, **more: Any) -> lh.Result:
+    path = folder / "s.toml"
+    path.write_text(text, encoding="utf-8")
+    return lh.run(path, trace=True, **more)
+
+
+OPENING = 'duration = 3.0\ninitial = 30\n[[request]]\ntime = 0.1\naction = "open"\n'
+
+
+def first_tick(result: lh.Result, column: str, above: float) -> int:
+    """The first row in which a column is above a value."""
+    return int(np.argmax(result.trace[column] > above))
+
+
+def test_what_waits_for_a_condition_acts_from_the_tick_after_it_came_true(tmp_path: Path) -> None:
+    fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nstart = "gate_angle_deg > 32"\n'
+    result = ran(tmp_path, OPENING + fault)
+    came = first_tick(result, "gate_angle_deg", 32.0)
+    current = result.trace["left_current_a"]
+    assert current[came] != 0.0
+    assert np.all(current[came + 1 :] == 0.0)
+
+
+def test_a_delay_counts_from_when_it_came_true(tmp_path: Path) -> None:
+    fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nstart = "gate_angle_deg > 32"\ndelay_s = 0.25\n'
+    result = ran(tmp_path, OPENING + fault)
+    came = first_tick(result, "gate_angle_deg", 32.0)
+    current = result.trace["left_current_a"]
+    assert current[came + 250] != 0.0
+    assert np.all(current[came + 251 :] == 0.0)
+
+
+def test_an_end_counts_once_it_has_begun(tmp_path: Path) -> None:
+    # The rate is above 1 long before the fault begins.
+    fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 1.5\nend = "gate_rate_degps > 1"\n'
+    result = ran(tmp_path, OPENING + fault)
+    coast = result.trace["left_coast"]
+    assert coast[1500] == 1.0
+    assert coast[1501] == 0.0  # it still moved
+
+
+def test_a_request_waits_for_a_condition_or_a_frame(tmp_path: Path) -> None:
+    later = '[[request]]\ntime = "Gate.Angle > 33"\naction = "stop"\n'
+    result = ran(tmp_path, OPENING + later)
+    assert [event.text for event in result.events if "stop" in event.text.lower()] or (
+        abs(result.trace["gate_rate_degps"][-1]) < 0.1
+    )
+    assert 33.0 < result.trace["gate_angle_deg"][-1] < 36.0
+
+
+def test_an_obstacle_comes_and_goes_with_conditions(tmp_path: Path) -> None:
+    text = (
+        'duration = 3.0\ninitial = 50\n[[request]]\ntime = 0.1\naction = "close"\n'
+        '[[obstacle]]\nangle_deg = 45\nstart = "gate_rate_degps < -3"\nend = "pinch_force_n > 20"\n'
+    )
+    result = ran(tmp_path, text)
+    force = result.trace["pinch_force_n"]
+    assert 20.0 < force.max() < 30.0
+    assert force[first_tick(result, "pinch_force_n", 20.0) + 2] == 0.0
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_an_intermittent_fault_is_on_in_the_first_part_of_each_period(
+    tmp_path: Path, clock: str
+) -> None:
+    fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 0.5\nend = 1.45\n'
+    fault += "period_s = 0.2\nshare = 0.25\n"
+    result = ran(tmp_path, OPENING + fault, clock=clock, duration=2.0)
+    on = result.trace["left_coast"] == 1.0
+    # A row holds what drove the step before it.
+    expected = [500 <= k < 1450 and (k - 500) % 200 < 50 for k in range(200, 2000)]
+    assert on[200:2000].tolist() == expected
+
+
+def test_a_parameter_goes_to_its_value_in_a_straight_line(tmp_path: Path) -> None:
+    text = (
+        'duration = 3.0\ninitial = 30\n[[fault]]\nkind = "parameter"\nkey = "supply.voltage"\n'
+        "value = 9.0\nstart = 1.0\nend = 2.5\nramp_s = 1.0\n"
+    )
+    volts = ran(tmp_path, text, ideal=True).trace["supply_voltage_v"]
+    assert volts[999] == 12.0
+    assert volts[1499] == pytest.approx(12.0 - 3.0 * 0.499)
+    assert volts[1999] == pytest.approx(9.0, abs=0.01)
+    assert volts[2400] == 9.0
+    assert volts[2501] == 12.0
+
+
+def test_every_loop_makes_the_same_of_it(tmp_path: Path) -> None:
+    text = OPENING + (
+        '[[fault]]\nkind = "hall_missing"\nprobability = 0.2\nstart = "gate_angle_deg > 31"\n'
+        '[[fault]]\nkind = "spring_weak"\nfactor = 0.5\nstart = 1.0\nperiod_s = 0.5\nshare = 0.5\n'
+        '[[request]]\ntime = "sensed.left_hall_count > 100"\naction = "close"\n'
+    )
+    free = ran(tmp_path, text, clock="free")
+    lockstep = ran(tmp_path, text, clock="lockstep")
+    for name, values in free.trace.items():
+        assert np.array_equal(values[:3000], lockstep.trace[name][:3000]), name
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ('[[fault]]\nkind = "nix"', "fault[0].kind: 'nix'; allowed: one of supply_open"),
+        ('[[fault]]\nkind = "motor_open"\nstart = "gate_angle > 3"', "fault[0].start: gate_angle: no such column"),
+        ('[[fault]]\nkind = "motor_open"\nstart = "Nobody.X > 3"', "Nobody.X: no such signal"),
+        ('[[fault]]\nkind = "motor_open"\nstart = 3\nend = 2', "fault[0].end: 2; allowed: later than start"),
+        ('[[fault]]\nkind = "motor_open"\nshare = 0.5', "fault[0].share: allowed: together with period_s"),
+        ('[[fault]]\nkind = "motor_open"\nstart = true', "start: True; allowed: 0 to 1e+06 s, or a condition"),
+        ('[[fault]]\nkind = "parameter"\nkey = "gate.mas"\nvalue = 1', "'gate.mas': no such parameter"),
+        ('[[request]]\ntime = "x"\naction = "open"', "request[0].time: x: no such column"),
+        ('[[obstacle]]\nangle_deg = 30\nend = "latched"', "obstacle[0].end: 'latched' compares nothing"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_them_is_told(tmp_path: Path, table: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        ran(tmp_path, f"duration = 1.0\n{table}\n")
+    assert said in str(caught.value)
+    assert all(line.startswith(str(tmp_path / "s.toml")) for line in caught.value.issues)
+
+
+def test_a_drive_that_is_not_there_cannot_break(tmp_path: Path) -> None:
+    text = 'duration = 1.0\n[[fault]]\nkind = "motor_open"\nwhere = "right"\nstart = "right_current_a > 1"\n'
+    with pytest.raises(ConfigError) as caught:
+        ran(tmp_path, text, vehicle="compact")
+    assert [line.split(": ")[1] for line in caught.value.issues] == [
+        "fault[0].where",
+        "fault[0].start",
+    ]
+
+
+def test_where_a_stimulus_never_came_nothing_passes(tmp_path: Path) -> None:
+    text = (
+        'duration = 0.2\n[[fault]]\nkind = "motor_open"\nstart = "gate_angle_deg > 500"\n'
+        '[[expect]]\nname = "holds"\nalways = "1 < 2"\n[[expect]]\nname = "fails"\nalways = "2 < 1"\n'
+    )
+    found = ran(tmp_path, text).expectations
+    assert found["holds"].verdict == "inconclusive"
+    assert found["holds"].reason == "fault[0].start never came: gate_angle_deg > 500"
+    assert found["fails"].verdict == "fail"
+
+
+def test_a_delay_is_added_to_a_time_too(tmp_path: Path) -> None:
+    fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 0.5\nend = 1.0\ndelay_s = 0.25\n'
+    coast = ran(tmp_path, OPENING + fault).trace["left_coast"]
+    assert coast[200:2000].tolist() == [float(750 <= k < 1250) for k in range(200, 2000)]
+
+
+def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
+    fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nperiod_s = 0.01\nshare = 0.05\n'
+    with pytest.raises(
+        ConfigError, match=r"fault\[0\].period_s: 0.01: on or off for less than a tick of 1 ms"
+    ):
+        ran(tmp_path, OPENING + fault)
+    ran(tmp_path, OPENING + fault, rate=10_000.0, duration=0.05)

@@ -1,0 +1,120 @@
+"""pytest's plugin in a repository that is not ours: its own `hil` folder, its own ECU, other tools' TOML files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+GATE_TESTS = """
+def test_opens(liftgate):
+    result = liftgate.run("scenarios/opens.toml")
+    assert result.expectations["opens"].verdict == "pass"
+
+def test_holds(liftgate):
+    gate = liftgate.gate(initial="closed")
+    gate.step(0.1)
+    assert gate.truth["latched"] == 1
+"""
+OPENS = """
+duration = 8.0
+[[request]]
+time = 0.1
+action = "open"
+[[expect]]
+name = "opens"
+eventually = "gate_angle_deg > 60"
+"""
+THREE = """
+duration = 1.0
+[[expect]]
+name = "rests"
+always = "gate_angle_deg < 1"
+[[expect]]
+name = "moves"
+eventually = "gate_angle_deg > 1"
+[[expect]]
+name = "never comes"
+always = "gate_angle_deg < 1"
+after = "gate_angle_deg > 50"
+"""
+DEAD_ECU = """
+class Dead:
+    period_s = 0.01
+    def step(self, now_s, frames):
+        return []
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    (tmp_path / "hil").mkdir()
+    (tmp_path / "hil" / "__init__.py").write_text("raise RuntimeError('not ours')")
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "__init__.py").write_text("raise RuntimeError('not ours')")
+    (tmp_path / "scenarios").mkdir()
+    (tmp_path / "scenarios" / "opens.toml").write_text(OPENS)
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "test_gate.py").write_text(GATE_TESTS)
+    (tmp_path / "tests" / "test_three.toml").write_text(THREE)
+    (tmp_path / "tests" / "test_other.toml").write_text('[tool]\nexpect = "x"\n')
+    (tmp_path / "tests" / "test_cli.toml").write_text('[[expect]]\nstdout = "x"\n[run]\na = 1\n')
+    (tmp_path / "tests" / "test_broken.toml").write_text('expect = [["x"\n')
+    (tmp_path / "my_ecu.py").write_text(DEAD_ECU)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    return tmp_path
+
+
+def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    if any(each.startswith("--lf") for each in arguments):
+        command.remove("no:cacheprovider")
+        command.remove("-p")
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=600, check=False
+    )
+
+
+def test_scenarios_and_the_fixture_are_tests(foreign: Path) -> None:
+    done = pytest_in(foreign, "--junitxml=out.xml")
+    assert "3 passed" in done.stdout, done.stdout + done.stderr
+    assert "1 failed" in done.stdout
+    assert "1 error" in done.stdout
+    assert "moves: fail, margin -1 deg" in done.stdout
+    assert "never comes: inconclusive: its trigger never came: gate_angle_deg > 50" in done.stdout
+    assert "NoVerdictError" not in done.stdout
+    suite = ElementTree.parse(foreign / "out.xml").getroot()[0]
+    assert [suite.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
+        "5",
+        "1",
+        "1",
+        "0",
+    ]
+
+
+def test_a_dead_ecu_fails_them(foreign: Path) -> None:
+    done = pytest_in(foreign, "--liftgate-ecu", "my_ecu:Dead", "-k", "opens or rests")
+    assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
+    folder = Path(done.stdout.split("liftgate recordings")[1].splitlines()[1].strip())
+    assert sorted(path.name for path in folder.iterdir()) == ["run-1.csv", "run-1.log"]
+
+
+def test_it_works_beside_xdist_and_with_what_failed_last(foreign: Path) -> None:
+    done = pytest_in(foreign, "-n", "2", "tests/test_three.toml")
+    assert "1 failed, 1 passed, 1 error" in done.stdout, done.stdout + done.stderr
+    pytest_in(foreign, "--lf", "tests/test_three.toml")
+    done = pytest_in(foreign, "--lf", "tests/test_three.toml")
+    assert "1 failed, 1 deselected, 1 error" in done.stdout, done.stdout + done.stderr
+
+
+def test_mistakes_of_a_scenario_are_told_when_it_is_collected(foreign: Path) -> None:
+    (foreign / "tests" / "test_three.toml").write_text(
+        THREE.replace("gate_angle_deg < 1", "gate_angle < 1")
+    )
+    done = pytest_in(foreign, "tests/test_three.toml")
+    assert done.returncode == 2
+    assert "expect[0].always: gate_angle: no such column; allowed: gate_angle_deg" in done.stdout
+    assert "Traceback" not in done.stdout

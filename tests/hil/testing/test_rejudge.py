@@ -1,0 +1,173 @@
+"""Judging again from recordings: the verdicts and margins of the run, to the last bit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.cli.main import main
+from liftgate_hil.errors import ConfigError
+
+SCENARIO = """
+duration = 4.0
+initial = 50
+[[request]]
+time = 0.1
+action = "close"
+[[obstacle]]
+angle_deg = 42
+[[expect]]
+name = "reverses"
+eventually = "gate_rate_degps > 1 and sensed.left_hall_speed > 0"
+after = "pinch_force_n > 5"
+within_s = 1.0
+for_s = 0.05
+[[expect]]
+name = "soft"
+always = "pinch_force_n < 20"
+[[expect]]
+name = "sends"
+always = "DriveCommand.LeftDuty <= 100 and abs(LeftDrive.MotorCurrent) < 30"
+after = 0.2
+[[expect]]
+name = "turns"
+eventually = "DriveCommand.LeftDirection == 1"
+after = "Gate.Angle < 44"
+"""
+FORMATS = [
+    ["run.csv", "run.log"],
+    ["run.parquet", "run.blf"],
+    ["run.mf4"],
+    ["run.csv", "run.asc"],
+    ["run.parquet", "run.trc"],
+]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lh.Result]:
+    folder = tmp_path_factory.mktemp("rejudge")
+    (folder / "s.toml").write_text(SCENARIO)
+    files = sorted({name for each in FORMATS for name in each})
+    return folder, lh.run(folder / "s.toml", record=[folder / name for name in files])
+
+
+@pytest.mark.parametrize("files", FORMATS, ids="+".join)
+def test_every_format_gives_the_verdicts_of_the_run(
+    run: tuple[Path, lh.Result], files: list[str]
+) -> None:
+    folder, result = run
+    assert {each.verdict for each in result.expectations.values()} == {"pass", "fail"}
+    again = lh.judge([folder / name for name in files], folder / "s.toml")
+    for name, verdict in result.expectations.items():
+        if not name.startswith("turns") and set(files) & {"run.asc", "run.trc"}:
+            continue  # their stamps are coarser
+        assert again[name] == verdict
+
+
+def test_a_run_in_lockstep_is_judged_alike(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(SCENARIO)
+    files = [tmp_path / "run.csv", tmp_path / "run.log"]
+    result = lh.run(tmp_path / "s.toml", clock="lockstep", record=files)
+    assert lh.judge(files, tmp_path / "s.toml") == dict(result.expectations)
+
+
+def test_what_was_not_recorded_or_was_cut_is_inconclusive(
+    run: tuple[Path, lh.Result], tmp_path: Path
+) -> None:
+    folder, result = run
+    alone = lh.judge([folder / "run.csv"], folder / "s.toml")
+    assert {name: each.verdict for name, each in alone.items()} == {
+        "reverses": result.expectations["reverses"].verdict, "soft": "fail",
+        "sends": "inconclusive", "turns": "inconclusive",
+    }  # fmt: skip
+    log = lh.judge([folder / "run.log"], folder / "s.toml")
+    assert log["turns"].verdict == result.expectations["turns"].verdict
+    assert {log[name].verdict for name in ("reverses", "soft")} == {"inconclusive"}
+    lines = (folder / "run.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "cut.csv").write_text("".join(lines[:500]))
+    cut = lh.judge([tmp_path / "cut.csv"], folder / "s.toml")
+    assert cut["soft"].verdict == "inconclusive"
+    assert "the run ended" in cut["soft"].reason
+    (tmp_path / "gap.csv").write_text("".join(lines[:500] + lines[900:]))
+    gap = lh.judge([tmp_path / "gap.csv"], folder / "s.toml")
+    assert gap["soft"].reason == "rows are missing from 0.499 to 0.9 s"
+    (tmp_path / "thin.csv").write_text("".join([lines[0], *lines[1::10]]))
+    assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
+
+
+def test_other_expectations_of_the_same_run(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+    folder, result = run
+    peak = result.maxima["pinch_force_n"]
+    (tmp_path / "s.toml").write_text(
+        'duration = 4.0\n[parameters]\nmost = 1\n[[expect]]\nname = "x"\nalways = "pinch_force_n <= $most"\n'
+    )
+    files = [folder / "run.csv"]
+    assert lh.judge(files, tmp_path / "s.toml", parameters={"most": peak})["x"].margin == 0.0
+    found = lh.judge(files, tmp_path / "s.toml", parameters={"most": peak - 1})["x"]
+    assert (found.verdict, found.margin) == ("fail", pytest.approx(-1.0))
+
+
+def test_a_foreign_log_with_a_foreign_rig_is_judged(tmp_path: Path) -> None:
+    (tmp_path / "their.dbc").write_text(
+        'VERSION ""\nNS_ :\nBS_:\nBU_: ECU GATE\n'
+        'BO_ 100 THEIR_Cmd: 8 ECU\n SG_ Duty : 0|8@1- (1,0) [-100|100] "%" GATE\n'
+        'BO_ 101 THEIR_Gate: 8 GATE\n SG_ Ampere : 7|16@0- (0.01,0) [-300|300] "A" ECU\n'
+        'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\nBA_DEF_DEF_ "GenMsgCycleTime" 10;\n'
+    )
+    (tmp_path / "rig.toml").write_text(
+        'dbc = "their.dbc"\n[inputs]\nleft_duty = "THEIR_Cmd.Duty"\n'
+        '[outputs]\nleft_current = "THEIR_Gate.Ampere"\n'
+    )
+    lines = [
+        f"({0.01 * k:.6f}) can0 065#{(100 * k) & 0xFFFF:04X}000000000000 R\n" for k in range(20)
+    ]
+    (tmp_path / "their.log").write_text("".join(lines))
+    (tmp_path / "s.toml").write_text(
+        'duration = 0.19\nrig = "rig.toml"\nvehicle = "compact"\n'
+        '[[expect]]\nname = "a"\neventually = "THEIR_Gate.Ampere >= 10"\n'
+        '[[expect]]\nname = "b"\nnever = "THEIR_Gate.Ampere > 15"\n'
+        'after = "THEIR_Gate.Ampere > 5"\nwithin_s = 0.1\n'
+    )
+    found = lh.judge([tmp_path / "their.log"], tmp_path / "s.toml")
+    assert (found["a"].verdict, found["a"].time_s, found["a"].margin_unit) == ("pass", 0.1, "A")
+    assert (found["b"].verdict, found["b"].margin) == ("fail", -1.0)
+
+
+def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[str]) -> None:
+    folder, result = run
+    files = [str(folder / "run.csv"), str(folder / "run.log")]
+    assert main(["judge", *files, "--scenario", str(folder / "s.toml"), "--json"]) == 1
+    told: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert told["verdict"] == "fail"
+    assert [each["margin"] for each in told["expectations"]] == [
+        each.margin for each in result.expectations.values()
+    ]
+    assert main(["judge", *files, "--scenario", "demo"]) == 2
+    assert "expect: missing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("gate_angle_deg\n1\n", "time_s: missing"),
+        ("time_s,pinch_force_n\n0,x\n", "run.csv"),
+        ("", "run.csv"),
+    ],
+)
+def test_what_cannot_be_judged_is_told(tmp_path: Path, content: str, said: str) -> None:
+    (tmp_path / "s.toml").write_text(SCENARIO)
+    (tmp_path / "run.csv").write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        lh.judge([tmp_path / "run.csv"], tmp_path / "s.toml")
+    assert said in str(caught.value)
+
+
+def test_stamps_of_a_wall_clock_are_refused(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
+    folder, _ = run
+    (tmp_path / "late.log").write_text("(1700000000.000000) can0 120#0000000000000000 R\n")
+    with pytest.raises(ConfigError, match="stamps of a wall clock"):
+        lh.judge([folder / "run.csv", tmp_path / "late.log"], folder / "s.toml")
