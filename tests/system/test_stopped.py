@@ -121,15 +121,20 @@ def test_a_library_that_hangs_is_given_up(tmp_path: Path, command: str, number: 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
     table = tmp_path / "run.csv"
-    with process(tmp_path, "--bus", f"virtual:{uuid.uuid4()}", "--record", str(table)) as child:
-        deadline = time.monotonic() + PATIENCE
-        while not table.is_file() or table.stat().st_size < 10_000:
-            assert time.monotonic() < deadline, "nothing was recorded"
-            time.sleep(0.02)
-        for _ in range(3):
-            child.send_signal(number)
-            time.sleep(0.005)
-        out, error = child.communicate(timeout=PATIENCE)
+    for _ in range(5):
+        table.unlink(missing_ok=True)
+        with process(tmp_path, "--bus", f"virtual:{uuid.uuid4()}", "--record", str(table)) as child:
+            deadline = time.monotonic() + PATIENCE
+            while not table.is_file() or table.stat().st_size < 10_000:
+                assert time.monotonic() < deadline, "nothing was recorded"
+                time.sleep(0.02)
+            began = time.monotonic()
+            for _ in range(3):
+                child.send_signal(number)
+                time.sleep(0.005)
+            out, error = child.communicate(timeout=PATIENCE)
+        if child.returncode == 0 or time.monotonic() - began < 1.0:
+            break  # else the machine stood still, and it was told once more after a second
     assert child.returncode == 0
     assert out.startswith("ticks ")
     assert "Traceback" not in error
