@@ -40,7 +40,7 @@ from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, causes
-from liftgate_hil.judging.judge import Expected, Judge, expected_of
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict, worst
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
@@ -49,7 +49,7 @@ from liftgate_hil.loop.recorder import RecordingTaker, Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.recording.content import Content
 from liftgate_hil.signals import COLUMNS, columns_of
-from liftgate_hil.staging import staged
+from liftgate_hil.staging import expected_in, staged
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way, open_transport
 from liftgate_plant.compiler import GivenUpError
@@ -270,26 +270,13 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
 def _check_stage(setup: session.Setup, rig: Rig, rate: float) -> None:
     """Raise ConfigError with all of the scenario that does not fit vehicle, rig or rate [Hz]."""
     issues = _periods(setup.scenario, rate)
-    for fit in (lambda: staged(setup, rig), lambda: _expected(setup, rig)):
+    for fit in (lambda: staged(setup, rig), lambda: expected_in(setup, rig)):
         try:
             fit()
         except ConfigError as error:
             issues += [line for line in error.issues if line not in issues]
     if issues:
         raise ConfigError(issues)
-
-
-def _expected(setup: session.Setup, rig: Rig) -> Expected:
-    """What the scenario expects of that vehicle on that rig. Raises ConfigError."""
-    scenario = setup.scenario
-    return expected_of(
-        scenario.expectations,
-        scenario.parameters,
-        rig.messages,
-        setup.vehicle.drives,
-        scenario.source,
-        scenario.awaited(),
-    )
 
 
 def _files_of(job: Job, setup: session.Setup, rig: Rig) -> dict[str, Path]:
@@ -368,7 +355,7 @@ def _judge_of(parts: Parts) -> Judge | None:
     scenario, options = parts.setup.scenario, parts.options
     if not scenario.expectations:
         return None
-    expected = _expected(parts.setup, parts.rig)
+    expected = expected_in(parts.setup, parts.rig)
     duration = scenario.duration if options.duration is None else options.duration
     return Judge(expected, options.rate, math.inf if duration is None else duration)
 

@@ -16,6 +16,7 @@ from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import faults_with
 from liftgate_hil.identify.parameters import find_parameter, value_of, with_value
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.judging.judge import Expected, expected_of
 from liftgate_hil.loop.simulation import Offline
 from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.signals import ROW_WIDTH
@@ -64,6 +65,19 @@ def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
         step=step,
         every=every,
         seed=setup.seed,
+    )
+
+
+def expected_in(setup: Setup, rig: Rig) -> Expected:
+    """What a scenario expects of that vehicle on that rig. Raises ConfigError with all that does not fit."""
+    scenario = setup.scenario
+    return expected_of(
+        scenario.expectations,
+        scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+        scenario.source,
+        scenario.awaited(),
     )
 
 

@@ -8,7 +8,7 @@ import argparse
 import json
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.test import EXIT_CODES, naming_the_flag, parameters_of
+from liftgate_hil.cli.test import EXIT_CODES, add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
 
@@ -18,13 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", required=True, metavar="NAME|FILE", help="what is expected")
     parser.add_argument("--vehicle", metavar="NAME|FILE", help="default: the scenario's, else suv")
     parser.add_argument("--rig", metavar="NAME|FILE", help="default: the scenario's, else liftgate")
-    parser.add_argument(
-        "--set-parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="replace a parameter of the scenario (repeatable)",
-    )
+    add_set_parameter(parser)
     parser.add_argument(
         "--duration",
         type=options.bounded(1e-3, 1e9, "s"),

@@ -44,13 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
     parser.add_argument("--seed", type=options.whole(0, 2**32 - 1), help="default: each scenario's")
-    parser.add_argument(
-        "--set-parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="replace a parameter of the scenarios (repeatable)",
-    )
+    add_set_parameter(parser)
     parser.add_argument(
         "--wall-timeout",
         type=options.bounded(1e-3, 1e9, "s"),
@@ -144,6 +138,17 @@ def _template(args: argparse.Namespace) -> Job:
         variant=variant_of(args.draw, args.ideal),
         wire=wire if has_wire else None,
         options=RunOptions(rate=args.rate, clock=args.clock, wall_timeout=args.wall_timeout),
+    )
+
+
+def add_set_parameter(parser: argparse.ArgumentParser) -> None:
+    """What replaces parameters of scenarios; see `parameters_of`."""
+    parser.add_argument(
+        "--set-parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="replace a parameter of the scenarios (repeatable)",
     )
 
 

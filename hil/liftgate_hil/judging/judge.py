@@ -21,6 +21,7 @@ from liftgate_hil.judging.table import (
     EVENTUALLY,
     EXPECTATION,
     PROGRESS,
+    SLACK,
     STRETCH,
     Expectations,
     Judged,
@@ -32,8 +33,6 @@ from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
-
-_SLACK = 1e-7  # s, as in `table`
 
 
 @dataclass(frozen=True)
@@ -176,7 +175,7 @@ class Judge:
         is_opened = self._expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
         for gone, back in gaps:
-            if back > begin + _SLACK and not gone > progress.end + _SLACK:
+            if back > begin + SLACK and not gone > progress.end + SLACK:
                 reason = f"rows are missing from {gone:g} to {back:g} s"
                 return Verdict(verdict.name, INCONCLUSIVE, reason=reason)
         return verdict
@@ -189,11 +188,11 @@ class Judge:
         if progress.is_decided:
             return ""
         end = min(float(progress.end), self._end)
-        if progress.begin > self._last + _SLACK:
+        if progress.begin > self._last + SLACK:
             return f"its window begins at {progress.begin:g} s, the run ended at {self._last:g} s"
-        if progress.end > self._end + _SLACK and math.isfinite(expectation.within):
+        if progress.end > self._end + SLACK and math.isfinite(expectation.within):
             return f"its window, to {progress.end:g} s, was cut off by the end at {self._end:g} s"
-        if math.isfinite(end) and self._last < end - _SLACK:
+        if math.isfinite(end) and self._last < end - SLACK:
             return f"its window, to {end:g} s, was cut off where the run ended, at {self._last:g} s"
         if progress.ticks == 0:
             return f"no tick lies in its window, {progress.begin:g} to {end:g} s"

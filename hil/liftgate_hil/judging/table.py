@@ -60,7 +60,7 @@ STRETCH = np.dtype([("time", "f8"), ("margin", "f8"), ("decider", "i8")])
 
 BLOCK = 512  # ticks that are evaluated at once
 
-_SLACK = 1e-7  # s: rows lie 1e-4 s apart at least, sums of times are exact to 1e-10 s
+SLACK = 1e-7  # s: rows lie 1e-4 s apart at least, sums of times are exact to 1e-10 s
 _TIME = COLUMN_PLACE["time_s"]
 
 
@@ -153,13 +153,13 @@ def note_stretch(
     row.time, row.margin, row.decider = time, margin, decider
     progress.tail += 1
     begin = time - own.hold
-    while ring[first + progress.head % count].time < begin - _SLACK:
+    while ring[first + progress.head % count].time < begin - SLACK:
         progress.head += 1
-    if begin < progress.since - _SLACK:
+    if begin < progress.since - SLACK:
         return
     smallest = ring[first + progress.head % count]
     note_margin(progress, EVENTUALLY, time, smallest.margin, smallest.decider)
-    is_whole = np.isnan(progress.false_at) or progress.false_at < begin - _SLACK
+    is_whole = np.isnan(progress.false_at) or progress.false_at < begin - SLACK
     if is_whole and progress.is_decided == 0:
         progress.is_decided, progress.decided_at = 1, time
 
@@ -173,15 +173,15 @@ def judge_one(
     if np.isnan(progress.begin):
         opened(expectations, judged, which, rows)
     last = rows[len(rows) - 1, _TIME]
-    if np.isnan(progress.begin) or last < progress.begin - _SLACK:
+    if np.isnan(progress.begin) or last < progress.begin - SLACK:
         return
-    if rows[0, _TIME] > progress.end + _SLACK:
+    if rows[0, _TIME] > progress.end + SLACK:
         return
     work = judged.work
     evaluate(expectations.conditions, own.condition, rows, judged.signals, len(rows), work)
     for i in range(len(rows)):
         time, margin = rows[i, _TIME], work.numbers[0, i]
-        if not (progress.begin - _SLACK <= time <= progress.end + _SLACK):
+        if not (progress.begin - SLACK <= time <= progress.end + SLACK):
             continue
         progress.ticks += 1
         if np.isnan(margin):
@@ -212,7 +212,7 @@ def judge_block(
     seen = 0
     for first in range(0, len(rows), BLOCK):
         block = rows[first : first + BLOCK]
-        while len(block) > 0 and block[len(block) - 1, _TIME] > last + _SLACK:
+        while len(block) > 0 and block[len(block) - 1, _TIME] > last + SLACK:
             block = block[: len(block) - 1]
         if len(block) > 0:
             seen = signals_in(expectations, judged, block, frames, payloads, seen)

@@ -16,12 +16,13 @@ from liftgate_hil.conditions import COLUMN
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.judging.judge import Expected, Judge, expected_of
+from liftgate_hil.judging.judge import Expected, Judge
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.measurement.log_frames import read_frames
 from liftgate_hil.measurement.mf4_file import FRAME
 from liftgate_hil.measurement.read import BUS_LOGS, open_columns
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.staging import expected_in
 from liftgate_plant.vehicle import Vehicle
 
 _BLOCK = 20_000  # rows that are made at a time
@@ -48,14 +49,7 @@ def judge(
     """
     setup = session.setup_of(scenario, parameters=parameters, vehicle=vehicle)
     chosen = session.rig_of(rig, setup.scenario)
-    expected = expected_of(
-        setup.scenario.expectations,
-        setup.scenario.parameters,
-        chosen.messages,
-        setup.vehicle.drives,
-        setup.scenario.source,
-        setup.scenario.awaited(),
-    )
+    expected = expected_in(setup, chosen)
     if not expected.expectations:
         raise ConfigError(f"{setup.scenario.source}: expect: missing; allowed: [[expect]] tables")
     times, columns, frames = _content([Path(each) for each in recordings], expected, chosen)

@@ -141,14 +141,13 @@ def run_suite(
     """What came of the cases, as they end: so many at a time on the free clock, where the loop holds no
     interpreter lock. A stop leaves those whose turn has not come as errors.
     """
-    if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
-        for case in cases:
-            yield not_run(case, "stopped before it began") if stopped() else run_case(case, stopped)
-        return
 
     def turn(case: Case) -> Outcome:
         return not_run(case, "stopped before it began") if stopped() else run_case(case, stopped)
 
+    if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
+        yield from map(turn, cases)
+        return
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
         waiting = {pool.submit(turn, case) for case in cases}
         while waiting:  # in short waits, so that a signal's handler has its turn
