@@ -13,14 +13,14 @@ VCAN_TESTS ?= tests/vcan
 # The compiled model: kept on the host, as all else that a machine writes is lost.
 MODEL  := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/liftgate-hil
 
-.PHONY: demo docs test test-package test-vcan lint setup bench accuracy anti-trap study coverage clean
+.PHONY: demo docs test test-package test-vcan lint setup bench accuracy anti-trap pack study coverage clean
 
 setup: $(VENV)/.ready
 
 $(VENV)/.ready: pyproject.toml
 	$(PYTHON) tools/make_venv.py $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --editable ".[mf4,parquet]" --group dev
+	$(BIN)/python -m pip install --quiet --editable ".[mcap,mf4,parquet]" --group dev
 	touch $@
 
 demo: setup
@@ -70,6 +70,10 @@ accuracy: setup
 # What the reference ECU's anti-trap does on a thousand drawn cars; writes docs/anti-trap.md and its figure.
 anti-trap: setup
 	$(BIN)/python -m tools.anti_trap --output docs
+
+# The pack of scenarios with the reference ECU and all of its mutants; writes docs/pack.md. Some two minutes.
+pack: setup
+	$(BIN)/python -m tools.pack --output docs
 
 # Thousands of mangled files and hundreds of signals against every command; what it finds stays in $(OUT)/hostile.
 hostile: setup

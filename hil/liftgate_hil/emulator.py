@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
+from liftgate_hil.origin import origin_of
 from liftgate_hil.recording.content import Content
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 from liftgate_hil.signals import columns_of
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
     from liftgate_hil.loop.recorder import Taker
+    from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
 
@@ -49,6 +51,7 @@ class Emulator:
     way: Way
     options: RunOptions = field(default_factory=RunOptions)
     scene: Scene | None = None  # None: the setup's
+    start: LoopState | None = None  # where the scene begins; None: where the setup says
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     channel: str = ""  # what recordings call the wire, where not by its own name
@@ -64,7 +67,7 @@ class Emulator:
         options, setup = self.options, self.setup
         self.config = loop_config_of(setup.vehicle, self.rig, options.rate, setup.seed)
         self.stage = self.scene or staged(setup, self.rig)
-        self.state = start_of(self.config, setup.start_angle)
+        self.state = self.start or start_of(self.config, setup.start_angle)
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
         self.summary = Summary(clock=options.clock)
@@ -180,12 +183,21 @@ class Emulator:
 
     def _content(self, channel: str) -> Content:
         """What recordings hold."""
-        return Content(columns_of(self.setup.vehicle.drives), channel)
+        about = origin_of(self.setup, self.rig, self.options)
+        return Content(columns_of(self.setup.vehicle.drives), channel, about=about)
 
     def _lookout(self) -> Lookout:
         from liftgate_hil.loop.lookout import Lookout
 
-        return Lookout(self.rig, self.config, self.state.reception, self.listener, self.events)
+        before = int(self.stage.origin[0])
+        return Lookout(
+            self.rig,
+            self.config,
+            self.state.reception,
+            self.listener,
+            self.events,
+            ticks_before=before,
+        )
 
     def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
         """Run the Python loop on the clock that was asked for."""

@@ -6,6 +6,7 @@
     ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
     ├── EcuError             the ECU under test did what none may, crashed or hung
+    ├── PreconditionError    what goes before a scenario did not come to an end
     └── PlantDivergedError   the plant's state is no longer finite
 
 A bad frame on the bus is none of these: it is counted and survived.
@@ -53,6 +54,10 @@ class ConfigError(LiftgateError):
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[list[str]]]:
         return ConfigError, (self.issues,)
+
+
+class PreconditionError(LiftgateError):
+    """What goes before a scenario did not come to an end: nothing can be said of the scenario."""
 
 
 class TransportError(LiftgateError):

@@ -47,6 +47,7 @@ from liftgate_hil.signals import (
     columns_of,
 )
 from liftgate_hil.staging import injections_of
+from liftgate_hil.stimuli.bus_faults import going_on
 from liftgate_hil.stimuli.mailbox import HELD
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.scene import scene_of
@@ -308,14 +309,16 @@ class Gate:
         self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any
     ) -> InjectedFault:
         """Break something from the next tick on: a kind of docs/scenario.md, which drive's (`left`, `right`,
-        `both`), and the kind's own values: `gate.fault("hall_a_stuck", where="left", value=0)`. What it gives has
-        `clear()`, which mends it.
+        `both`) or which message's, and the kind's own values: `gate.fault("hall_a_stuck", where="left", value=0)`.
+        What it gives has `clear()`, which mends it.
 
         Raises ConfigError.
         """
         self._check_open()
         fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
-        injections_of([fault], self._vehicle)  # what is wrong with it is told before it counts
+        injections_of(
+            [fault], self._vehicle, self.rig
+        )  # what is wrong with it is told before it counts
         made = InjectedFault(self, fault)
         self._faults.append(made)
         self._break_and_mend()
@@ -328,9 +331,13 @@ class Gate:
     def _break_and_mend(self) -> None:
         """A scene with the faults that there are now; those that ramp go on where they are."""
         before = self._script.scene
-        injections = injections_of([each.fault for each in self._faults], self._vehicle)
-        scene = scene_of(constants_in(self._config), injections=injections)
-        self._script = self._script._replace(scene=scene._replace(held=before.held))
+        injections = injections_of([each.fault for each in self._faults], self._vehicle, self.rig)
+        scene = scene_of(
+            constants_in(self._config), injections=injections, messages=self.rig.messages
+        )
+        on_its_way = going_on(before.bus_faults, scene.bus_faults)
+        scene = scene._replace(held=before.held, bus_faults=on_its_way)
+        self._script = self._script._replace(scene=scene)
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.

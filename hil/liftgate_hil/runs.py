@@ -37,18 +37,22 @@ from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
+from liftgate_hil.ecu.mutants import mutant_ecu
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, causes
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, PreconditionError, causes
 from liftgate_hil.judging.judge import Judge
+from liftgate_hil.judging.sketch import Sketch, Sketcher
 from liftgate_hil.judging.verdict import Verdict, worst
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
 from liftgate_hil.loop.lookout import Lookout
+from liftgate_hil.loop.precondition import gone_through
 from liftgate_hil.loop.recorder import RecordingTaker, Taker
 from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.origin import origin_of
 from liftgate_hil.recording.content import Content
-from liftgate_hil.signals import COLUMNS, columns_of
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, columns_of
 from liftgate_hil.staging import expected_in, staged
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way, open_transport
@@ -57,6 +61,8 @@ from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.stimuli.scene import Scene
 
 
 _PRIVATE = "virtual"  # what recordings call a bus that is in this process alone
@@ -80,6 +86,7 @@ class Result:
     trace: Mapping[str, NDArray[np.float64]] = field(
         default_factory=dict
     )  # every row, if asked for
+    sketches: Mapping[str, Sketch] = field(default_factory=dict)  # by expectation, if asked for
 
 
 @dataclass(frozen=True)
@@ -98,8 +105,10 @@ class Job:
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
     options: session.RunOptions = field(default_factory=session.RunOptions)
     trace: int = 0  # keep every so many rows; 0: none
+    mutant: str = ""  # of the reference ECU, see ecu/mutants.py
     is_isolated: bool = False  # in a process of its own, as C libraries always are
     listener: Listener = field(default_factory=Listener)
+    is_sketched: bool = False  # keep what pictures of the expectations need
 
 
 def run(
@@ -250,6 +259,11 @@ def resolve(job: Job) -> Parts:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
+    is_here = way is None or way.is_interface("virtual")
+    if setup.scenario.precondition and (job.ecu == ON_A_BUS or not is_here):
+        raise ConfigError(
+            f"{setup.scenario.source}: precondition: allowed with an ECU in this process, not on a bus"
+        )
     _check_stage(setup, rig, job.options.rate)
     return Parts(setup, rig, job.options, way, sources_of(_files_of(job, setup, rig)))
 
@@ -287,6 +301,8 @@ def _files_of(job: Job, setup: session.Setup, rig: Rig) -> dict[str, Path]:
         files["vehicle"] = find_config("vehicles", str(vehicle))
     if isinstance(job.scenario, str | Path):
         files["scenario"] = find_config("scenarios", str(job.scenario))
+        for k, name in enumerate(setup.scenario.included, 1):
+            files[f"included {k}"] = Path(name)
     if is_library(job.ecu):
         files["ecu"] = Path(job.ecu)
     return files
@@ -322,6 +338,8 @@ def _run(
     judge = _judge_of(parts)
     if judge is not None:
         seen.append(judge)
+        if job.is_sketched:
+            seen.append(Sketcher(judge, parts.options.rate))
     if job.trace:
         seen.append(Trace(job.trace))
     if job.ecu == ON_A_BUS:
@@ -330,7 +348,10 @@ def _run(
     with contextlib.ExitStack() as stack:
         with _foreign_code(memory):
             car = parts.setup.vehicle
-            adapter = adapter_for(job.ecu, parts.rig, car.drives, coding=car.coding)
+            if job.mutant:
+                adapter = mutant_ecu(job.mutant, parts.rig, car.drives, car.coding)
+            else:
+                adapter = adapter_for(job.ecu, parts.rig, car.drives, coding=car.coding)
         stack.callback(_close, adapter, memory)
         if job.options.clock == "free":
             return _free(job, parts, adapter, seen, stopped, memory)
@@ -357,7 +378,14 @@ def _judge_of(parts: Parts) -> Judge | None:
         return None
     expected = expected_in(parts.setup, parts.rig)
     duration = scenario.duration if options.duration is None else options.duration
-    return Judge(expected, options.rate, math.inf if duration is None else duration)
+    end = math.inf if duration is None else duration
+    return Judge(expected, options.rate, end, tolerance_of(scenario, parts.rig))
+
+
+def tolerance_of(scenario: Scenario, rig: Rig) -> float:
+    """How long [s] a frame may wait until the gate picks it up."""
+    given = scenario.timing_tolerance
+    return 0.5e-3 * rig.command_cycle_ms() if given is None else given
 
 
 def _close(adapter: Adapter, memory: Memory | None) -> None:
@@ -397,7 +425,8 @@ def _free(
     if ticks is None:
         raise ConfigError("`duration`: missing; allowed: in the scenario, or given")
     reason = ""
-    content = Content(columns_of(setup.vehicle.drives), _PRIVATE)
+    about = origin_of(setup, parts.rig, options)
+    content = Content(columns_of(setup.vehicle.drives), _PRIVATE, about=about)
     with contextlib.ExitStack() as stack:
         say = job.listener.say
         recorders = open_recorders(options.records, content, options.limit(), say, stack)
@@ -405,10 +434,16 @@ def _free(
         stack.callback(recording.flush)
         if recorders:
             takers = [*takers, recording]
+        try:
+            scene, start = _begin(job, parts, adapter, stopped, memory)
+        except PreconditionError as error:
+            return result_of(takers, adapter, Summary(clock="free"), "", str(error))
+        except LiftgateError as error:
+            return _nothing(job, "; ".join(causes(error)), 0)
         episode = Episode(
             config,
-            session.start_of(config, setup.start_angle),
-            staged(setup, parts.rig),
+            start,
+            scene,
             adapter,
             takers,
             is_recorded=bool(recorders)
@@ -416,7 +451,8 @@ def _free(
             memory=memory,
         )
         # Too fast for a story: the result has it.
-        episode.lookout = Lookout(parts.rig, config, episode.state.reception, job.listener)
+        before, reception = int(scene.origin[0]), episode.state.reception
+        episode.lookout = Lookout(parts.rig, config, reception, job.listener, ticks_before=before)
         stack.callback(episode.close)
         try:
             job.listener.starts(f"{setup.vehicle_name} on no bus")
@@ -432,6 +468,21 @@ def _free(
     return result_of(takers, adapter, summary, reason)
 
 
+def _begin(
+    job: Job,
+    parts: Parts,
+    adapter: Adapter,
+    stopped: Callable[[], bool],
+    memory: Memory | None,
+) -> tuple[Scene, LoopState]:
+    """The scene at its time 0, and the loop there. Raises what `gone_through` raises."""
+    setup = parts.setup
+    config = session.loop_config_of(setup.vehicle, parts.rig, parts.options.rate, setup.seed)
+    scene, state = staged(setup, parts.rig), session.start_of(config, setup.start_angle)
+    actions, guard = setup.scenario.precondition, functools.partial(_foreign_code, memory)
+    return scene, gone_through(config, state, scene, adapter, actions, stopped, guard)
+
+
 def _on_bus(
     job: Job,
     parts: Parts,
@@ -444,18 +495,26 @@ def _on_bus(
     reason = ""
     way = parts.way or find_way(WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
     with contextlib.ExitStack() as stack:
-        peers, scene = [], staged(parts.setup, parts.rig)
+        peers = []
+        try:
+            scene, start = _begin(job, parts, adapter, stopped, memory)
+        except PreconditionError as error:
+            return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
+        except LiftgateError as error:
+            return _nothing(job, "; ".join(causes(error)), 0)
         if job.ecu != ON_A_BUS:
             wire = open_transport(way)
             stack.callback(wire.close)
             guard = functools.partial(_foreign_code, memory)
-            peers = [Peer(adapter, wire, (scene.requests, scene.moments), guard)]
+            before_ns = int(scene.origin[0]) * round(session.NS / parts.options.rate)
+            peers = [Peer(adapter, wire, (scene.requests, scene.moments), guard, before_ns)]
         emulator = Emulator(
             setup=parts.setup,
             rig=parts.rig,
             way=way,
             options=parts.options,
             scene=scene,
+            start=start,
             peers=peers,
             channel="" if parts.way else _PRIVATE,
             takers=takers if memory is None else [*takers, _Progress(memory)],
@@ -469,16 +528,24 @@ def _on_bus(
             raise
         except LiftgateError as error:
             reason = "; ".join(causes(error))
-    return result_of(takers, adapter, emulator.summary, reason)
+    return result_of(takers, adapter, emulator.summary, reason, _not_made(parts))
 
 
-def _lateness(summary: Summary) -> str:
-    """How the bench was late; "": it was not, or has no clock that it could be late by."""
-    if summary.clock != "realtime":
+def _lateness(summary: Summary, extremes: Extremes) -> str:
+    """How the bench was late beside what its rows tell; "": it was not, or has no clock to be late by."""
+    if summary.clock != "realtime" or extremes.high is None:
         return ""
-    found = ((summary.overruns, "ticks missed"), (summary.link.dropped, "frames dropped"))
-    said = ", ".join(f"{count} {what}" for count, what in found if count)
-    return f"the bench was late: {said}" if said else ""
+    untold = summary.link.dropped - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
+    return f"the bench was late: {untold} frames dropped" if untold > 0 else ""
+
+
+def _not_made(parts: Parts) -> str:
+    """Which faults that were asked for this bus cannot make; "": none."""
+    if parts.way is None or parts.way.is_interface("virtual"):
+        return ""
+    found = [each.key for each in parts.setup.scenario.faults if each.kind == "bus_off"]
+    said = "a real controller cannot be taken off its bus from here"
+    return "; ".join(f"{key}: bus_off: {said}" for key in found)
 
 
 def result_of(
@@ -486,12 +553,17 @@ def result_of(
     adapter: Adapter,
     summary: Summary,
     reason: str,
+    not_made: str = "",
 ) -> Result:
-    """What the takers have seen."""
+    """What the takers have seen; `not_made` are faults that the bus cannot make."""
     extremes = next(each for each in takers if isinstance(each, Extremes))
     trace = next((each.columns() for each in takers if isinstance(each, Trace)), {})
     judge = next((each for each in takers if isinstance(each, Judge)), None)
-    verdicts = judge.verdicts(reason, _lateness(summary)) if judge is not None else []
+    verdicts = (
+        judge.verdicts(reason, not_made or _lateness(summary, extremes))
+        if judge is not None
+        else []
+    )
     high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
     low = extremes.low if extremes.low is not None else high
     return Result(
@@ -505,4 +577,5 @@ def result_of(
         recording=tuple(map(Path, summary.recordings)),
         pinch_time_s=extremes.pinch_time,
         trace=trace,
+        sketches=next((each.sketches() for each in takers if isinstance(each, Sketcher)), {}),
     )

@@ -121,6 +121,28 @@ class Timing(NamedTuple):
     command_delay_force: Annotated[float, Signal("N", 0.0, 1e9, "what that is on the 10 N/mm rod")]
 
 
+class Bench(NamedTuple):
+    """Of each tick, how well the bench itself kept up; zeros on a clock that waits for nobody."""
+
+    ticks_missed: Annotated[
+        float,
+        Signal("", 0.0, 1e18, "ticks so far that the loop missed and made up for", is_whole=True),
+    ]
+    frames_dropped: Annotated[
+        float,
+        Signal(
+            "", 0.0, 1e18, "frames so far that were lost before the gate read them", is_whole=True
+        ),
+    ]
+    command_delay_s: Annotated[
+        float,
+        Signal("s", 0.0, 1e9, "the longest that a frame waited which this tick took; 0: none"),
+    ]
+
+
+ON_TIME = Bench(0.0, 0.0, 0.0)
+
+
 # Scenarios' profiles, and what a panel or a program may set: column of Surroundings.
 PROFILES: dict[str, Signal] = signals_of(Surroundings)
 
@@ -188,6 +210,7 @@ SENSED_PREFIX = "sensed_"
 _RECORDED: _Parts = {
     "truth": _TRUTH,
     "sensed": {SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
+    "bench": signals_of(Bench),
 }
 COLUMNS: dict[str, Signal] = _whole(_RECORDED)
 COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
@@ -203,8 +226,8 @@ INPUT_SIGNALS: dict[str, Signal] = {
     "latch_cinched": LATCH_CINCHED,
 }
 # What says nothing new beside the inputs that a file of `simulate` was made from, and holds from its row on, where
-# a recording's led to it.
-_LEFT_OUT = {*INPUT_SIGNALS} - {"left_voltage_v", "right_voltage_v"}
+# a recording's led to it; and what only a bench has.
+_LEFT_OUT = {*INPUT_SIGNALS, *Bench._fields} - {"left_voltage_v", "right_voltage_v"}
 
 
 def columns_of(drives: int, offline: bool = False) -> list[str]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions import Condition, parsed
-from liftgate_hil.config.fault_kinds import FAULT_KINDS, SIDES
+from liftgate_hil.config.bus_fault import bus_faults_in
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, SIDES
 from liftgate_hil.config.scenario import Fault, Scenario
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import faults_with
@@ -44,7 +45,7 @@ _FIXED = {
 
 def staged(setup: Setup, rig: Rig) -> Scene:
     """A run's scene before its first tick. Raises ConfigError with all that does not fit vehicle or rig."""
-    return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig.messages)
+    return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig)
 
 
 def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
@@ -96,10 +97,11 @@ def _scene(
     scenario: Scenario,
     vehicle: Vehicle,
     requests: Sequence[Request],
-    messages: Mapping[str, Message] | None,
+    rig: Rig | None,
 ) -> Scene:
     issues = ConfigIssues(scenario.source)
-    injections = _injections(scenario.faults, vehicle, issues)
+    injections = _injections(scenario.faults, vehicle, rig, issues)
+    messages = None if rig is None else rig.messages
     scene = scene_of(
         constants_of(vehicle),
         scenario.stimuli,
@@ -137,15 +139,17 @@ def _conditions(
     return made
 
 
-def injections_of(faults: Sequence[Fault], vehicle: Vehicle) -> list[Injection]:
-    """Faults in a vehicle. Raises ConfigError."""
+def injections_of(faults: Sequence[Fault], vehicle: Vehicle, rig: Rig) -> list[Injection]:
+    """Faults in a vehicle and on its bus. Raises ConfigError."""
     issues = ConfigIssues("")
-    found = _injections(faults, vehicle, issues)
+    found = _injections(faults, vehicle, rig, issues)
     issues.raise_if_any()
     return found
 
 
-def _injections(faults: Sequence[Fault], vehicle: Vehicle, issues: ConfigIssues) -> list[Injection]:
+def _injections(
+    faults: Sequence[Fault], vehicle: Vehicle, rig: Rig | None, issues: ConfigIssues
+) -> list[Injection]:
     """The same, without those that there are issues with."""
     changed = [_changed_by(each, vehicle, issues) for each in faults]
     found = []
@@ -156,24 +160,24 @@ def _injections(faults: Sequence[Fault], vehicle: Vehicle, issues: ConfigIssues)
             if other.values.get("key") != fault.values.get("key")
             for name in names
         ]
-        edits = _edits(fault, vehicle, issues)
+        edits, on_bus = _edits(fault, vehicle, issues), bus_faults_in(fault, rig, issues)
         for name, (before, after) in own.items():
             # Of several keys that one constant follows from each has its part; of one key the last value counts.
             is_shared = name in others
             edits.append(Edit(name, ADD, after - before) if is_shared else Edit(name, SET, after))
-        if edits:
+        if edits or on_bus:
             times = (fault.start, fault.end, fault.period, fault.share)
             ramp = float(fault.values.get("ramp_s") or 0.0)
-            found.append(Injection(tuple(edits), *times, ramp=ramp))
+            found.append(Injection(tuple(edits), *times, ramp=ramp, bus=on_bus))
     return found
 
 
 def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
     """What a fault changes, but for one of a key of the vehicle file."""
     kind, where = FAULT_KINDS[fault.kind], fault.where or "both"
-    if fault.kind == "parameter":
+    if fault.kind == "parameter" or kind.of not in (DRIVE, GATE):
         return []
-    if not kind.is_of_drive:
+    if kind.of == GATE:
         return list(kind.edits(fault.values, ""))
     if vehicle.drives == 1 and where == "right":
         issues.take([f"{fault.key}.where: right: this gate has one drive; allowed: left, both"])

@@ -16,7 +16,7 @@ import pytest
 from hil_support import shipped_rig
 
 import liftgate_hil as lh
-from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE
 from liftgate_hil.errors import ConfigError
 
 Columns = dict[str, float]
@@ -76,7 +76,7 @@ SENSORS: list[tuple[str, dict[str, Any], set[str], set[str]]] = [
 def test_a_faulty_sensor_changes_what_it_measures_and_nothing_that_is_so(
     kind: str, values: dict[str, Any], must: set[str], may: set[str]
 ) -> None:
-    where = "left" if FAULT_KINDS[kind].is_of_drive else None
+    where = "left" if FAULT_KINDS[kind].of == DRIVE else None
     sound, broken = pair(kind, 0.3, where, **values)
     assert changed(sound.truth, broken.truth) == set()
     assert must <= changed(sound.sensed, broken.sensed) <= must | may
@@ -328,12 +328,14 @@ def test_any_parameter_may_change_while_the_gate_runs(key: str, value: float) ->
 def test_what_is_mended_is_as_it_was() -> None:
     sound, broken = opening(), opening()
     for kind, own in FAULT_KINDS.items():
+        if own.of not in (DRIVE, GATE):
+            continue
         values: dict[str, Any] = {
             "value": 1.0, "probability": 0.5, "rate": 100.0, "factor": 0.5, "ohm": 1.0,
             "state": "brake", "key": "gate.mass",
         }  # fmt: skip
         given = {key.name: values[key.name] for key in own.keys if key.name in values}
-        broken.fault(kind, where="left" if own.is_of_drive else None, **given).clear()
+        broken.fault(kind, where="left" if own.of == DRIVE else None, **given).clear()
     for each in (sound, broken):
         each.step(0.2)
     assert broken.truth == sound.truth
@@ -383,7 +385,7 @@ def test_the_frames_say_what_is_sensed() -> None:
         ({"kind": "nix"}, "kind: 'nix'; allowed: one of supply_open"),
         ({"kind": "hall_a_stuck", "where": "left"}, "value: missing; allowed: 0 (low) or 1 (high)"),
         ({"kind": "motor_open", "where": "up"}, "where: 'up'; allowed: one of left, right, both"),
-        ({"kind": "supply_open", "where": "left"}, "where: supply_open is not a drive's"),
+        ({"kind": "supply_open", "where": "left"}, "where: supply_open is the gate's as a whole"),
         ({"kind": "motor_open", "start": 1.0}, "start: 1.0: unknown key; allowed: seed"),
         ({"kind": "motor_open", "ohm": 1.0}, "ohm: 1.0: unknown key"),
         ({"kind": "parameter", "key": "gate.mas", "value": 1.0}, "'gate.mas': no such parameter"),
@@ -405,7 +407,8 @@ def test_a_gate_with_one_drive_has_no_right_one() -> None:
 def test_every_kind_is_tried_here() -> None:
     source: Callable[[], str] = lambda: open(__file__, encoding="utf-8").read()  # noqa: E731, PTH123, SIM115
     text = source()
-    assert [kind for kind in FAULT_KINDS if f'"{kind}"' not in text] == []
+    physical = [name for name, kind in FAULT_KINDS.items() if kind.of in (DRIVE, GATE)]
+    assert [kind for kind in physical if f'"{kind}"' not in text] == []
 
 
 def test_of_two_values_of_one_key_the_last_counts_and_of_two_keys_each() -> None:

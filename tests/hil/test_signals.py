@@ -22,6 +22,7 @@ from liftgate_hil.signals import (
     PROFILES,
     ROW_WIDTH,
     SENSED_PREFIX,
+    Bench,
     Command,
     EdgeTimes,
     Rod,
@@ -54,8 +55,9 @@ def test_no_name_stands_twice() -> None:
     assert len(set(inputs)) == len(inputs)
     outputs = sum(len(row._fields) for row in (Sensed, Truth, Status, Timing, EdgeTimes))
     assert len(BUS_OUTPUTS) == outputs == OUTPUT_COUNT
-    assert list(COLUMNS) == [*Truth._fields, *(f"{SENSED_PREFIX}{name}" for name in Sensed._fields)]
-    assert ROW_WIDTH == len(COLUMNS) == len(Truth._fields) + len(Sensed._fields)
+    sensed = [f"{SENSED_PREFIX}{name}" for name in Sensed._fields]
+    assert list(COLUMNS) == [*Truth._fields, *sensed, *Bench._fields]
+    assert ROW_WIDTH == len(COLUMNS) == sum(map(len, (Truth._fields, sensed, Bench._fields)))
     assert list(PROFILES) == list(Surroundings._fields)
     offline = [*Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched"]
     assert list(INPUT_SIGNALS) == list(INPUT_COLUMNS) == offline

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,6 +69,7 @@ class Phase:
     snow_mass: float = 0.0  # kg
     hand_force: float = 0.0  # N
     released: bool = True  # the latch; else it catches a gate that comes to 0 rad
+    changes: Mapping[str, Any] = field(default_factory=dict)  # tables laid over the vehicle's
 
 
 @dataclass(frozen=True)
@@ -689,7 +690,9 @@ def solve(
     outputs = np.zeros((times.size, 4))
     now, events = 0.0, 0
     for phase in phases:
-        scene = Scene(vehicle, sides, geometry, phase, now)
+        changed = merged(vehicle, phase.changes)
+        sides = [merged(changed, changed.get(name, {})) for name in names]
+        scene = Scene(changed, sides, Geometry(changed["gate"]), phase, now)
         scene.start(state, latched)
         while now < phase.end:
             piece = solve_ivp(

@@ -59,7 +59,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def identified(
-    capsys: pytest.CaptureFixture[str], *arguments: object, within: float = 0.02
+    capsys: pytest.CaptureFixture[str],
+    *arguments: object,
+    within: float = 0.02,
+    sigmas: float = SIGMAS,
 ) -> dict[str, Any]:
     """The result, within its own uncertainty of the truth."""
     names = ["--estimate", ",".join(TRUTH)]
@@ -69,7 +72,7 @@ def identified(
     for name, value in TRUTH.items():
         found = result["parameters"][name]
         assert result["identifiable"][name], (name, found)
-        assert abs(found["value"] - value) < SIGMAS * found["std"], (name, found)
+        assert abs(found["value"] - value) < sigmas * found["std"], (name, found)
         assert found["value"] == pytest.approx(value, rel=within)
     return result
 
@@ -113,7 +116,9 @@ def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
 ) -> None:
     sharp = identified(capsys, log)
-    result = identified(capsys, with_late_stamps(log, tmp_path / "late.log", 3))
+    # Stamps half a tick off in the mean move the inertia by 0.5 %, in four seeds 5 to 8 of its deviations.
+    late = with_late_stamps(log, tmp_path / "late.log", 3)
+    result = identified(capsys, late, within=0.01, sigmas=10.0)
     # The estimate itself is 0.27 to 0.51 ms from seed to seed.
     assert 0.7 < result["input_jitter"] / (1e-3 / math.sqrt(12.0)) < 2.0
     assert f"scatter by {1e3 * result['input_jitter']:.2g} ms" in result["covariance_kind"]

@@ -56,6 +56,11 @@ HERE = (
     "liftgate-hil --bus virtual:any",
     "cc -shared",
     "make -C tools/ecu build/liftgate-ecu.so",
+    "liftgate-hil convert run.blf run.mf4",
+    "liftgate-hil convert run.blf run.csv",
+    "liftgate-hil plot run.mf4",
+    "liftgate-hil plot before.csv",
+    "liftgate-hil compare before.csv",
     "liftgate-hil test scenarios",
     "liftgate-hil judge",
     "liftgate-hil simulate --vehicle suv",
@@ -98,7 +103,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def bus() -> dict[str, str]:
     """A bus of this test's own in the place of README's."""
-    group = f"239.75.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
+    group = f"239.77.{os.getpid() % 250}.{time.monotonic_ns() % 250 + 1}"
     return {"socketcan:can0": f"udp_multicast:{group}", "239.74.163.2": group}
 
 
@@ -132,6 +137,7 @@ def test_the_scenario_of_the_readme_passes_and_is_judged_again(folder: Path) -> 
     out = run(command("liftgate-hil test scenarios"), folder)
     assert "reverses: pass" in out
     assert (folder / "results.xml").is_file()
+    assert "</html>" in (folder / "results.html").read_text(encoding="utf-8")
     again = run(command("liftgate-hil judge"), folder)
     line = next(each.strip() for each in out.splitlines() if "reverses: pass" in each)
     assert line in again
@@ -211,6 +217,26 @@ def test_two_processes_and_a_logger_meet_on_a_bus(folder: Path, bus: dict[str, s
     decoded = run("cantools decode --single-line dbc/liftgate.dbc < run.log", folder)
     assert "DriveCommand(" in decoded
     assert "Unknown" not in decoded
+
+
+# Recordings afterwards.
+
+
+def test_a_recording_goes_into_other_formats(folder: Path) -> None:
+    run("liftgate-hil --bus virtual:any --clock free --duration 1 --record run.blf", folder)
+    assert run(command("liftgate-hil convert run.blf run.mf4"), folder).endswith(" frames\n")
+    assert run(command("liftgate-hil convert run.blf run.csv"), folder).endswith(" rows\n")
+    run(command("liftgate-hil plot run.mf4"), folder)
+    assert "Gate.Angle [deg]" in (folder / "run.svg").read_text(encoding="utf-8")
+
+
+def test_recordings_are_drawn_and_compared(folder: Path) -> None:
+    run("liftgate-hil simulate --voltage 12 --duration 1 --output before.csv", folder)
+    run("liftgate-hil simulate --voltage 12.5 --duration 1 --output after.csv", folder)
+    assert run(command("liftgate-hil plot before.csv"), folder) == "written: before.csv.png\n"
+    told = run(command("liftgate-hil compare before.csv"), folder, codes=(1,))
+    assert re.search(r"^left_voltage_v +0\.5 ", told, re.MULTILINE)
+    assert (folder / "both.png").is_file()
 
 
 # An own database.

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import can
 import pytest
+from mcap.reader import make_reader
 
 PATIENCE = 90.0  # s until something must have happened; nothing is judged by it
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path):
-    names = ["run.log", "run.asc", "run.blf", "run.trc", "run.mf4", "run.csv"]
+    names = ["run.log", "run.asc", "run.blf", "run.trc", "run.mf4", "run.mcap", "run.csv"]
     records = [part for name in names for part in ("--record", str(tmp_path / name))]
     arguments = [sys.executable, "-m", "liftgate_hil", "--bus", "virtual:x", "--json", *records]
     with subprocess.Popen(
@@ -33,7 +34,7 @@ def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path
     assert child.returncode == 0, error
     summary = json.loads(out)
     logs = {}
-    for name in names[:-1]:
+    for name in names[:-2]:
         with can.LogReader(tmp_path / name) as reader:
             logs[name] = [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in reader]
     frames = logs.pop("run.log")
@@ -42,6 +43,9 @@ def test_every_format_of_an_interrupted_run_holds_the_same_frames(tmp_path: Path
         0x210, 0x211, 0x212, 0x213, 0x214, 0x215, 0x220, 0x221, 0x230, 0x6E0, 0x6E2, 0x6E3,
     }  # fmt: skip
     assert [payload for identifier, _, payload in frames if identifier == 0x6E0][-1][7] & 3 == 3
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        told = [json.loads(each[2].data) for each in make_reader(stream).iter_messages(["/can"])]
+    logs["run.mcap"] = [(m["id"], m["extended"], bytes.fromhex(m["data"])) for m in told]
     for name, others in logs.items():
         assert others == frames, name
     rows = (tmp_path / "run.csv").read_text().splitlines()

@@ -106,7 +106,7 @@ def test_every_kind_of_fault_is_on_its_page_with_its_keys_and_whose_it_is() -> N
     for kind in FAULT_KINDS.values():
         _, keys, place, _ = rows[f"`{kind.name}`"]
         assert re.findall(r"`(\w+)`: ", keys) == [key.name for key in kind.keys], kind.name
-        assert place == ("of a drive" if kind.is_of_drive else "of the gate"), kind.name
+        assert place == f"of {kind.of}", kind.name
 
 
 def test_what_the_page_says_may_stand_in_a_condition_may() -> None:

@@ -30,7 +30,7 @@ from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.scene import scene_of
 
 RATE = 1000.0  # Hz
-PERIOD, CLOSE = 24.0, 12.0  # s: of an opening and a closing, and when the latter begins in it
+PERIOD, CLOSE = 26.0, 12.0  # s: of an opening and a closing, and when the latter begins in it
 DISTANCE = 1.0  # m from the hinge: the gate's edge
 LEARNING = 2  # openings and closings before anything is judged
 _FALSE = {BLOCKED_CLOSING, BLOCKED_OPENING, TRAPPED_CLOSING, TRAPPED_OPENING}

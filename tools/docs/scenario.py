@@ -37,8 +37,11 @@ is given it is an interruption."""
 
 _VERDICTS = (
     ("`pass`", "it held"),
-    ("`inconclusive`", "nothing can be said: `after` never came true, the end of the run cut the window off before"
-     " it was decided, or no tick of it counted"),
+    ("`inconclusive`", "nothing can be said: `after` or the condition of a stimulus never came true, the end of"
+     " the run cut the window off before it was decided, or no tick of it counted; what goes before time 0 did not"
+     " come to rest; a fault cannot be made on this bus; in real time the bench itself was late in the window"
+     " (ticks missed, frames dropped, or one that waited for longer than `timing_tolerance_s`), or a force's"
+     " margin is smaller than what the frames' delay means"),
     ("`fail`", "it did not hold"),
     ("`error`", "the run did not come to its end"),
 )  # fmt: skip
@@ -112,8 +115,7 @@ def _default(key: Key) -> str:
 
 def _kind(kind: FaultKind) -> tuple[str, ...]:
     """A kind of fault as a row."""
-    place = "of a drive" if kind.is_of_drive else "of the gate"
-    return code(kind.name), "; ".join(map(_own, kind.keys)), place, kind.meaning
+    return code(kind.name), "; ".join(map(_own, kind.keys)), f"of {kind.of}", kind.meaning
 
 
 def _own(key: Key) -> str:

@@ -1,5 +1,5 @@
-"""The verdicts and margins of a scenario again, from a run's recordings: a table (CSV, Parquet, MF4), a bus log,
-or both. Exit codes as of `liftgate-hil test`.
+"""The verdicts and margins of a scenario again, from a run's recordings: a table (CSV, Parquet, MF4, MCAP), a bus
+log, or both. Exit codes as of `liftgate-hil test`.
 """
 
 from __future__ import annotations

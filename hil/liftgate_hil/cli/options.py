@@ -257,7 +257,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="FILE",
         help="write a recording; the suffix picks the format: .csv .parquet the plant, .log .asc .blf .trc "
-        "the bus, .mf4 both (repeatable)",
+        "the bus, .mf4 .mcap both (repeatable)",
     )
     parser.add_argument(
         "--record-limit",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.simulation import Block
     from liftgate_hil.recording.content import Content
     from liftgate_hil.recording.edge_file import EdgeFile
+    from liftgate_hil.session import Setup
     from liftgate_hil.stimuli.samples import Samples
 
 _MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source.add_argument(
         "--input",
         metavar="FILE",
-        help=".csv (.tsv, .txt) or .mf4 with time_s and input columns; its first sample is at time 0 here",
+        help=".csv (.tsv, .txt), .mf4 or .mcap with time_s and input columns; its first sample is at time 0 here",
     )
     add_map(parser)
     parser.add_argument(
@@ -71,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         default="-",
         metavar="FILE",
-        help=".csv, .parquet or .mf4; default: CSV to stdout",
+        help=".csv, .parquet, .mf4 or .mcap; default: CSV to stdout",
     )
     parser.add_argument(
         "--edges",
@@ -122,6 +123,7 @@ def run(args: argparse.Namespace) -> int:
         columns_of(vehicle.drives, offline=True),
         title="liftgate-hil simulate",
         remark=progress.remark,
+        about=_about(args, setup, output, duration),
     )
     with (
         told_of_compiling(Teller(is_quiet=False), stopped),
@@ -136,6 +138,17 @@ def run(args: argparse.Namespace) -> int:
     names = " and ".join(name for name in (args.output, args.edges) if name)
     print(f"liftgate-hil simulate: {names} {progress.remark()}", file=sys.stderr)
     return stopped.exit_code
+
+
+def _about(args: argparse.Namespace, setup: Setup, output: Path | None, duration: float) -> str:
+    """What the output says of where it is from, where its format can."""
+    from liftgate_hil.origin import origin_offline
+    from liftgate_hil.recording.open import FORMATS
+
+    if output is None or not FORMATS[output.suffix].holds_about:
+        return ""
+    files = {"input": Path(args.input)} if args.input else {}
+    return origin_offline(setup, args.step, duration, files)
 
 
 class _Progress:

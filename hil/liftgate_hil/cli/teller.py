@@ -59,6 +59,10 @@ class Teller(Listener):
             self._print(f"ready after {seconds:.1f} s")
         self._compiling = False
 
+    def progress(self, line: str) -> None:
+        """How far something of many parts has come; on a terminal only."""
+        self._draw(line)
+
     def clear(self) -> None:
         """Leave the line empty for what is printed next."""
         self._draw("")

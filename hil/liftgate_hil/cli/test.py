@@ -22,7 +22,9 @@ from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.listener import Listener
     from liftgate_hil.runs import Job
+    from liftgate_hil.testing.mutation import Matrix
     from liftgate_hil.testing.suite import Case, Outcome
 
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3, "error": 2}
@@ -40,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="free",
         help="wall time; as fast as it goes; one command period per command frame; default: free",
     )
+    options.add_realtime(parser)
     options.add_rate(parser)
     options.add_bus(parser)
     options.add_vehicle(parser, None, "default: each scenario's, else suv")
@@ -60,45 +63,88 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
     parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
     parser.add_argument(
-        "--results", metavar="FOLDER", help="write both there, and a recording of each scenario"
+        "--html", metavar="FILE", help="write a report with pictures: one file for any browser"
+    )
+    parser.add_argument(
+        "--results",
+        metavar="FOLDER",
+        help="write all three there, and a recording of each scenario",
+    )
+    parser.add_argument(
+        "--mutants",
+        action="store_true",
+        help="then run all with mutants of the reference ECU, too: which scenario finds which defect, and which "
+        "expectations prove nothing",
     )
     parser.add_argument("--quiet", action="store_true", help="tell only what does not pass")
 
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    from liftgate_hil.cli.suite_line import CompilingOnly, SuiteLine
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import suite
+    from liftgate_hil.testing.html_report import SuiteReport
     from liftgate_hil.testing.reports import as_json, as_junit
 
     targets = _targets(args)
-    template = _template(args)
+    teller = Teller(args.quiet, is_json=args.json == "-")
+    template = _template(args, CompilingOnly(teller))
     files = suite.scenario_files(args.paths)
     with naming_the_flag():
         cases = suite.cases_of(files, template)
     if args.results:
         cases = _recorded(cases, Path(args.results))
     stop = StopSignals()
-    teller = Teller(args.quiet, is_json=args.json == "-")
     jobs = 1 if suite.is_alone(template) else args.jobs or len(os.sched_getaffinity(0))
+    report = SuiteReport()
     outcomes = {}
-    for outcome in suite.run_suite(cases, jobs, stop):
-        outcomes[outcome.case.file] = outcome
-        _tell(outcome, len(outcomes), len(cases), args, teller)
+    line = SuiteLine(teller, len(cases))
+    for outcome in suite.run_suite(cases, jobs, stop, line.began):
+        outcomes[outcome.case.file] = report.take(outcome)
+        with line.aside():
+            _tell(outcome, len(outcomes), len(cases), args)
+            line.ended(outcome)
+    teller.clear()
     ordered = [outcomes[case.file] for case in cases]
-    told = as_json(ordered, provenance_of(args.command_line, {}).as_dict())
+    matrix = _mutated(args, ordered, jobs, stop, teller) if args.mutants else None
+    provenance = provenance_of(args.command_line, {})
+    told = as_json(ordered, provenance.as_dict())
+    if matrix is not None:
+        told["mutation"] = matrix.as_json()
     for target in targets["json"]:
         _write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
         _write(target, as_junit(ordered))
+    for target in targets["html"]:
+        _write(target, report.html(ordered, provenance, matrix).encode())
+    if matrix is not None and args.json != "-":
+        print("\n".join(map(printable, matrix.lines())), flush=True)
     _summarise(ordered, args)
     return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(ordered)]
 
 
+def _mutated(
+    args: argparse.Namespace,
+    sound: Sequence[Outcome],
+    jobs: int,
+    stop: StopSignals,
+    teller: Teller,
+) -> Matrix | None:
+    """The scenarios against mutants; None: stopped before all were done."""
+    from liftgate_hil.testing.mutation import mutate
+
+    matrix = mutate(
+        sound, jobs, stop, lambda done, count: teller.progress(f"{done}/{count} runs with mutants")
+    )
+    teller.clear()
+    return None if stop.received else matrix
+
+
 def _targets(args: argparse.Namespace) -> dict[str, list[str]]:
     """Where which report goes. Raises ConfigError."""
-    found: dict[str, list[str]] = {"json": [], "junit": []}
+    found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
     if args.results:
         folder = Path(args.results)
         try:
@@ -107,8 +153,11 @@ def _targets(args: argparse.Namespace) -> dict[str, list[str]]:
             raise ConfigError(f"`results` {folder}: {error.strerror}; allowed: a folder") from error
         found["json"].append(str(folder / "verdicts.json"))
         found["junit"].append(str(folder / "junit.xml"))
-    for kind, given in (("json", args.json), ("junit", args.junit)):
+        found["html"].append(str(folder / "report.html"))
+    for kind, given in (("json", args.json), ("junit", args.junit), ("html", args.html)):
         if given is not None:
+            if kind == "html" and given == "-":
+                raise ConfigError("`html` -: allowed: a file")
             if given != "-" and not Path(given).parent.is_dir():
                 raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
             if given != "-" and Path(given).is_dir():
@@ -117,7 +166,7 @@ def _targets(args: argparse.Namespace) -> dict[str, list[str]]:
     return found
 
 
-def _template(args: argparse.Namespace) -> Job:
+def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """How each scenario is run. Raises ConfigError."""
     from liftgate_hil.ecu.find import ON_A_BUS
     from liftgate_hil.runs import Job
@@ -127,6 +176,8 @@ def _template(args: argparse.Namespace) -> Job:
     has_wire = any((wire.bus, wire.serial, wire.interface, wire.channel))
     if has_wire and args.ecu != ON_A_BUS:
         raise ConfigError("`bus`: allowed together with --ecu bus; other ECUs are in this process")
+    if args.mutants and (args.ecu != "reference" or args.clock != "free"):
+        raise ConfigError("`mutants`: allowed with --ecu reference and --clock free")
     return Job(
         scenario=None,
         ecu=options.ecu_of(args),
@@ -137,7 +188,15 @@ def _template(args: argparse.Namespace) -> Job:
         seed=args.seed,
         variant=variant_of(args.draw, args.ideal),
         wire=wire if has_wire else None,
-        options=RunOptions(rate=args.rate, clock=args.clock, wall_timeout=args.wall_timeout),
+        is_sketched=bool(args.html or args.results),
+        listener=listener,
+        options=RunOptions(
+            rate=args.rate,
+            clock=args.clock,
+            wall_timeout=args.wall_timeout,
+            realtime=args.realtime,
+            cpu=args.cpu,
+        ),
     )
 
 
@@ -200,9 +259,7 @@ def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
     return kept
 
 
-def _tell(
-    outcome: Outcome, done: int, count: int, args: argparse.Namespace, teller: Teller
-) -> None:
+def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> None:
     """What came of a scenario."""
     from liftgate_hil.testing.reports import line_of
 

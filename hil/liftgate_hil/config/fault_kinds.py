@@ -1,4 +1,4 @@
-"""The kinds of faults, each with its keys, its meaning, and which of a gate's constants it changes."""
+"""The kinds of faults, each with its keys, its meaning, and what it changes: constants of the gate, or frames."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from liftgate_hil.config.schema import Choice, Key, Kind, Level, Number, Text
+from liftgate_hil.config.schema import Choice, Key, Kind, Level, Number, Text, Whole
 from liftgate_hil.signals import DIRECTIONS
+from liftgate_hil.stimuli import bus_faults
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
 
 SIDES = ("left", "right")
 WHERE = (*SIDES, "both")
+
+# What a kind is a fault of.
+DRIVE, GATE, MESSAGE, BUS = "a drive", "the gate", "a message", "the bus"
 
 # A drive that is disconnected is one whose clutch slips at once, so that it takes hold again wherever it is.
 _NO_FORCE = 1e-9  # N
@@ -32,7 +36,12 @@ class FaultKind:
     meaning: str
     edits: Callable[[Values, str], Sequence[Edit]]
     keys: tuple[Key, ...] = ()
-    is_of_drive: bool = True
+    of: str = DRIVE
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it has a `where`: a drive, or a message."""
+        return self.of in (DRIVE, MESSAGE)
 
 
 def _line(field: str, how: int) -> Callable[[Values, str], Sequence[Edit]]:
@@ -93,17 +102,18 @@ def _friction(values: Values, side: str) -> Sequence[Edit]:
 
 
 def _none(values: Values, side: str) -> Sequence[Edit]:
-    raise AssertionError("made of the vehicle")
+    raise AssertionError("made of the vehicle, or of the bus")
 
 
 def _key(name: str, kind: Kind, meaning: str) -> tuple[Key, ...]:
     return (Key(name, kind, meaning),)
 
 
+_DIRECTION = _key("direction", Choice(list(bus_faults.DIRECTIONS)), "by the gate, or from others")
 _LEVEL = _key("value", Level(), "the level that it stays at")
 _KINDS = (
     FaultKind("supply_open", "nothing can be drawn from or fed into the supply; braking still works",
-              _gate("plant.source_open", SET), is_of_drive=False),
+              _gate("plant.source_open", SET), of=GATE),
     FaultKind("motor_open", "the line between bridge and motor is open: no current from that tick on",
               _line("is_open", SET)),
     FaultKind("motor_short", "the motor's terminals are joined: its voltage is 0, and the shunt reads the "
@@ -127,12 +137,12 @@ _KINDS = (
               _current("gain", SCALE, "factor"), _key("factor", Number(-100.0, 100.0), "by this factor")),
     FaultKind("current_frozen", "the current's last reading stays", _current("frozen", SET)),
     FaultKind("angle_offset", "added to the angle's reading", _gate("sensors.angle_offset", ADD, "value"),
-              _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), is_of_drive=False),
+              _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), of=GATE),
     FaultKind("angle_frozen", "the angle's last reading stays", _gate("faults.angle_frozen", SET),
-              is_of_drive=False),
+              of=GATE),
     FaultKind("latch_stuck", "the latch's switch says the same, whatever the latch does",
               _gate("faults.latch_reading", SET, "value"),
-              _key("value", Level(("open", "latched")), "what it says"), is_of_drive=False),
+              _key("value", Level(("open", "latched")), "what it says"), of=GATE),
     FaultKind("spring_lost", "the drive's spring has no force left", _spring),
     FaultKind("spring_weak", "the drive's spring has less force", _spring,
               _key("factor", Number(0.0, 10.0), "of its force that is left")),
@@ -142,12 +152,32 @@ _KINDS = (
     FaultKind("friction", "the drive's friction is higher or lower: dry, viscous, and what the load makes",
               _friction, _key("factor", Number(0.0, 1e4), "by this factor")),
     FaultKind("latch_not_releasing", "the latch is not released, whatever drives it",
-              _gate("faults.latch_held", SET), is_of_drive=False),
+              _gate("faults.latch_held", SET), of=GATE),
     FaultKind("parameter", "any number of the vehicle file gets another value", _none, (
         Key("key", Text("a key of the vehicle file"), "such as `gate.mass` or `left.motor.resistance`"),
         Key("value", Number(-1e15, 1e15), "in the file's unit"),
         Key("ramp_s", Number(0.0, 1e6, "s"), "until it is there, in a straight line", 0.0),
-    ), is_of_drive=False),
+    ), of=GATE),
+    FaultKind("frame_lost", "frames do not arrive", _none, (
+        *_DIRECTION, Key("probability", Number(0.0, 1.0), "that a frame is lost", 1.0)), of=MESSAGE),
+    FaultKind("frame_delayed", "frames arrive later", _none, (
+        *_DIRECTION, Key("delay_s", Number(0.0, 10.0, "s"), "how much; so not of start and end")), of=MESSAGE),
+    FaultKind("frame_repeated", "each frame comes twice", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_corrupted", "one bit of the data is another one, by chance which; on the wire itself, where "
+              "the bus's own checksum would tell it, no bit can be changed", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_counter", "the alive counter stands still, under a checksum that is right", _none,
+              _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_checksum", "the checksum's bits are inverted", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_length", "the next shorter frame that there is", _none, _DIRECTION, of=MESSAGE),
+    FaultKind("frame_frozen", "the data stay as they were, counter and checksum too", _none, _DIRECTION,
+              of=MESSAGE),
+    FaultKind("babbling", "somebody sends without end: eight bytes of 0", _none, (
+        *_DIRECTION,
+        Key("id", Whole(0, 0x1FFFFFFF), "the identifier; above 0x7FF an extended one"),
+        Key("rate", Number(0.0, 1e5, "1/s"), "how many frames"),
+    ), of=BUS),
+    FaultKind("bus_off", "the gate neither sends nor receives; a real controller cannot be taken off its bus, so "
+              "there it is silent and deaf, and the scenario inconclusive", _none, of=BUS),
 )  # fmt: skip
 
 FAULT_KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _KINDS}

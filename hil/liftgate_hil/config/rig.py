@@ -76,14 +76,15 @@ class Rig:
 
     def command_cycle_ms(self) -> float:
         """Its cycle."""
-        return self._cycle_ms(self.command_message())
+        return self.cycle_ms(self.command_message())
 
     def current_cycle_ms(self) -> float:
         """The cycle of the message with the left motor's current; 0: none, or the rig does not send it."""
         names = [wire.message for wire in self.outputs if wire.quantity == "left_current"]
-        return self._cycle_ms(names[0]) if names else 0.0
+        return self.cycle_ms(names[0]) if names else 0.0
 
-    def _cycle_ms(self, name: str) -> float:
+    def cycle_ms(self, name: str) -> float:
+        """Of a message; 0: it has none."""
         return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from liftgate_hil.conditions import parsed
 from liftgate_hil.config import scenario_keys as keys
-from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.profile_csv import read_points
 from liftgate_hil.config.schema import read_table
@@ -57,6 +57,8 @@ class Scenario:
     stimuli: Stimuli
     requests: tuple[Request, ...] = ()
     duration: float | None = None
+    precondition: tuple[str, ...] = ()  # requests that are gone through before time 0
+    timing_tolerance: float | None = None  # s; None: half a command cycle
     # Defaults, over which flags and arguments win.
     vehicle: str | None = None
     rig: str | None = None
@@ -69,6 +71,7 @@ class Scenario:
     description: str = ""
     requirement: tuple[str, ...] = ()
     source: str = ""  # the file
+    included: tuple[str, ...] = ()  # files
 
     def awaited(self) -> list[Expectation]:
         """The conditions that its stimuli wait for, as expectations."""
@@ -122,6 +125,8 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         Stimuli(dict(found.profiles), tuple(found.obstacles)),
         tuple(sorted(found.requests, key=_order)),
         top["duration"],
+        precondition=top["precondition"],
+        timing_tolerance=top["timing_tolerance_s"],
         vehicle=top["vehicle"],
         rig=top["rig"],
         seed=top["seed"],
@@ -133,6 +138,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         description=str(top["description"]),
         requirement=top["requirement"],
         source=str(path),
+        included=tuple(str(part.path) for part in parts[:-1]),
     )
 
 
@@ -375,16 +381,18 @@ class _Reader:
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
         if kind is None:  # whose keys are not known
-            common = {each.name for each in keys.FAULT}
-            given = {name: value for name, value in given.items() if name in common}
-        values = read_table(self.issues, key, given, (*keys.FAULT, *own))
-        if kind is not None and not kind.is_of_drive and values["where"] is not None:
-            self.issues.add(
-                f"{key}.where".lstrip("."), f"{kind.name} is not a drive's; allowed: no such key"
-            )
+            known = {each.name for each in keys.FAULT}
+            given = {name: value for name, value in given.items() if name in known}
+        taken = {each.name for each in own}
+        common = tuple(each for each in keys.FAULT if each.name not in taken)
+        values = {"delay_s": 0.0} | read_table(self.issues, key, given, (*common, *own))
+        if kind is not None and values["where"] is not None:
+            self._where(f"{key}.where".lstrip("."), kind, values["where"])
         if "share" in given and "period_s" not in given:
             self.issues.add(f"{key}.share", "allowed: together with period_s")
-        start, end = self._span(key, values)
+        start, end = self._span(
+            key, values if "delay_s" not in taken else values | {"delay_s": 0.0}
+        )
         return Fault(
             kind=values["kind"] or "",
             where=values["where"],
@@ -395,6 +403,13 @@ class _Reader:
             share=values["share"],
             key=f"{self.path}: {key}",
         )
+
+    def _where(self, key: str, kind: FaultKind, where: str) -> None:
+        """Check a fault's place, as far as it can be without a vehicle and a rig."""
+        if not kind.has_place:
+            self.issues.add(key, f"{kind.name} is {kind.of}'s as a whole; allowed: no such key")
+        elif kind.of == DRIVE and where not in WHERE:
+            self.issues.add(key, f"{show(where)}; allowed: one of {', '.join(WHERE)}")
 
     def _expect(self, key: str, given: Table) -> Expectation:
         issues = self.issues

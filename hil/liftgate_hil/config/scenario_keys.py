@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from liftgate_hil.config.fault_kinds import FAULT_KINDS, WHERE
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.schema import (
     LATEST,
     REQUIRED,
     Choice,
+    Choices,
     Key,
     Number,
     Raw,
@@ -22,7 +23,7 @@ from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import OBSTACLE as OBSTACLE_SIGNALS
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import NEVER, START
-from liftgate_hil.stimuli.requests import REQUESTS
+from liftgate_hil.stimuli.requests import BUTTONS, REQUESTS
 
 _SECONDS = Number(0.0, LATEST, "s")
 SEED = Whole(0, 2**32 - 1)
@@ -52,13 +53,17 @@ TOP = (
     Key("rig", Text(_FILE), "looked for beside the scenario first", None, "liftgate"),
     Key("seed", SEED, "of noise and of what differs from run to run", 0),
     Key("initial", _Initial(), "where the gate starts, at rest; closed it is latched", "closed"),
+    Key("precondition", Choices(BUTTONS), "requests that are gone through before time 0, each when the "
+        "motion of the one before is over, and not judged: an ECU that has learned its gate", (), "none"),
+    Key("timing_tolerance_s", _SECONDS, "in real time, how long a frame may wait until the gate picks it up; "
+        "where one waits longer the bench is late", None, "half a command cycle"),
     Key("parameters", Raw("a table of numbers"), "names and values, which `--set-parameter` and `parameters` of "
         "`lh.run` replace", None),
     Key("set", Raw("a table"), "keys of the vehicle file and their values: `\"environment.road_slope_deg\" = 5`",
         None),
     Key("profile", Raw("[[profile]] tables"), "a quantity over time, below", None),
     Key("obstacle", Raw("[[obstacle]] tables"), "something in the gate's way, below", None),
-    Key("request", Raw("[[request]] tables"), "what the driver asks of the ECU, below", None),
+    Key("request", Raw("[[request]] tables"), "what is asked of the ECU, below", None),
     Key("fault", Raw("[[fault]] tables"), "what breaks, below", None),
     Key("expect", Raw("[[expect]] tables"), "what is expected, below", None),
 )  # fmt: skip
@@ -86,14 +91,19 @@ OBSTACLE = (
 )  # fmt: skip
 
 REQUEST = (
-    Key("time", When(), "when the button is pressed"),
+    Key("time", When(), "when"),
     _DELAY,
-    Key("action", Choice(REQUESTS), "which"),
+    Key(
+        "action",
+        Choice(REQUESTS),
+        "a button of the driver's, or reset: the ECU is made anew, as one that is switched on",
+    ),
 )
 
 FAULT = (
     Key("kind", Choice(list(FAULT_KINDS)), "one of those below, each with keys of its own"),
-    Key("where", Choice(WHERE), "which drive's, of a kind that is a drive's", None, "both"),
+    Key("where", Text("left, right, both, or a message's name"), "which drive's, or which message's, of a kind "
+        "that is one's", None, "both; all messages"),
     Key("start", When(), "when it begins", START, "0"),
     Key("end", When(), "when it is over; a condition counts once it has begun", NEVER, "never"),
     _DELAY,

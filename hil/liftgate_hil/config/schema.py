@@ -86,6 +86,25 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Choices:
+    """A list, each of it one of a few."""
+
+    values: Sequence[str]
+
+    @property
+    def allowed(self) -> str:
+        """See Kind."""
+        return f"a list of {', '.join(self.values)}"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
+        """See Kind."""
+        if not isinstance(value, list) or any(each not in self.values for each in value):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return ()
+        return tuple(value)
+
+
+@dataclass(frozen=True)
 class Level:
     """0 or 1, or what they are called."""
 

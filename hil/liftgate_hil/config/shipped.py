@@ -37,6 +37,13 @@ def shipped_names(folder: str) -> list[str]:
     return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
 
 
+def shipped_folder(kind: str, name: str) -> Path | None:
+    """A shipped folder of that name below `kind`, such as the `pack` of scenarios; None: there is none."""
+    folder = data_root() / "configs" / kind / name
+    is_name = name and len(Path(name).parts) == 1 and not name.startswith(".")
+    return folder if is_name and folder.is_dir() else None
+
+
 def find_config(kind: str, name: str, called: str = "") -> Path:
     """The file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 

@@ -37,6 +37,7 @@ class Adapter:
         self.shares_clock = (
             shares_clock  # its time is the gate's, else begins when the gate is heard
         )
+        self._began = 0.0  # s
         self.node = Node(self.kind, config, wire.NO_PORT)
         self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
 
@@ -55,6 +56,10 @@ class Adapter:
         """What the ECU has told after the first `told`, as far as it tells anything."""
         return []
 
+    def begins_anew(self, time: float) -> None:
+        """What it tells from now on counts from a time [s] of its clock."""
+        self._began = time
+
     def failure(self) -> str:
         """Why a turn of the ECU went wrong."""
         answer = int(self.state.port.head.answer[0])
@@ -69,6 +74,12 @@ class Adapter:
     def last_frames(self) -> Frames | None:
         """What it sends when it is switched off."""
         return None
+
+    def reset(self) -> None:
+        """Make the ECU anew, as one that is switched on. Raises EcuError."""
+        self.state = NodeState(
+            new_ecu(self.node.reference, self.shares_clock), wire.new_port_state()
+        )
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -89,9 +100,24 @@ class ReferenceEcu(Adapter):
         check_rig(rig, drives)
         super().__init__(rig, drives, shares_clock, calibration)
 
+    def begins_anew(self, time: float) -> None:
+        """See Adapter."""
+        super().begins_anew(time)
+        self.state.reference.memory.control.events[:] = 0
+
     def events(self, told: int = 0) -> list[Event]:
         """See Adapter."""
-        return events_since(self.state.reference.memory, told)
+        found = events_since(self.state.reference.memory, told)
+        return [each._replace(time=each.time - self._began) for each in found]
+
+    def reset(self) -> None:
+        """See Adapter; what it has told stays told."""
+        before = self.state.reference.memory
+        super().reset()
+        after = self.state.reference.memory
+        after.events[:] = before.events
+        after.control.events[:] = before.control.events
+        after.control.began_ns[:] = before.control.began_ns
 
     def last_frames(self) -> Frames | None:
         """See Adapter."""

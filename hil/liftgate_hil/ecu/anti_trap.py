@@ -113,6 +113,8 @@ def watch(
     excess = load - reference
     if excess > limit and (is_learned or not in_seal):
         guard.suspect += 1
+        if c.defects.learns_disturbed != 0 and not np.isnan(place):
+            guard.total[int(place)], guard.samples[int(place)] = load, 1
         return Verdict(guard.suspect >= constants.samples, load, reference, limit)
     guard.suspect = 0
     if not in_seal:  # at first the mean so far
@@ -132,3 +134,10 @@ def learn(guard: Any) -> None:
             mean = guard.total[i] / guard.samples[i]
             known = guard.reference[i]
             guard.reference[i] = mean if np.isnan(known) else 0.7 * known + 0.3 * mean
+
+
+@compilable
+def forget(guard: Any) -> None:
+    """What was learned is of another travel."""
+    for i in range(BINS):
+        guard.reference[i] = np.nan

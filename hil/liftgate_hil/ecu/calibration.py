@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from liftgate_hil.ecu.defects import NO_DEFECTS, Defects
 from liftgate_plant.coding import Coding
 
 
@@ -16,7 +17,7 @@ class Calibration(NamedTuple):
         0.190, 0.190, 0.190, 0.190, 0.195, 0.200, 0.200, 0.200, 0.200, 0.200, 0.176, 0.127, 0.085, 0.040,
     )  # fmt: skip
     closing_speed: tuple[float, ...] = (
-        0.030, 0.055, 0.078, 0.102, 0.140, 0.166, 0.167, 0.164, 0.152, 0.140, 0.130, 0.120, 0.110, 0.110,
+        0.030, 0.055, 0.078, 0.102, 0.134, 0.155, 0.158, 0.158, 0.150, 0.140, 0.130, 0.120, 0.110, 0.110,
     )  # fmt: skip
     opening_start: float = 0.20  # travels a second, in a second: the soft start
     closing_start: float = 0.10
@@ -57,6 +58,36 @@ class Calibration(NamedTuple):
     seal_stall_time: float = 1.0  # s, in the seal zone
     hold_time: float = 0.25  # s of braking after a stop
     latch_pulse: float = 1.0  # s at most
+    learning_excess: float = 3.5  # A over this run's own recent load: the stop that is looked for
+
+    learning_time: float = 0.025  # s for which that is to last
+    most_squeezed: float = (
+        100.0  # counts from where the load begins to rise to where the drives stand in the stop
+    )
+
+    # What cannot be. Sound drives of a production were seen 15 counts from their mean.
+    feedback_timeout: float = 0.05  # s without a drive's feedback
+    counts_apart: float = 40.0  # of a drive from the mean of both
+    frozen_time: float = (
+        0.5  # s in which the current's reading is the same to the bit, though the drive moves
+    )
+    frozen_counts: float = 20.0
+    over_current: float = 45.0  # A
+    over_current_time: float = 0.1  # s
+    idle_current: float = 0.15  # A, of a drive that does nothing,
+    lone_current: float = 1.2  # A, while the other carries all,
+    lone_time: float = 0.5  # s
+    fall_counts: float = 20.0  # that a gate which stands may come down before it is held
+    fall_hold_time: float = 10.0  # s
+    settling_time: float = 1.0  # s after a stop
+    travel_change: float = (
+        20.0  # counts that the open end is to be further than before, to be another
+    )
+    latch_zone: float = 100.0  # counts above closed in which the latch may say that it holds
+    hot: float = 110.0  # °C of a motor, above which no motion begins
+    cool: float = 90.0  # °C, below which one does again
+
+    defects: Defects = NO_DEFECTS
 
 
 CALIBRATED = Calibration()

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.ecu import events
-from liftgate_hil.ecu.anti_trap import begin_run, learn, watch
+from liftgate_hil.ecu.anti_trap import begin_run, forget, learn, watch
 from liftgate_hil.ecu.calibration import PLACES
 from liftgate_hil.ecu.events import NO_VERDICT, Verdict, note_event
 from liftgate_hil.ecu.load import measure_load
@@ -30,10 +30,19 @@ from liftgate_hil.ecu.memory import (
     Constants,
     Memory,
 )
+from liftgate_hil.ecu.monitor import (
+    SOUND,
+    begin_monitoring,
+    implausible,
+    is_hot,
+    measure_reading,
+    moves_by_itself,
+)
 from liftgate_hil.ecu.speed_control import controlled_duty, counts_a_turn, measure_speed
 from liftgate_plant.compiler import compilable
 
 _SILENT = -1  # no event
+_UNBRAKED = -1.0  # in place of a time until when to brake: the bridges stay off
 
 
 class Feedback(NamedTuple):
@@ -48,6 +57,7 @@ class Feedback(NamedTuple):
     latched: bool
     caught: bool  # by the latch, half or fully
     voltage: float  # V
+    temperature: float  # °C, of the hotter motor; NaN: the bus does not say
 
 
 class DriveCommand(NamedTuple):
@@ -139,11 +149,11 @@ def begin_motion(memory: Memory) -> None:
     control.since = control.now
     control.still = 0.0
     control.wanted = control.ramp = 0.0
-    control.free = np.nan
-    if is_moving(control.state):
-        for i in range(len(memory.drives)):
-            memory.drives[i].start = memory.drives[i].count
-            memory.drives[i].integral = 0.0
+    control.free, control.pressed = np.nan, 0.0
+    for i in range(len(memory.drives)):
+        memory.drives[i].start = memory.drives[i].count
+        memory.drives[i].integral = 0.0
+    begin_monitoring(memory)
     if control.state in (OPENING, CLOSING):
         begin_run(guard_of(memory, control.state))
 
@@ -163,22 +173,39 @@ def enter(constants: Constants, memory: Memory, state: int, event: int, verdict:
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time
-    control.state = state
+    control.came_from, control.state = control.state, state
     control.entered = control.now
     if event != _SILENT:
         note_event(memory, event, verdict)
+    if state == REVERSING:
+        control.is_blind = constants.calibration.defects.second_run_unwatched
+    elif not is_moving(state) and state != STOPPED:
+        control.is_blind = 0
     begin_motion(memory)
 
 
 @compilable
-def obey(constants: Constants, memory: Memory) -> None:
-    """The driver's button: open, close or stop."""
+def obey(constants: Constants, memory: Memory, temperature: float) -> None:
+    """The driver's button: open, close or stop. Open once more, where the gate has opened already, looks for its
+    end anew: what stood in the way when that was learned may be gone.
+    """
     control = memory.control[0]
     request, state = control.request, control.state
     control.request = NO_REQUEST
-    if request == STOP and is_moving(state):
-        enter(constants, memory, STOPPED, events.STOPPED_BY_DRIVER, NO_VERDICT)
-    elif request == REQUEST_OPEN and state not in (OPEN, OPENING):
+    if request == STOP:
+        if is_moving(state) and constants.calibration.defects.stop_ignored == 0:
+            enter(constants, memory, STOPPED, events.STOPPED_BY_DRIVER, NO_VERDICT)
+        return
+    if is_hot(constants, memory, temperature):
+        note_event(memory, events.TOO_HOT, NO_VERDICT)
+        return
+    if request == REQUEST_OPEN and state == OPEN:
+        defects = constants.calibration.defects
+        if control.came_from != OPENING or defects.end_never_learned_again != 0:
+            return
+        control.before, control.travel = control.travel, np.nan
+        enter(constants, memory, OPENING, events.STARTS_OPENING, NO_VERDICT)
+    elif request == REQUEST_OPEN and state != OPENING:
         enter(constants, memory, OPENING, events.STARTS_OPENING, NO_VERDICT)
     elif request == REQUEST_CLOSE and state not in (CLOSED, CLOSING):
         enter(constants, memory, CLOSING, events.STARTS_CLOSING, NO_VERDICT)
@@ -208,10 +235,15 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
         enter(constants, memory, CLOSED if feedback.latched else STOPPED, _SILENT, NO_VERDICT)
         if feedback.latched:
             take_zero(memory)
-    command = move(constants, memory, feedback) if is_moving(control.state) else hold(memory)
+        elif constants.calibration.defects.goes_on_after_reset != 0:
+            enter(constants, memory, CLOSING, events.STARTS_CLOSING, NO_VERDICT)
+    if is_moving(control.state):
+        command = move(constants, memory, feedback)
+    else:
+        command = stand(constants, memory)
     if control.request != NO_REQUEST:
         was_moving = is_moving(control.state)
-        obey(constants, memory)
+        obey(constants, memory, feedback.temperature)
         if was_moving and not is_moving(control.state):
             command = hold(memory)
     return command
@@ -224,6 +256,31 @@ def take_feedback(
     """What the bus says of one drive."""
     measure_speed(constants, drive, count, turning)
     measure_load(constants, drive, current)
+    measure_reading(constants, drive, current)
+
+
+@compilable
+def lose_feedback(constants: Constants, memory: Memory, now: float) -> DriveCommand:
+    """A cycle in which the drives are not heard: nothing moves, and what the driver asks for is not done later."""
+    control = memory.control[0]
+    control.now, control.request = now, NO_REQUEST
+    if is_moving(control.state):
+        enter(constants, memory, STOPPED, events.FEEDBACK_LOST, NO_VERDICT)
+    return hold(memory)
+
+
+@compilable
+def stand(constants: Constants, memory: Memory) -> DriveCommand:
+    """A cycle in which the gate is to stand: what still moves is braked, and where it comes down, it is held."""
+    c, control = constants.calibration, memory.control[0]
+    is_new = control.now - control.entered < c.settling_time and control.brake_until != _UNBRAKED
+    if is_new and abs(mean_speed(memory)) > c.stall_speed:
+        control.brake_until = control.now + c.hold_time
+    if control.state in (OPEN, STOPPED) and moves_by_itself(constants, memory):
+        if control.now >= control.brake_until:
+            note_event(memory, events.FALLS, NO_VERDICT)
+        control.brake_until = control.now + c.fall_hold_time
+    return hold(memory)
 
 
 @compilable
@@ -237,16 +294,26 @@ def hold(memory: Memory) -> DriveCommand:
 def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveCommand:
     """A cycle of a motion: is it at its end, is something trapped, what do the drives get."""
     control = memory.control[0]
+    defects = constants.calibration.defects
     control.caught = int(feedback.caught)
     if is_releasing(constants, memory):
         begin_motion(memory)
-    if control.state == CLOSING and feedback.latched:
+    latched = feedback.latched and defects.latch_unseen == 0
+    if latched and defects.latch_believed == 0:  # a position that is not known is no reason not to
+        latched = not position_of(memory) > constants.calibration.latch_zone
+    if control.state == CLOSING and latched:
         if (
             not control.is_zero_known
         ):  # a drive that has squeezed the mechanism is not where it began
             take_zero(memory)
         learn(memory.guards[1])
         enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)
+        return hold(memory)
+    wrong = implausible(constants, memory)
+    if wrong != SOUND:
+        enter(constants, memory, STOPPED, wrong, NO_VERDICT)
+        if wrong == events.OVER_CURRENT:
+            control.brake_until = _UNBRAKED
         return hold(memory)
     watch_ends(constants, memory)
     if control.state in (OPENING, CLOSING):
@@ -260,7 +327,9 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     wanted = sign * control.wanted
     left = drive_duty(constants, memory, 0, wanted, feedback.voltage)
     right = left
-    if len(memory.drives) > 1:
+    if defects.one_drive_commanded != 0:
+        right = np.nan
+    elif len(memory.drives) > 1:
         right = drive_duty(constants, memory, 1, wanted, feedback.voltage)
     return DriveCommand(
         left_duty=left,
@@ -342,6 +411,23 @@ def watch_ends(constants: Constants, memory: Memory) -> None:
 
 
 @compilable
+def take_travel(constants: Constants, memory: Memory) -> None:
+    """The drives stand in the stop that was looked for: the travel ends where the load began to rise. Where it was
+    known before, only one that is longer counts, and what was learned place by place is learned anew.
+    """
+    c, control = constants.calibration, memory.control[0]
+    if not np.isnan(control.free):
+        control.travel = max(control.free, position_of(memory) - c.most_squeezed)
+    if np.isnan(control.before):
+        return
+    if control.travel > control.before + c.travel_change:
+        for i in range(len(memory.guards)):
+            forget(memory.guards[i])
+    else:
+        control.travel = control.before
+
+
+@compilable
 def stalled(constants: Constants, memory: Memory) -> None:
     """The drives stand: in the stop that was looked for, or before something."""
     control = memory.control[0]
@@ -349,8 +435,7 @@ def stalled(constants: Constants, memory: Memory) -> None:
         enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
     elif control.state == OPENING and np.isnan(control.travel) and control.caught == 0:
         # The stalled drive has squeezed the mechanism; the stop is where the load began.
-        if not np.isnan(control.free):
-            control.travel = control.free
+        take_travel(constants, memory)
         enter(constants, memory, OPEN, events.TRAVEL_LEARNED, NO_VERDICT)
     else:
         enter(constants, memory, STOPPED, events.BLOCKED_OPENING, NO_VERDICT)
@@ -372,14 +457,17 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
     control = memory.control[0]
     state, position = control.state, position_of(memory)
     sign = -1.0 if state == CLOSING else 1.0
+    defects, count = constants.calibration.defects, len(memory.drives)
+    if defects.one_drive_watched != 0:
+        count = 1
     load = 0.0
-    for i in range(len(memory.drives)):
+    for i in range(count):
         load += memory.drives[i].load
     guard = guard_of(memory, state)
     verdict = watch(
         constants,
         guard,
-        sign * load / len(memory.drives),
+        sign * load / count,
         position,
         control.travel,
         hidden_by(constants, memory.drives[0], control.ramp),
@@ -387,10 +475,21 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
     )
     if guard.suspect == 0:
         control.free = position
-    # While the travel is being learned, the stop that is looked for is no obstacle.
-    if not verdict.is_trapped or (state == OPENING and np.isnan(control.travel)):
+    if state == OPENING and np.isnan(control.travel):
+        # While the travel is being learned, the stop that is looked for is no obstacle; nor is it pressed hard.
+        c = constants.calibration
+        is_pressed = verdict.load - verdict.expected > c.learning_excess
+        control.pressed = control.pressed + constants.cycle if is_pressed else 0.0
+        if control.pressed > c.learning_time:
+            stalled(constants, memory)
         return
-    if state == CLOSING:
+    unwatched = defects.closing_unwatched if state == CLOSING else defects.opening_unwatched
+    if not verdict.is_trapped or unwatched != 0 or control.is_blind != 0:
+        return
+    if defects.learns_disturbed != 0:
+        learn(guard)
+    if state == CLOSING and defects.only_stops == 0:
         enter(constants, memory, REVERSING, events.TRAPPED_CLOSING, verdict)
     else:
-        enter(constants, memory, STOPPED, events.TRAPPED_OPENING, verdict)
+        code = events.TRAPPED_CLOSING if state == CLOSING else events.TRAPPED_OPENING
+        enter(constants, memory, STOPPED, code, verdict)

@@ -21,7 +21,14 @@ from liftgate_plant.compiler import compilable
     BLOCKED_OPENING,
     TRAPPED_CLOSING,
     TRAPPED_OPENING,
-) = range(11)
+    FEEDBACK_LOST,
+    DRIVES_APART,
+    CURRENT_FROZEN,
+    CURRENT_LOST,
+    OVER_CURRENT,
+    FALLS,
+    TOO_HOT,
+) = range(18)
 IN_WORDS = -1  # told by an ECU in another process
 _WHY = "(load {load:.2f} A, expected {expected:.2f} A, allowed {limit:.2f} A more)"
 TEXTS = (
@@ -36,6 +43,13 @@ TEXTS = (
     "blocked while opening: stopped",
     f"trapped while closing {_WHY}: reversing",
     f"trapped while opening {_WHY}: stopped",
+    "no feedback of the drives: stopped",
+    "the drives' counts are apart: stopped",
+    "a drive's current does not change: stopped",
+    "one drive carries all: stopped",
+    "over-current: motors off",
+    "the gate comes down: held",
+    "motors too hot: not started",
 )
 
 

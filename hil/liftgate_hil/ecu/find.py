@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import re
 from pathlib import Path
@@ -42,7 +43,8 @@ def adapter_for(
         check_ecu(name)
         return LibraryEcu(Path(name), rig, drives, shares_clock)
     if _CLASS.fullmatch(name):
-        return PythonEcu(_instance_of(name), rig, drives, shares_clock)
+        another = functools.partial(_instance_of, name)
+        return PythonEcu(another(), rig, drives, shares_clock, another)
     raise ConfigError(
         f"`ecu` {name}: allowed: reference, the path of a shared library, MODULE:CLASS, or bus"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,13 @@ class LibraryEcu(Adapter):
 
     def __init__(self, path: Path, rig: Rig, drives: int, shares_clock: bool = True) -> None:
         super().__init__(rig, drives, shares_clock)
+        self._path = path.resolve()
+        self._load(path)
+
+    def _load(self, path: Path) -> None:
+        """Load the library, and create its ECU. Raises ConfigError, EcuError."""
         try:
-            self._library = ctypes.CDLL(str(path.resolve()))
+            self._library = ctypes.CDLL(str(self._path))
             names = ("create", "destroy", "step")
             create, self._destroy, step = (
                 getattr(self._library, f"liftgate_ecu_{name}") for name in names
@@ -41,8 +47,31 @@ class LibraryEcu(Adapter):
         port = wire.Port(wire.address_of(step), wire.address_of(request), self._instance, 0)
         self.node = self.node._replace(port=port)
 
+    def reset(self) -> None:
+        """See Adapter. The library is loaded afresh, with the first values of its statics."""
+        self.close()
+        handle = self._library._handle
+        del self._library, self._destroy
+        _dlclose(handle)
+        try:
+            ctypes.CDLL(str(self._path), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+        except OSError:  # as it is to be: gone
+            super().reset()
+            self._load(self._path)
+            return
+        raise EcuError(
+            f"`ecu` {self._path}: cannot be loaded afresh; allowed: a library that can be unloaded"
+        )
+
     def close(self) -> None:
         """See Adapter."""
         instance, self._instance = self._instance, None
         if instance:
             self._destroy(instance)
+
+
+def _dlclose(handle: int) -> None:
+    """Let go of a library that was loaded once."""
+    close = ctypes.CDLL(None).dlclose
+    close.restype, close.argtypes = ctypes.c_int, [ctypes.c_void_p]
+    close(handle)

@@ -27,9 +27,12 @@ DRIVE = np.dtype(
         ("turned", "f8"),  # and revolutions
         ("count", "f8"),
         ("zero", "f8"),  # count when closed
-        ("start", "f8"),  # count when the motion began
+        ("start", "f8"),  # count when the state was entered
         ("speed", "f8"),  # counts/s
         ("integral", "f8"),  # of the speed control, duty
+        ("reading", "f8"),  # A, the current's last one
+        ("same", "f8"),  # s for which it has been the same
+        ("same_from", "f8"),  # count when that began
         ("held", "i8"),  # counts in the history
         ("history", "f8", (MAX_WINDOW + 1,)),  # counts of the last cycles
     ]
@@ -50,17 +53,24 @@ GUARD = np.dtype(
 CONTROL = np.dtype(
     [
         ("state", "i8"),
+        ("came_from", "i8"),  # the state before
         ("began_ns", "i8"),  # what its clock counts from; -1: from when the gate is first heard
         ("now", "f8"),  # s
         ("entered", "f8"),  # when the state was entered
         ("since", "f8"),  # the same, or when the latch let go
         ("caught", "i8"),  # whether the latch holds the gate, half or fully
-        ("brake_until", "f8"),
+        ("brake_until", "f8"),  # s; see controller
         ("wanted", "f8"),  # speed, counts/s
         ("ramp", "f8"),  # how fast that changes or has lately changed, counts/s²
         ("still", "f8"),  # s of standing
         ("free", "f8"),  # position where the drives last ran without unusual load; NaN: none
         ("travel", "f8"),  # counts from closed to open; NaN: not learned
+        ("pressed", "f8"),  # s of more load than the stop that is looked for should take
+        ("before", "f8"),  # the travel that was known before it is learned again
+        ("over", "f8"),  # s of over-current
+        ("unlike", "f8"),  # s in which one drive carries all
+        ("is_hot", "i8"),
+        ("is_blind", "i8"),  # 1: this run is not watched, by a defect
         ("is_zero_known", "i8"),
         ("request", "i8"),  # waiting to be obeyed
         ("next_ns", "i8"),  # the next control cycle
@@ -116,7 +126,7 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
     control = np.zeros(1, dtype=CONTROL).view(np.recarray)
     control.state, control.request = UNKNOWN, NO_REQUEST
     control.began_ns = 0 if shares_clock else -1
-    control.free = control.travel = np.nan
+    control.free = control.travel = control.before = np.nan
     guards = np.zeros(2, dtype=GUARD).view(np.recarray)
     guards.offset = np.nan
     guards["reference"][:] = np.nan

@@ -9,7 +9,7 @@ from liftgate_hil.ecu import reference
 from liftgate_hil.ecu.reference import EcuConfig, EcuState
 from liftgate_hil.ecu.wire import Port, PortState, call_port, request_of_port
 from liftgate_hil.stimuli.moments import Moments
-from liftgate_hil.stimuli.requests import Requests, first_open, is_due, note_made
+from liftgate_hil.stimuli.requests import RESET, Requests, first_open, is_due, note_made
 from liftgate_plant.compiler import compilable
 
 # What the ECU is; NO_ECU: what is in `port.sent` goes to the gate, and nobody answers.
@@ -34,18 +34,23 @@ class NodeState(NamedTuple):
 @compilable
 def ask(
     node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int
-) -> None:
-    """Make the requests whose time has come, by the ECU's clock, or whose moment has, by the gate's."""
+) -> bool:
+    """Make the requests whose time has come, by the ECU's clock, or whose moment has, by the gate's. Whether the
+    ECU is to start anew first: then it is asked again after that.
+    """
     place = first_open(requests, now_ns)
     while place < len(requests.rows):
         if is_due(requests, place, moments, now_ns, gate_ns):
             note_made(requests, place)
             request = requests.rows[place]
+            if request.action == RESET:
+                return True
             if node.kind == REFERENCE:
                 state.reference.memory.control[0].request = request.action
             elif node.kind == PORT:
                 request_of_port(node.port, request.action)
         place += 1
+    return False
 
 
 @compilable

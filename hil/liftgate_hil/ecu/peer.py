@@ -26,7 +26,7 @@ class Peer:
     """An adapter's ECU at the other end of a bus, for the loops in Python and in real time. Requests are made to
     it by its own clock; those that wait for a moment need the loop's own moments.
 
-    Its own code runs within a `guard`.
+    Its own code runs within a `guard`. The scenario's time 0 is at `before_ns` of the gate's clock.
     """
 
     def __init__(
@@ -35,12 +35,14 @@ class Peer:
         transport: Transport,
         asked: tuple[Requests, Moments] | None = None,
         guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+        before_ns: int = 0,
     ) -> None:
         self._adapter = adapter
         self._transport = transport
         self._asked = asked or by_the_clock(())
         self._heard_ns = 0 if adapter.shares_clock else -1
         self._guard = guard
+        self._before_ns = before_ns
         self._turn = compiled(turn)
         # Compiled before it counts how long the ECU's own code takes.
         nobody = adapter.node._replace(kind=NO_ECU)
@@ -54,8 +56,15 @@ class Peer:
             self._heard_ns = now_ns
         began = self._began_ns()
         with self._guard():
-            if began >= 0:
-                ask(adapter.node, adapter.state, *self._asked, now_ns - began, now_ns)
+            if began >= 0 and ask(
+                adapter.node,
+                adapter.state,
+                *self._asked,
+                now_ns - began - self._before_ns,
+                now_ns - self._before_ns,
+            ):
+                adapter.reset()
+                return
             adapter.state, sent, is_fine = self._turn(adapter.node, adapter.state, frames, now_ns)
         if not is_fine:
             raise EcuError(f"the ECU at {now_ns * 1e-9:.3f} s: {adapter.failure()}")

@@ -13,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.ecu.node import PORT
-from liftgate_hil.errors import ConfigError, shown, text_of
+from liftgate_hil.errors import ConfigError, EcuError, shown, text_of
 from liftgate_hil.stimuli.requests import ACTIONS
 from liftgate_plant.compiler import INT_OF_LONG_INT, INT_OF_STEP
 
@@ -25,12 +25,20 @@ if TYPE_CHECKING:
 
 class PythonEcu(Adapter):
     """An object with `step(now_s, frames) -> frames`, called every `period_s` (its own attribute, else the rig's
-    command cycle) with all frames since; perhaps with `request(action)`. Raises ConfigError.
+    command cycle) with all frames since; perhaps with `request(action)`. `another` makes one anew; without it the
+    object's own `reset()` is called, where it has one. Raises ConfigError.
     """
 
     kind = PORT
 
-    def __init__(self, ecu: Any, rig: Rig, drives: int, shares_clock: bool = True) -> None:
+    def __init__(
+        self,
+        ecu: Any,
+        rig: Rig,
+        drives: int,
+        shares_clock: bool = True,
+        another: Callable[[], Any] | None = None,
+    ) -> None:
         from liftgate_hil.transport.messages import message_of_fields
 
         super().__init__(rig, drives, shares_clock)
@@ -49,10 +57,34 @@ class PythonEcu(Adapter):
             raise ConfigError(
                 f"`ecu` {shown(ecu)}: period_s {shown(period)}; allowed: 1e-6 to 60 s"
             )
+        self._another = another
         self._callbacks = INT_OF_STEP(self._on_step), INT_OF_LONG_INT(self._on_request)
         step, request = (wire.address_of(each) for each in self._callbacks)
         port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
         self.node = self.node._replace(port=port)
+
+    def reset(self) -> None:
+        """See Adapter."""
+        own = getattr(self._ecu, "reset", None)
+        if self._another is None and not callable(own):
+            raise EcuError(
+                f"the ECU {shown(self._ecu)} cannot be made anew; allowed: MODULE:CLASS, or an object with reset()"
+            )
+        try:
+            with FOREIGN:
+                if self._another is not None:
+                    self._ecu = self._another()
+                elif callable(own):
+                    own()
+        except (EcuError, NoAnswerError, KeyboardInterrupt):
+            raise
+        except Exception as error:  # what a user's object does is not known
+            raise EcuError(
+                f"the ECU's reset: {type(error).__name__}: {text_of(error)}{_place_of(error)}"
+            ) from error
+        self._request = getattr(self._ecu, "request", None)
+        head = self.state.port.head[0]
+        head.waiting = head.next_ns = 0
 
     def failure(self) -> str:
         """See Adapter. Raises KeyboardInterrupt where that came to the ECU: it was meant for who runs it."""

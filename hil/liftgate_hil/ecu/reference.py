@@ -25,7 +25,14 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
-from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, is_moving, update
+from liftgate_hil.ecu.controller import (
+    COASTING,
+    DriveCommand,
+    Feedback,
+    is_moving,
+    lose_feedback,
+    update,
+)
 from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
 from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
@@ -44,6 +51,8 @@ class EcuConfig(NamedTuple):
     outputs: BusConfig  # what it sends: the rig's inputs
     commands: NDArray[np.int64]  # rows of `outputs` that are its own
     pages: int  # of the one with the most
+    needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves,
+    patience_ns: NDArray[np.int64]  # and for how long
     has_latch: int  # 0: the angle says when the gate is home,
     has_angle: int  # 0: nothing does
     signed: int  # 1: the duty's sign is the direction
@@ -64,16 +73,24 @@ class EcuState(NamedTuple):
 
 def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> EcuConfig:
     """The ECU of a rig."""
+    inputs = rig.output_config(sending=False)
+    needed = _needed(rig, drives)
+    timeout_ns = round(calibration.feedback_timeout * 1e9)
     outputs, commands = rig.input_config(), message_rows(rig, (*COMMANDS, "latch_release"))
     command_ms, current_ms = rig.command_cycle_ms(), rig.current_cycle_ms()
     cycle_ms = current_ms if 0.0 < current_ms < command_ms else command_ms
     return EcuConfig(
         constants=constants_of(calibration, cycle_ms * 1e-3),
         drives=drives,
-        inputs=rig.output_config(sending=False),
+        inputs=inputs,
         outputs=outputs,
         commands=np.array(commands, dtype=np.int64),
         pages=max((int(outputs.messages[each].pages) for each in commands), default=1),
+        needed=np.array(needed, dtype=np.int64),
+        patience_ns=np.array(
+            [max(timeout_ns, int(inputs.messages[row].timeout_ns)) for row in needed],
+            dtype=np.int64,
+        ),
         has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
         has_angle=int("gate_angle" in {mapping.quantity for mapping in rig.outputs}),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
@@ -92,6 +109,16 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
         values=np.full(INPUT_COUNT, np.nan),
         frames=empty_frames(len(config.commands) * config.pages),
     )
+
+
+def _needed(rig: Rig, drives: int) -> list[int]:
+    """The messages with the drives' feedback, and with what says that the gate is closed, that are cyclic."""
+    names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
+    sides = ("left", "right")[:drives]
+    wanted = {f"{side}_{what}" for side in sides for what in ("current", "hall_count")}
+    wanted |= {"latch_state", "gate_angle"}
+    carrying = {each.message for each in rig.outputs if each.quantity in wanted}
+    return [row for row, name in enumerate(names) if name in carrying and rig.cycle_ms(name) > 0.0]
 
 
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
@@ -127,7 +154,27 @@ def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, F
         latched=latched > 0.5,
         caught=latched > 0.5 or values[OUT.latch_half] > 0.5,
         voltage=_NOMINAL_V if np.isnan(voltage) else float(voltage),
+        temperature=hotter_of(
+            values[OUT.left_motor_temperature], values[OUT.right_motor_temperature]
+        ),
     )
+
+
+@compilable
+def hotter_of(left: float, right: float) -> float:
+    """The larger one of two that may be NaN."""
+    if np.isnan(left) or right > left:
+        return right
+    return left
+
+
+@compilable
+def is_stale(config: EcuConfig, seen_ns: NDArray[np.int64], now_ns: int) -> bool:
+    """Whether something that is needed has not come for too long."""
+    stale = False
+    for i in range(len(config.needed)):
+        stale = stale or now_ns - seen_ns[config.needed[i]] > config.patience_ns[i]
+    return stale
 
 
 @compilable
@@ -192,7 +239,10 @@ def step(
         if control.began_ns < 0:
             control.began_ns = now_ns
         now = (now_ns - control.began_ns) * 1e-9
-        command = update(config.constants, state.memory, now, feedback)
+        if is_stale(config, state.reception.seen_ns, now_ns):
+            command = lose_feedback(config.constants, state.memory, now)
+        else:
+            command = update(config.constants, state.memory, now, feedback)
     ends = is_moving(before) and control.state != before
     if now_ns < control.command_ns and not ends:
         return after, config.nothing

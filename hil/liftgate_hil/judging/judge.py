@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit, watched
 from liftgate_hil.conditions import NOT, SIGNAL, Condition, parsed, table_of, work_for
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.table import (
     ALWAYS,
@@ -27,6 +28,7 @@ from liftgate_hil.judging.table import (
     Judged,
     judge_block,
 )
+from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import compiled
@@ -94,21 +96,24 @@ def expected_of(
 
 class Judge:
     """Judges rows and frames as they come; a Taker. `rate` [Hz] is that of the rows, `end` [s] that of the run and
-    of every window.
+    of every window. A frame may wait for `tolerance` [s] until the gate picks it up.
     """
 
-    def __init__(self, expected: Expected, rate: float, end: float) -> None:
-        self._expected = expected
+    def __init__(
+        self, expected: Expected, rate: float, end: float, tolerance: float = math.inf
+    ) -> None:
+        self.expected = expected
+        self._timeliness = Timeliness(tolerance)
         self._end = end
         self._last = -math.inf
         self._frames = no_logged()
         self._run = compiled(judge_block)
-        self._tables, self._judged = _tables_of(expected, rate, end)
+        self._tables, self._judged = tables_of(expected, rate, end)
 
     @property
     def reads_the_bus(self) -> bool:
         """Whether it needs frames."""
-        return bool(self._expected.signals)
+        return bool(self.expected.signals)
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""
@@ -119,6 +124,7 @@ class Judge:
         if not len(rows):
             self._frames = np.array(frames)
             return
+        self._timeliness.take(rows)
         self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
         frames = frames.view(np.recarray)
         payloads = np.ascontiguousarray(frames["payload"])
@@ -132,11 +138,39 @@ class Judge:
         late the bench itself was, so that nothing can be said of the ECU, `gaps` from when to when [s] rows are
         missing.
         """
-        count = len(self._expected.expectations) - self._expected.awaited
+        count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
-        for place in range(count, len(self._expected.expectations)):
+        found = [self._on_time(place, each) for place, each in enumerate(found)]
+        found = self._hindered(found, late)
+        return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
+
+    def _on_time(self, place: int, verdict: Verdict) -> Verdict:
+        """A verdict that no lateness of the bench in its window, until it was decided, could have changed."""
+        progress = self._judged.progress[place]
+        if verdict.verdict not in (PASS, FAIL) or np.isnan(progress.begin):
+            return verdict
+        end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
+        late = self._timeliness.lateness(float(progress.begin), end)
+        if late:
+            return Verdict(verdict.name, INCONCLUSIVE, reason=late)
+        if verdict.margin_unit != "N" or verdict.margin is None:
+            return verdict
+        uncertain = self._timeliness.force_uncertainty(float(progress.begin), end)
+        if not uncertain:
+            return verdict
+        if abs(verdict.margin) < uncertain:
+            reason = (
+                f"the frames' delay means {uncertain:.3g} N, the margin is {verdict.margin:.3g} N"
+            )
+            return Verdict(verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertain)
+        return replace(verdict, uncertainty=uncertain)
+
+    def _hindered(self, found: list[Verdict], late: str) -> list[Verdict]:
+        """Verdicts of a run in which stimuli never came, or the bench was late."""
+        count = len(found)
+        for place in range(count, len(self.expected.expectations)):
             if not self._judged.progress[place].is_decided:
-                waiting = self._expected.expectations[place]
+                waiting = self.expected.expectations[place]
                 reason = f"{waiting.key} never came: {waiting.condition}"
                 found = [
                     Verdict(each.name, INCONCLUSIVE, reason=reason)
@@ -151,8 +185,20 @@ class Judge:
             for each in found
         ]
 
+    def window(self, place: int) -> tuple[float, float] | None:
+        """From when to when [s] an expectation is judged, as far as is known by now; None: it is not open yet."""
+        progress = self._judged.progress[place]
+        if np.isnan(progress.begin):
+            return None
+        begin, end = float(progress.begin), min(float(progress.end), self._end)
+        return begin, max(begin, end if math.isfinite(end) else self._last)
+
+    def closest(self, place: int) -> float:
+        """When the margin of an expectation was [s], so far; NaN: there is none."""
+        return float(self._judged.progress[place].margin_at)
+
     def _verdict(self, place: int, error: str) -> Verdict:
-        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
         name, is_always = expectation.name, expectation.kind != "eventually"
         if error:
             return Verdict(name, ERROR, reason=error)
@@ -161,10 +207,17 @@ class Judge:
             return Verdict(name, INCONCLUSIVE, reason=reason)
         is_decided = bool(progress.is_decided)
         verdict = PASS if is_decided != is_always else FAIL
-        unit = self._expected.conditions[place].units[int(progress.decider)]
+        condition, decider = self.expected.conditions[place], int(progress.decider)
         time = progress.decided_at if is_decided else progress.margin_at
         return Verdict(
-            name, verdict, float(progress.margin), unit, float(time), self._told(place, verdict)
+            name,
+            verdict,
+            margin=float(progress.margin),
+            margin_unit=condition.units[decider],
+            time_s=float(time),
+            reason=self._told(place, verdict),
+            margin_time_s=float(progress.margin_at),
+            decided_by=comparisons_of(condition)[decider].text,
         )
 
     def _in_gaps(
@@ -172,7 +225,7 @@ class Judge:
     ) -> Verdict:
         """A verdict that no missing row of its window, or before what opens it, could have changed."""
         progress = self._judged.progress[place]
-        is_opened = self._expected.openers[place] >= 0
+        is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
         for gone, back in gaps:
             if back > begin + SLACK and not gone > progress.end + SLACK:
@@ -182,7 +235,7 @@ class Judge:
 
     def _undecided(self, place: int) -> str:
         """Why nothing can be said of an expectation; "": something can."""
-        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
         if np.isnan(progress.begin):
             return f"its trigger never came: {expectation.after}"
         if progress.is_decided:
@@ -203,7 +256,7 @@ class Judge:
         return ""
 
     def _told(self, place: int, verdict: str) -> str:
-        expectation, progress = self._expected.expectations[place], self._judged.progress[place]
+        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
         if verdict == PASS:
             return ""
         text, since = expectation.condition, f"from {progress.begin:g} s"
@@ -216,7 +269,8 @@ class Judge:
         return f"{text}{held}: not {since}{within}"
 
 
-def _tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
+def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
+    """The tables of a judge before its first row; see Judge."""
     count = len(expected.expectations)
     rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
     progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)

@@ -15,6 +15,7 @@ from liftgate_hil.loop.episode import (
     BAD_ECU,
     DIVERGED,
     DONE,
+    RESET,
     Script,
     Stretch,
     most_frames,
@@ -63,7 +64,9 @@ class Episode:
             is_recorded=int(is_recorded),
             edges=ANY,
         )
-        self._now = Stretch(loop=state, node=adapter.state, has_begun=0, pending=0, outcome=0)
+        # An ECU that has gone through something before is not asked twice at the same time.
+        has_begun = int(scene.origin[0] > 0)
+        self._now = Stretch(state, adapter.state, has_begun=has_begun, pending=0, outcome=DONE)
         self._run = compiled(run_stretch)
         self.lookout: Lookout | None = None
         self.bits = 0
@@ -74,9 +77,14 @@ class Episode:
         return self._now.loop
 
     @property
+    def ticks(self) -> int:
+        """Plant steps done since the scenario's time 0."""
+        return int(self._now.loop.tick - self._script.scene.origin[0])
+
+    @property
     def time(self) -> float:
         """Model time [s]."""
-        return self._now.loop.tick * self.config.step
+        return self.ticks * self.config.step
 
     def begin(self) -> None:
         """Compile, or read the cache, before anything happens."""
@@ -91,7 +99,15 @@ class Episode:
 
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
         """Run until so many ticks are done. Raises PlantDivergedError, EcuError."""
-        self._stretches(self._script._replace(ticks=ticks), stopped)
+        self.advance(ticks - self.ticks, stopped)
+
+    def advance(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Run so many ticks more. Raises PlantDivergedError, EcuError."""
+        self._stretches(self._script._replace(ticks=self.state.tick + ticks), stopped)
+
+    def follow(self, scene: Scene) -> None:
+        """Another scene from now on."""
+        self._script = self._script._replace(scene=scene)
 
     def finish(self) -> None:
         """One more tick with the motors off, in which every message is sent."""
@@ -109,7 +125,7 @@ class Episode:
         load = 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
             clock="free",
-            ticks=self.state.tick,
+            ticks=self.ticks,
             model_time_s=seconds,
             bus_load_percent=load,
             frames_sent=int(self.memory.shared.control.sent[0]),
@@ -124,6 +140,9 @@ class Episode:
             self._now = self._run(self.config, self._adapter.node, self._now, script, shared)
             self._adapter.state = self._now.node
             self._take()
+            if self._now.outcome == RESET:
+                self._adapter.reset()
+                self._now = self._now._replace(node=self._adapter.state, outcome=DONE)
             if self._now.outcome == DIVERGED:
                 raise PlantDivergedError(
                     f"the plant diverged at {self.time:.3f} s; allowed: a higher rate, a saner vehicle"
@@ -139,8 +158,8 @@ class Episode:
         for taker in self._takers:
             taker.take(rows, frames)
         if self.lookout is not None and len(rows):
-            moment = Moment(self.state.tick, rows[-1], int(control.sent), 0)
-            self.lookout.look(moment, is_last=self._now.outcome != DONE)
+            moment = Moment(self.ticks, rows[-1], int(control.sent), 0)
+            self.lookout.look(moment, is_last=self._now.outcome not in (DONE, RESET))
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0
 

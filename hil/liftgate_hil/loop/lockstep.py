@@ -41,9 +41,9 @@ def run_lockstep(
     waiting = Waiting(lockstep.command)
     heard = time.monotonic()
     is_told = False
-    while not stopped() and (ticks is None or loop.state.tick < ticks):
+    while not stopped() and (ticks is None or loop.ticks < ticks):
         is_whole = _read(loop.transport, waiting, timeout=0.1)
-        if loop.state.tick == 0 and waiting.commands:
+        if loop.ticks == 0 and waiting.commands:
             for _ in range(0 if is_whole else _START):
                 if _read(loop.transport, waiting):
                     break
@@ -64,7 +64,7 @@ def run_lockstep(
             frames = waiting.commands.popleft()
             heard, is_told = time.monotonic(), False
             for step in range(lockstep.ticks_per_command):
-                if ticks is None or loop.state.tick < ticks:
+                if ticks is None or loop.ticks < ticks:
                     loop.advance(frames if step == 0 else empty_frames(0), 1)
             if stopped():
                 break

@@ -38,7 +38,7 @@ _ANGLE, _LEFT, _RIGHT = (
 class Moment(NamedTuple):
     """Where a loop is."""
 
-    tick: int
+    tick: int  # since the scenario's time 0
     row: Any  # (ROW_WIDTH,) the last one
     sent: int  # frames
     overruns: int
@@ -47,7 +47,8 @@ class Moment(NamedTuple):
 class Lookout:
     """Looks at a loop's `reception`, which the loop writes in place.
 
-    `events` gives what the ECU in this process has told after the first so many.
+    `events` gives what the ECU in this process has told after the first so many. The scenario's time 0 is so many
+    ticks after the loop's.
     """
 
     def __init__(
@@ -58,7 +59,9 @@ class Lookout:
         listener: Listener,
         events: Callable[[int], Sequence[Event]] = lambda told: (),
         clock: Callable[[], float] = time.monotonic,
+        ticks_before: int = 0,
     ) -> None:
+        self._before = ticks_before
         self._rig = rig
         self._config = config
         self._reception = reception
@@ -117,7 +120,8 @@ class Lookout:
     def _status(self, moment: Moment) -> Status:
         counts = self._reception.refusals["count"]
         seen_ns = int(self._reception.seen_ns[self._row])
-        age = moment.tick * self._config.step - seen_ns * 1e-9 if seen_ns >= 0 else None
+        now_s = (moment.tick + self._before) * self._config.step
+        age = now_s - seen_ns * 1e-9 if seen_ns >= 0 else None
         return Status(
             time_s=moment.tick * self._config.step,
             angle_deg=float(moment.row[_ANGLE]),

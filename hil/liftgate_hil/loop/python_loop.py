@@ -17,9 +17,9 @@ from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force, tick
-from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, turns
+from liftgate_hil.stimuli.scene import Scene, note_tick, received, sent, turns
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.signals import Sensed, Truth
@@ -40,18 +40,27 @@ def scheduled_tick(
     scene: Scene,
     rows: NDArray[np.float64],
     ticks_missed: int,
+    frames_dropped: int,
     is_silent: bool,
     is_stop: bool,
-) -> tuple[LoopState, Frames, Truth, Sensed]:
-    """A tick on a scene; its row goes to `rows` (1, ROW_WIDTH)."""
-    time = state.tick * config.step
+) -> tuple[LoopState, Frames, Frames, Truth, Sensed]:
+    """A tick on a scene; its row goes to `rows` (1, ROW_WIDTH). The frames are what the gate got, and what it
+    sends.
+    """
+    time = (state.tick - scene.origin[0]) * config.step
     turns(scene, time)
     outside = outside_at(scene, time, config.step, ticks_missed, is_silent, is_stop)
     gate = in_force(config, scene.faults.row)
-    state, replies, truth, sensed = tick(gate, state, frames, outside)
-    write_row(rows[0], truth, sensed)
-    note_tick(scene, rows, frames, replies)
-    return state, replies, truth, sensed
+    given = frames
+    if not is_stop:
+        given = received(scene, config.inputs, frames, state.tick * config.step_ns, config.seed)
+    state, replies, truth, sensed = tick(gate, state, given, outside)
+    if not (is_stop or is_silent):
+        replies = sent(scene, config.outputs, replies, state.tick * config.step_ns, config.seed)
+    bench = Bench(float(ticks_missed), float(frames_dropped), 0.0)
+    write_row(rows[0], truth, sensed, bench)
+    note_tick(scene, rows, given, replies)
+    return state, given, replies, truth, sensed
 
 
 @dataclass
@@ -70,7 +79,7 @@ class Loop:
     ticks_missed: int = 0
     frames_sent: int = 0
     frames_dropped: int = 0  # that waited for a tick for too long
-    _tick: Callable[..., tuple[LoopState, Frames, Truth, Sensed]] = field(init=False)
+    _tick: Callable[..., tuple[LoopState, Frames, Frames, Truth, Sensed]] = field(init=False)
 
     def __post_init__(self) -> None:
         self._tick = compiled(scheduled_tick)
@@ -80,7 +89,7 @@ class Loop:
         # What a tick remembers it writes in place: this one has a state of its own.
         own = copied(self.state), copied(self.scene)
         self._call(*own, np.empty((1, ROW_WIDTH)), empty_frames(0), False, False)
-        for peer in self.peers:
+        for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
     def advance(self, frames: Frames, steps: int, stop: bool = False) -> None:
@@ -96,19 +105,19 @@ class Loop:
     def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
         self.ticks_missed += is_silent
         rows = np.empty((1, ROW_WIDTH))
-        self.state, replies, truth, _ = self._call(
+        self.state, frames, replies, truth, _ = self._call(
             self.state, self.scene, rows, frames, is_silent, stop
         )
         self.transport.send(replies)
         self.frames_sent += replies.count
         self.load.add(frames)
         self.load.add(replies)
-        time_ns = self.state.tick * self.config.step_ns
+        time_ns = self.ticks * self.config.step_ns
         seen = np.concatenate([logged(frames, time_ns, False), logged(replies, time_ns, True)])
         for taker in self.takers:
             taker.take(rows, seen)
         if self.lookout is not None:
-            moment = Moment(self.state.tick, rows[0], self.frames_sent, self.ticks_missed)
+            moment = Moment(self.ticks, rows[0], self.frames_sent, self.ticks_missed)
             self.lookout.look(moment, is_last=stop)
         if not is_sound(truth):
             raise PlantDivergedError(
@@ -124,15 +133,19 @@ class Loop:
         frames: Frames,
         is_silent: bool,
         stop: bool,
-    ) -> tuple[LoopState, Frames, Truth, Sensed]:
-        return self._tick(
-            self.config, state, frames, scene, rows, self.ticks_missed, is_silent, stop
-        )
+    ) -> tuple[LoopState, Frames, Frames, Truth, Sensed]:
+        missed, dropped = self.ticks_missed, self.frames_dropped
+        return self._tick(self.config, state, frames, scene, rows, missed, dropped, is_silent, stop)
+
+    @property
+    def ticks(self) -> int:
+        """Plant steps done since the scenario's time 0."""
+        return int(self.state.tick - self.scene.origin[0])
 
     @property
     def time(self) -> float:
         """Model time [s]."""
-        return self.state.tick * self.config.step
+        return self.ticks * self.config.step
 
     def finish(self) -> None:
         """The last frames say that the motors are off."""
@@ -141,11 +154,11 @@ class Loop:
 
     def summary(self, clock: str, timing: Timing = NO_TIMING) -> Summary:
         """The figures so far."""
-        seconds = self.state.tick * self.config.step
+        seconds = self.time
         link = self.transport.counts()
         return Summary(
             clock=clock,
-            ticks=self.state.tick,
+            ticks=self.ticks,
             model_time_s=seconds,
             overruns=self.ticks_missed,
             timing=timing,
@@ -159,10 +172,10 @@ class Loop:
 
 def run_clocked(loop: Loop, clock: Clock, ticks: int | None, stopped: Callable[[], bool]) -> None:
     """Run on a clock for so many ticks (None: until stopped)."""
-    while not stopped() and (ticks is None or loop.state.tick < ticks):
-        steps = clock.wait(loop.state.tick)
+    while not stopped() and (ticks is None or loop.ticks < ticks):
+        steps = clock.wait(loop.ticks)
         if ticks is not None:
-            steps = min(steps, ticks - loop.state.tick)
+            steps = min(steps, ticks - loop.ticks)
         loop.advance(loop.transport.receive(), steps)
 
 

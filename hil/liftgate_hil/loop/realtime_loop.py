@@ -26,9 +26,11 @@ from liftgate_hil.loop.rings import (
 )
 from liftgate_hil.loop.row import is_sound
 from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force, tick
+from liftgate_hil.signals import Bench
+from liftgate_hil.stimuli.bus_faults import restamp
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, turns
+from liftgate_hil.stimuli.scene import Scene, note_tick, received, sent, turns
 from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
@@ -189,7 +191,16 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 
 @compilable
-def run_realtime(  # noqa: PLR0915
+def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
+    """How long the frame has waited that came first [ns]."""
+    longest = 0
+    for i in range(frames.count):
+        longest = max(longest, now_ns - stamps[i])
+    return longest
+
+
+@compilable
+def run_realtime(  # noqa: PLR0912, PLR0915
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
@@ -201,38 +212,53 @@ def run_realtime(  # noqa: PLR0915
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
     none = Frames(0, room.identifiers, room.lengths, room.data)
-    # Model time 0 is now: taken here, where no interpreter lock can hold up what follows.
-    start_ns = clock_ns(_MONOTONIC, room) - state.tick * config.step_ns
-    control.epoch_ns = clock_ns(_REALTIME, room) - state.tick * config.step_ns
-    room.drained[0] = start_ns
     scene, stopping, is_over = params.scene, False, False
+    origin = scene.origin[0]
+    # The scenario's time 0 is now: taken here, where no interpreter lock can hold up what follows.
+    start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
+    control.epoch_ns = clock_ns(_REALTIME, room) - (state.tick - origin) * config.step_ns
+    room.drained[0] = start_ns
     woken, accepted, frames, given = start_ns, 0, none, none
+    is_first, waited_ns = True, 0  # of those that are due; by the frames that it takes
     left = -1  # ticks before the last one of those that are due; -1: none is due
     while not is_over:
         gate = in_force(config, scene.faults.row)  # as in `episode`
         while True:
+            done = state.tick - origin
             if left < 0:
-                stopping = control.stop != 0 or state.tick >= params.ticks or outcome != ENDED
+                stopping = control.stop != 0 or done >= params.ticks or outcome != ENDED
                 frames, left = none, 0
                 if not stopping:
-                    deadline = start_ns + (state.tick + 1) * config.step_ns
+                    deadline = start_ns + (done + 1) * config.step_ns
                     woken = wait_until(deadline, room)
                     late = woken - deadline
                     note(shared.histograms[LATENESS], late)
                     if late > params.limit_ns:
                         outcome, left = OVERRUN, -1
                         continue
-                    left = min(late // config.step_ns, params.ticks - state.tick - 1)
+                    left = min(late // config.step_ns, params.ticks - done - 1)
                     frames = receive(shared, params, room)
-                accepted, given = state.counts.accepted, frames
+                accepted, given, is_first = state.counts.accepted, frames, True
                 take_letters(shared.box, scene.held)
-            now = state.tick * config.step
+            now = done * config.step
             if turns(scene, now):
                 break
+            if is_first and not stopping:
+                now_ns = state.tick * config.step_ns
+                frames = received(scene, config.inputs, given, now_ns, config.seed)
+                if len(scene.bus_faults.origins) > 0:
+                    restamp(scene.bus_faults, frames.count, room.stamps, woken)
+                given, is_first = frames, False
+                waited_ns = longest_wait(frames, room.stamps, clock_ns(_MONOTONIC, room))
             control.overruns += int(left > 0)
             outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
             state, replies, truth, sensed = tick(gate, state, given, outside)
-            place = note_row(shared, truth, sensed)
+            if left == 0 and not stopping:
+                replies = sent(
+                    scene, config.outputs, replies, state.tick * config.step_ns, config.seed
+                )
+            bench = Bench(float(control.overruns), float(control.dropped), 1e-9 * waited_ns)
+            place, waited_ns = note_row(shared, truth, sensed, bench), 0
             note_tick(scene, shared.rows[place : place + 1], given, replies)
             given = none
             left -= 1
@@ -249,14 +275,14 @@ def run_realtime(  # noqa: PLR0915
             if replies.count > 0:
                 patience = _LAST_PATIENCE if stopping else 0
                 unsent = send(shared, params, room, replies, patience)
-            done = clock_ns(_MONOTONIC, room)
+            sent_ns = clock_ns(_MONOTONIC, room)
             if waiting_since != 0 and unsent == 0 and is_among(replies, params.feedback):
-                note(shared.histograms[DELAY], done - waiting_since)
+                note(shared.histograms[DELAY], sent_ns - waiting_since)
                 waiting_since = 0
 
-            note_frames(shared, replies, done - start_ns, 1)
+            note_frames(shared, replies, sent_ns - start_ns, 1)
             count_bits(shared, replies)
-            control.tick = state.tick
+            control.tick = state.tick - origin
             if stopping:
                 is_over = True
                 break

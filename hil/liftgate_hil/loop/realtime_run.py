@@ -84,7 +84,7 @@ class RealtimeRun:
         scratch.close()
         if self.realtime is not None:
             self.realtime.prepare()
-        for peer in self.peers:
+        for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
@@ -116,9 +116,14 @@ class RealtimeRun:
             )
         if self.outcome == realtime_loop.DIVERGED:
             raise PlantDivergedError(
-                f"the plant diverged at {self.state.tick * self.config.step:.3f} s; allowed: a higher "
+                f"the plant diverged at {self._ticks * self.config.step:.3f} s; allowed: a higher "
                 "`rate`, a saner vehicle"
             )
+
+    @property
+    def _ticks(self) -> int:
+        """Plant steps done since the scenario's time 0."""
+        return int(self.state.tick - self.scene.origin[0])
 
     def timing(self) -> Timing:
         """How well it kept time so far."""
@@ -128,7 +133,7 @@ class RealtimeRun:
     def summary(self) -> Summary:
         """The figures so far."""
         control = self.memory.shared.control[0]
-        seconds = self.state.tick * self.config.step
+        seconds = self._ticks * self.config.step
         mine = self.line.counts()
         link = mine._replace(
             send_failures=int(control.unsent) + mine.send_failures,
@@ -139,7 +144,7 @@ class RealtimeRun:
         load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
             clock="realtime",
-            ticks=self.state.tick,
+            ticks=self._ticks,
             model_time_s=seconds,
             overruns=int(control.overruns),
             timing=self.timing(),
@@ -202,7 +207,7 @@ class RealtimeRun:
                 post(shared.box[0], timing._asdict())
             self._hand_on(rows, frames)
             for peer in self.peers:
-                peer.poll(int(control.tick) * self.config.step_ns)
+                peer.poll(int(control.tick + self.scene.origin[0]) * self.config.step_ns)
             thread.join(pause)
         self._hand_on(rows, frames)
         self._look_out(is_last=True)

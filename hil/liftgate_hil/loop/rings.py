@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
 from liftgate_hil.loop.row import write_row
-from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.mailbox import BOX
 from liftgate_plant.compiler import compilable
 from liftgate_plant.signals import Sensed, Truth
@@ -95,11 +95,11 @@ def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], sta
 
 
 @compilable
-def note_row(shared: Shared, truth: Truth, sensed: Sensed) -> int:
+def note_row(shared: Shared, truth: Truth, sensed: Sensed, bench: Bench) -> int:
     """Put a tick's row into the ring: where it is there."""
     control = shared.control[0]
     place = control.rows % len(shared.rows)
-    write_row(shared.rows[place], truth, sensed)
+    write_row(shared.rows[place], truth, sensed, bench)
     control.rows += 1
     return int(place)
 

@@ -1,11 +1,11 @@
-"""The row of a recording: what was so, and what was sensed."""
+"""The row of a recording: what was so, what was sensed, and how well the bench kept up."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.signals import COLUMN_ROWS
+from liftgate_hil.signals import COLUMN_ROWS, Bench
 from liftgate_plant.compiler import all_finite, compilable, fill
 from liftgate_plant.signals import CURRENT, GATE_ANGLE, GATE_RATE, POSITION, SPEED, Sensed, Truth
 
@@ -14,10 +14,11 @@ _MOST_RATE, _MOST_ANGLE = GATE_RATE.high, GATE_ANGLE.high
 
 
 @compilable
-def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed) -> None:
+def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Bench) -> None:
     """Fill a row (ROW_WIDTH,) of signals.COLUMNS."""
     fill(row, COLUMN_ROWS.truth, truth)
     fill(row, COLUMN_ROWS.sensed, sensed)
+    fill(row, COLUMN_ROWS.bench, bench)
 
 
 @compilable

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.row import is_sound, write_row
-from liftgate_hil.signals import ROW_WIDTH
+from liftgate_hil.signals import ON_TIME, ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
 from liftgate_hil.stimuli.scene import Scene, note_tick, turns
@@ -128,10 +128,10 @@ def block(
             if not sound:
                 break
             if done % offline.every == 0:
-                write_row(out[written], truth, sensed)
+                write_row(out[written], truth, sensed, ON_TIME)
                 written += 1
             if scene.moments.pending[0] > 0:
-                write_row(offline.row[0], truth, sensed)
+                write_row(offline.row[0], truth, sensed, ON_TIME)
                 note_tick(scene, offline.row, offline.nothing, offline.nothing)
             state, flow = integrate.advance(gate.plant, state, inputs, offline.step)
             done += 1

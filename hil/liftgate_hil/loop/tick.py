@@ -311,7 +311,14 @@ def tick(
     )  # fmt: skip
     hold = max(state.pinch_hold, shown.pinch_force)
     truth = truth_of(
-        config.sensors, done * config.step, plant_state, inputs, shown, contact, flow, config.step
+        config.sensors,
+        (done - outside.ticks_before) * config.step,
+        plant_state,
+        inputs,
+        shown,
+        contact,
+        flow,
+        config.step,
     )
     replies = config.nothing
     end_ns = done * config.step_ns

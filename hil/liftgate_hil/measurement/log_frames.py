@@ -1,4 +1,4 @@
-"""The frames of a bus log that are ours, by python-can's readers, or from an MF4 file with bus logging."""
+"""The frames of a bus log that are ours, by python-can's readers, or from an MF4 or MCAP file that holds some."""
 
 from __future__ import annotations
 
@@ -30,11 +30,14 @@ def read_frames(
         rig.messages[name].frame_id | (EXTENDED if rig.messages[name].is_extended_frame else 0)
         for name in messages
     }
-    if path.suffix.lower() != ".mf4":
+    kind = path.suffix.lower()
+    if kind == ".mf4":
+        from liftgate_hil.measurement.mf4_file import read_mf4_frames as read
+    elif kind == ".mcap":
+        from liftgate_hil.measurement.mcap_file import read_mcap_frames as read
+    else:
         return _by_python_can(path, wanted)
-    from liftgate_hil.measurement.mf4_file import read_mf4_frames
-
-    times, frames = read_mf4_frames(path)
+    times, frames = read(path)
     ours = np.flatnonzero(np.isin(frames.identifiers & ~FD, list(wanted)))
     return (
         times[ours],
@@ -43,7 +46,7 @@ def read_frames(
     )
 
 
-def _is_cut(path: Path) -> bool:
+def is_cut(path: Path) -> bool:
     """Whether a text ends within a line, as a full disk or a kill leaves it. Raises OSError."""
     with path.open("rb") as stream:
         if stream.seek(0, os.SEEK_END) == 0:
@@ -67,8 +70,8 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames,
     times: list[float] = []
     rows: list[tuple[int, bytes]] = []
     try:
-        is_cut = path.suffix.lower() == ".log" and _is_cut(path)
-        with _opened(can, path, is_cut) as reader:
+        has_rest = path.suffix.lower() == ".log" and is_cut(path)
+        with _opened(can, path, has_rest) as reader:
             for message in reader:
                 identifier = message.arbitration_id
                 identifier |= EXTENDED if message.is_extended_id else 0
@@ -93,5 +96,5 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> tuple[Floats, Frames,
         frames.identifiers[row] = identifier
         frames.lengths[row] = len(payload)
         frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
-    notes = (CUT,) if is_cut else ()
+    notes = (CUT,) if has_rest else ()
     return np.array(times, dtype=np.float64), frames._replace(count=len(rows)), notes

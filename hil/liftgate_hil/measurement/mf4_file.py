@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import logging
 import struct
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,9 +19,7 @@ from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Floats
-from liftgate_hil.measurement.series import Series
-
-FRAME = "CAN_DataFrame"  # ASAM MDF bus logging
+from liftgate_hil.measurement.series import FRAME, Series
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Mf4File:
     def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
         """See Columns."""
         result = {}
-        with _opened(self.path) as measurement:
+        with opened_mf4(self.path) as measurement:
             for name in wanted:
                 where = measurement.channels_db[name]
                 if len(where) > 1:
@@ -57,14 +56,14 @@ class Mf4File:
 
 def open_mf4(path: Path) -> Mf4File:
     """The file's channels. Raises ConfigError where it cannot be read."""
-    with _opened(path) as measurement:
+    with opened_mf4(path) as measurement:
         return Mf4File(path, list(measurement.channels_db))
 
 
 def read_mf4_frames(path: Path) -> tuple[Floats, Frames]:
     """Times [s] and frames of a bus log, in the order of time."""
     parts: list[tuple[Floats, Frames]] = []
-    with _opened(path) as measurement:
+    with opened_mf4(path) as measurement:
         for group, index in measurement.channels_db.get(FRAME, ()):
             signal = measurement.get(group=group, index=index, raw=True)
             if len(signal.samples):
@@ -119,7 +118,10 @@ def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
+    """An MF4 file, as asammdf's MDF; `in_blocks`: to be read a part at a time, of which only that is loaded. What
+    goes wrong with it is told as ConfigError.
+    """
     try:
         from asammdf import MDF
     except ImportError as error:
@@ -128,9 +130,14 @@ def _opened(path: Path) -> Iterator[Any]:
         ) from error
     check_file(path)
     _check_groups(path)
-    said = ""
+    said, logger = "", logging.getLogger("asammdf")
+    level = logger.level
+    logger.setLevel(
+        logging.CRITICAL + 1
+    )  # it tells on stderr what it then raises, or can do without
     try:
-        with MDF(path) as measurement:
+        # asammdf takes whole channels out of a file that it has opened itself.
+        with path.open("rb") as stream, MDF(stream if in_blocks else path) as measurement:
             yield measurement
     except ConfigError:
         raise
@@ -138,6 +145,8 @@ def _opened(path: Path) -> Iterator[Any]:
         said = " ".join(str(error).split()) or type(error).__name__
         with _silent_end():
             error.__traceback__ = None  # what is half open goes here
+    finally:
+        logger.setLevel(level)
     if said:
         raise ConfigError(f"{path}: cannot be read: {said}")
 

@@ -1,4 +1,4 @@
-"""A file to a measurement: its suffix, and for MF4 its content, says which reader."""
+"""A file to a measurement: its suffix, and for MF4 and MCAP its content, says which reader."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.csv_file import open_csv
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.measurement.series import Columns
+from liftgate_hil.measurement.series import FRAME, Columns
 from liftgate_hil.measurement.table import read_table
 from liftgate_hil.measurement.units import KNOWN
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
 BUS_LOGS = (".log", ".asc", ".blf", ".trc")
-TABLES = (".csv", ".tsv", ".txt", ".mf4")
+MEASURED = (".mf4", ".mcap")  # of columns, of frames, or of both
+TABLES = (".csv", ".tsv", ".txt", *MEASURED)
 SUFFIXES = (*TABLES, *BUS_LOGS)
 
 
@@ -42,7 +43,7 @@ def read_measurement(
 def needs_rig(path: Path, mapping: ColumnMap) -> bool:
     """Whether a file holds frames, which a rig explains. Raises ConfigError where it cannot be read."""
     kind = path.suffix.lower()
-    return kind in BUS_LOGS or (kind == ".mf4" and is_bus_log(path, mapping))
+    return kind in BUS_LOGS or (kind in MEASURED and is_bus_log(path, mapping))
 
 
 def open_columns(path: Path, allowed: Sequence[str] = TABLES) -> Columns:
@@ -53,15 +54,17 @@ def open_columns(path: Path, allowed: Sequence[str] = TABLES) -> Columns:
         from liftgate_hil.measurement.mf4_file import open_mf4
 
         return open_mf4(path)
+    if kind == ".mcap":
+        from liftgate_hil.measurement.mcap_file import open_mcap
+
+        return open_mcap(path)
     if kind in TABLES:
         return open_csv(path)
     raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
 
 
 def is_bus_log(path: Path, mapping: ColumnMap) -> bool:
-    """Whether an MF4 file holds frames, and no channel that is ours."""
-    from liftgate_hil.measurement.mf4_file import FRAME, open_mf4
-
-    names = open_mf4(path).names
+    """Whether an MF4 or MCAP file holds frames, and no column that is ours."""
+    names = open_columns(path).names
     ours = {*KNOWN, *(theirs.name for theirs in mapping.values())}
     return FRAME in names and not ours.intersection(names)

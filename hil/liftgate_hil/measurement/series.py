@@ -8,6 +8,8 @@ from typing import Protocol
 
 from liftgate_hil.measurement.measurement import Floats
 
+FRAME = "CAN_DataFrame"  # of ASAM MDF bus logging: among a file's names where it holds frames
+
 
 @dataclass(frozen=True)
 class Series:

@@ -16,7 +16,7 @@ class CsvRecorder:
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
         self._stream = stream
-        self._text = CsvText(content.columns)
+        self._text = CsvText(content.columns, content.row)
         self.written = 0
         self._write(self._text.head)
 

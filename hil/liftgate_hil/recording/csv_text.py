@@ -8,15 +8,16 @@ for each; machine code puts them between the rest.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+from liftgate_hil.signals import COLUMNS
 from liftgate_plant.compiler import compilable, compiled, put_text
+from liftgate_plant.signals import Signal
 
 _OPEN, _CLOSE, _COMMA, _MINUS, _ZERO = (ord(each) for each in "[],-0")
 _LONGEST = 24  # characters of a number: -2.2250738585072014e-308
@@ -113,12 +114,13 @@ def put_lines(
 
 
 class CsvText:
-    """Some columns of rows (n, ROW_WIDTH) of signals.COLUMNS as lines of CSV."""
+    """Some columns of rows (n, m) of `row` as lines of CSV."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], row: Mapping[str, Signal] = COLUMNS) -> None:
         self.head = (",".join(names) + "\n").encode()
-        self._keep = np.array([COLUMN_PLACE[name] for name in names])
-        self._whole = np.array([COLUMNS[name].is_whole for name in names])
+        places = {name: place for place, name in enumerate(row)}
+        self._keep = np.array([places[name] for name in names])
+        self._whole = np.array([row[name].is_whole for name in names])
         self._out = np.empty(0, dtype=np.uint8)
         self._put: Any = compiled(put_lines)
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE
+from liftgate_hil.mcap_layout import ABOUT
 from liftgate_hil.recording.content import Batch, Content
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
+_TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
 _ROWS, _FRAMES = 20_000, 20_000  # of a block
-_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])  # of CAN FD, by DLC
+LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])  # of CAN FD, by DLC
 
 # A frame's fields in bus logging, and those that a remote frame has.
 _FIELDS = {
@@ -35,7 +36,8 @@ class Mf4Recorder:
 
         self._stream = stream
         self._content = content
-        self._names = [name for name in content.columns if name != "time_s"]
+        columns = zip(content.columns, content.places, strict=True)
+        self._places = {name: place for name, place in columns if name != "time_s"}
         folder = str(Path(stream.name).resolve().parent)
         self._mdf: Any = MDF(version="4.10", temporary_folder=folder)
         self._groups: dict[str, int] = {}
@@ -69,6 +71,8 @@ class Mf4Recorder:
             self._extend_frames(self._frames.take())
             if remark := self._content.remark():
                 self._mdf.header.comment = remark
+            if about := self._content.about:
+                self._mdf.attach(about.encode(), ABOUT, comment=_TOLD, mime="application/json")
             self._mdf.save(self._stream)
         finally:
             self._mdf.close()
@@ -77,8 +81,8 @@ class Mf4Recorder:
     def _extend_rows(self, rows: NDArray[np.float64] | None) -> None:
         if rows is None:
             return
-        times = np.ascontiguousarray(rows[:, COLUMN_PLACE["time_s"]])
-        values = [np.ascontiguousarray(rows[:, COLUMN_PLACE[name]]) for name in self._names]
+        times = np.ascontiguousarray(rows[:, self._content.time_place])
+        values = [np.ascontiguousarray(rows[:, place]) for place in self._places.values()]
         if "rows" not in self._groups:
             from asammdf import Signal
 
@@ -88,10 +92,10 @@ class Mf4Recorder:
                     samples=nothing,
                     timestamps=nothing,
                     name=name,
-                    unit=COLUMNS[name].suffix.removeprefix("_"),
-                    comment=COLUMNS[name].meaning,
+                    unit=self._content.unit_of(name),
+                    comment=self._content.row[name].meaning,
                 )
-                for name in self._names
+                for name in self._places
             ]
             self._append("rows", signals, self._content.title)
         self._extend("rows", times, values)
@@ -136,7 +140,7 @@ def _samples(name: str, frames: Any, channel: int) -> NDArray[Any]:
         "BusChannel": channel,
         "ID": identifiers & 0x1FFFFFFF,
         "IDE": identifiers & EXTENDED != 0,
-        "DLC": np.searchsorted(_LENGTHS, frames["length"]),
+        "DLC": np.searchsorted(LENGTHS, frames["length"]),
         "DataLength": frames["length"],
         "DataBytes": frames["payload"],
         "Dir": frames["is_sent"],

@@ -51,6 +51,12 @@ def _parquet(stream: BinaryIO, content: Content) -> Recorder:
     return ParquetRecorder(stream, content)
 
 
+def _mcap(stream: BinaryIO, content: Content) -> Recorder:
+    from liftgate_hil.recording.mcap_file import McapRecorder
+
+    return McapRecorder(stream, content)
+
+
 @dataclass(frozen=True)
 class Format:
     """What a suffix means."""
@@ -58,6 +64,7 @@ class Format:
     make: Make
     has_rows: bool = False
     has_frames: bool = False
+    holds_about: bool = False  # what the recording says of its run, in full
     is_text: bool = False  # written as it comes: a kill cannot spoil it, and a pipe can take it
     module: str = ""  # that it needs
     extra: str = ""  # of this package, which brings it
@@ -69,8 +76,15 @@ FORMATS = {
     ".asc": Format(partial(_python_can, ".asc"), has_frames=True),
     ".blf": Format(partial(_python_can, ".blf"), has_frames=True),
     ".trc": Format(partial(_python_can, ".trc"), has_frames=True),
-    ".mf4": Format(_mf4, has_rows=True, has_frames=True, module="asammdf", extra="mf4"),
-    ".parquet": Format(_parquet, has_rows=True, module="pyarrow", extra="parquet"),
+    ".mf4": Format(
+        _mf4, has_rows=True, has_frames=True, holds_about=True, module="asammdf", extra="mf4"
+    ),
+    ".mcap": Format(
+        _mcap, has_rows=True, has_frames=True, holds_about=True, module="mcap", extra="mcap"
+    ),
+    ".parquet": Format(
+        _parquet, has_rows=True, holds_about=True, module="pyarrow", extra="parquet"
+    ),
 }
 TABLES = tuple(suffix for suffix, each in FORMATS.items() if each.has_rows)
 

@@ -7,8 +7,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.mcap_layout import ABOUT_PARQUET
 from liftgate_hil.recording.content import Batch, Content
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
 
 _GROUP = 65_536  # rows
 
@@ -22,18 +22,21 @@ class ParquetRecorder:
 
         self._arrow = pyarrow
         self._stream = stream
-        self._remark = content.remark
-        whole = [name for name in content.columns if COLUMNS[name].is_whole]
+        self._content = content
+        whole = [name for name in content.columns if content.row[name].is_whole]
         self._schema = pyarrow.schema(
             [
                 pyarrow.field(
                     name,
                     pyarrow.int64() if name in whole else pyarrow.float64(),
-                    metadata={"unit": COLUMNS[name].suffix.removeprefix("_")},
+                    metadata={"unit": content.unit_of(name)},
                 )
                 for name in content.columns
             ],
-            metadata={"title": content.title},
+            metadata={
+                "title": content.title,
+                **({ABOUT_PARQUET: content.about} if content.about else {}),
+            },
         )
         # A dictionary pays where values come again.
         self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
@@ -61,7 +64,7 @@ class ParquetRecorder:
     def close(self) -> None:
         """See Recorder."""
         self._write(self._batch.take())
-        if remark := self._remark():
+        if remark := self._content.remark():
             self._writer.add_key_value_metadata({"remark": remark})
         self._writer.close()
         self._stream.close()
@@ -69,12 +72,13 @@ class ParquetRecorder:
     def _write(self, rows: NDArray[np.float64] | None) -> None:
         if rows is None:
             return
-        columns = [self._column(rows[:, COLUMN_PLACE[name]], name) for name in self._schema.names]
+        wanted = zip(self._content.columns, self._content.places, strict=True)
+        columns = [self._column(rows[:, place], name) for name, place in wanted]
         batch = self._arrow.record_batch(columns, schema=self._schema)
         self._writer.write_batch(batch, row_group_size=len(rows))
 
     def _column(self, values: NDArray[np.float64], name: str) -> Any:
-        if not COLUMNS[name].is_whole:
+        if not self._content.row[name].is_whole:
             return self._arrow.array(np.ascontiguousarray(values))
         there = np.isfinite(values)  # not so of a plant that has diverged
         return self._arrow.array(np.where(there, values, 0.0).astype(np.int64), mask=~there)

@@ -89,8 +89,16 @@ class RecorderProcess:
         )
         self._reader = threading.Thread(target=self._read, name="recorder's words", daemon=True)
         self._reader.start()
+        self._tell_about(content.about)
         self.lost_rows = 0
         self.files: list[str] = []
+
+    def _tell_about(self, about: str) -> None:
+        """The run; it may be longer than an argument."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # it has ended; that is told by and by
+            self._process.stdin.write(json.dumps(about) + "\n")
+            self._process.stdin.flush()
 
     def wait_until_ready(self) -> None:
         """Until its files are open. Raises ConfigError."""
@@ -189,7 +197,7 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     job = Job(**json.loads(sys.argv[1]))
     memory = Memory(job.rows, job.frames, job.descriptor)
-    content = Content(job.columns, job.channel)
+    content = Content(job.columns, job.channel, about=json.loads(sys.stdin.readline() or '""'))
     limit = None if job.limit is None else Limit(job.limit, job.keep)
     recorders: list[GuardedRecorder] = []
     try:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
-from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.content import Content, lines_about
 
 _CONTAINER = 128 * 1024  # bytes that BLF compresses together
+_MARKS = {".asc": "//", ".trc": ";"}  # of comments
 _NOT_IN_TRC = ERROR | REMOTE | FD  # python-can's writer leaves them out, with a warning for each
 
 
@@ -28,6 +29,7 @@ class PythonCanRecorder:
         self._left_out = _NOT_IN_TRC if suffix == ".trc" else 0
         self._suffix = suffix
         self._epoch_ns = 0
+        self._about, self._mark = content.about, _MARKS.get(suffix, "")
         self._held = _CONTAINER if suffix == ".blf" else 0
         if suffix == ".blf":
             self._writer: Any = can.BLFWriter(stream, max_container_size=_CONTAINER)
@@ -54,6 +56,9 @@ class PythonCanRecorder:
         else:
             self._writer.write_header(start)
             self._writer.first_timestamp = 0.0
+        if self._mark:
+            for line in lines_about(self._about):
+                self._writer.file.write(f"{self._mark} {line}\n")
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""

@@ -27,6 +27,8 @@ th { font-weight: 600; border-bottom: 1px solid var(--measured); }
 td { border-bottom: 1px solid var(--grid); } .r { text-align: right; white-space: nowrap; }
 td.name { overflow-wrap: anywhere; min-width: 9rem; }
 td.n { white-space: nowrap; } td.soft:last-child { min-width: 14rem; }
+table.pairs td { overflow-wrap: anywhere; }
+table.pairs td:first-child { white-space: nowrap; color: var(--soft); }
 figure { margin: .8rem 0 1.4rem; } figure.small { max-width: 36rem; }
 svg.plot { display: block; width: 100%; height: auto; } svg.plot * { stroke-linejoin: round; }
 svg.plot text { font-family: system-ui, sans-serif !important; }
@@ -39,13 +41,19 @@ svg.plot text { font-family: system-ui, sans-serif !important; }
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
-def page(title: str, subtitle: str, sections: Iterable[str]) -> str:
-    """The whole file; title and subtitle as text, sections as HTML."""
+class Markup(str):
+    """What is HTML already."""
+
+    __slots__ = ()
+
+
+def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") -> str:
+    """The whole file; title and subtitle as text, sections as HTML, and what is to be said in CSS besides."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        f"<title>{text(title)}</title>\n<style>{_CSS}{style}</style>\n</head>\n<body>\n"
         f'<h1>{text(title)}</h1>\n<p class="soft">{text(subtitle)}</p>\n'
         + "\n".join(each for each in sections if each)
         + "\n</body>\n</html>\n"
@@ -53,8 +61,8 @@ def page(title: str, subtitle: str, sections: Iterable[str]) -> str:
 
 
 def text(content: str) -> str:
-    """Text from anywhere, harmless in elements and in quoted attributes."""
-    return escape(clean(content))
+    """Text from anywhere, harmless in elements and in quoted attributes; what is HTML already stays."""
+    return content if isinstance(content, Markup) else escape(clean(content))
 
 
 def section(title: str, *parts: str) -> str:
@@ -81,7 +89,7 @@ def alert(texts: Sequence[str]) -> str:
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[str]) -> str:
-    """A table of texts; `classes` has the CSS class of each column."""
+    """A table of texts, or of Markup; `classes` has the CSS class of each column."""
     if not rows:
         return ""
 
@@ -99,6 +107,16 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
         f'<div class="wide"><table>\n<thead>{row(heads, "th")}</thead>\n'
         f"<tbody>\n{body}\n</tbody>\n</table></div>"
     )
+
+
+def pairs(rows: Sequence[tuple[str, str]]) -> str:
+    """A table of names and values, texts or Markup, without a head."""
+    if not rows:
+        return ""
+    body = "\n".join(
+        f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows
+    )
+    return f'<div class="wide"><table class="pairs">\n{body}\n</table></div>'
 
 
 def figure(drawing: str, caption: str, *, small: bool = False) -> str:

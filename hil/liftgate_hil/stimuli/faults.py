@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.stimuli.bus_faults import BusFault
 from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants, numbers_of
@@ -49,7 +50,7 @@ class Edit:
 
 
 class Injection(NamedTuple):
-    """A fault that is to be made: what it changes, and when."""
+    """A fault that is to be made: what it changes of the gate, or what on the bus; and when."""
 
     edits: tuple[Edit, ...]
     start: Instant = START
@@ -57,6 +58,7 @@ class Injection(NamedTuple):
     period: float = 0.0
     share: float = 1.0
     ramp: float = 0.0
+    bus: tuple[BusFault, ...] = ()
 
 
 class Faults(NamedTuple):

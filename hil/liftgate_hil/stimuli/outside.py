@@ -30,6 +30,7 @@ class Outside(NamedTuple):
     posted: Surroundings  # by API or page; NaN: not said
     posted_obstacle: Obstacle  # stiffness NaN: not said
     timing: Timing  # what the loop says of itself
+    ticks_before: int  # plant steps done before the scenario's time 0
     ticks_missed: int  # so far
     is_silent: bool  # makes up for a missed tick: sends nothing
     is_stop: bool  # the last tick: motors off, every message once more
@@ -53,6 +54,7 @@ def outside_at(
         posted=picked(held, HELD_SURROUNDINGS),
         posted_obstacle=picked(held, HELD_OBSTACLE),
         timing=picked(held, HELD_TIMING),
+        ticks_before=scene.origin[0],
         ticks_missed=ticks_missed,
         is_silent=is_silent,
         is_stop=is_stop,

@@ -1,4 +1,4 @@
-"""What the driver asks of the ECU."""
+"""What is asked of the ECU: the driver's buttons, and that it starts anew."""
 
 from __future__ import annotations
 
@@ -13,8 +13,15 @@ from numpy.typing import NDArray
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet
 from liftgate_plant.compiler import compilable
 
-REQUESTS = ("open", "close", "stop")
-ACTIONS = ("stop", "open", "close")  # by their numbers, as a C library gets them
+ACTIONS = (
+    "stop",
+    "open",
+    "close",
+    "reset",
+)  # by their numbers, as a C library gets the first three
+RESET = ACTIONS.index("reset")
+BUTTONS = ("open", "close", "stop")
+REQUESTS = (*BUTTONS, "reset")
 
 REQUEST = np.dtype(
     [
@@ -28,7 +35,7 @@ REQUEST = np.dtype(
 
 @dataclass(frozen=True)
 class Request:
-    """A press of a button: when, one of REQUESTS."""
+    """When what is asked, one of REQUESTS."""
 
     when: Instant
     action: str

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.conditions import Condition, parsed
+from liftgate_hil.stimuli.bus_faults import RECEIVED, SENT, BusFaults, bus_faults_of, on_bus
 from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
@@ -28,8 +30,10 @@ class Scene(NamedTuple):
     """Of one run; its arrays are written in place."""
 
     timeline: Timeline
+    origin: NDArray[np.int64]  # (1,) plant steps done before its time 0, see `loop/precondition.py`
     moments: Moments
     faults: Faults
+    bus_faults: BusFaults
     held: NDArray[np.float64]  # what was posted, see mailbox
     requests: Requests
 
@@ -59,7 +63,16 @@ def scene_of(
     asked = requests_of(requests, sheet)
     conditions = [condition_of(each) for each in sheet.instants]
     moments = sheet.moments(conditions, messages or {})
-    return Scene(timeline, moments, faults, nothing_held(), asked)
+    on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
+    return Scene(
+        timeline,
+        np.zeros(1, dtype=np.int64),
+        moments,
+        faults,
+        bus_faults_of(on_its_way, len(messages or {})),
+        nothing_held(),
+        asked,
+    )
 
 
 @compilable
@@ -73,3 +86,15 @@ def note_tick(scene: Scene, rows: NDArray[np.float64], given: Frames, heard: Fra
     """Take what a tick has shown: its row (1, ROW_WIDTH) and its frames, either way."""
     if note_moments(scene.moments, rows, given, heard):
         scene.faults.next[0] = _AT_ONCE
+
+
+@compilable
+def received(scene: Scene, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
+    """What the gate gets of the frames that have come, by the faults on the bus; `bus` is what it receives."""
+    return on_bus(scene.bus_faults, scene.faults.shares, bus, frames, RECEIVED, now_ns, seed)
+
+
+@compilable
+def sent(scene: Scene, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
+    """What others get of the frames that the gate sends; `bus` is what it sends."""
+    return on_bus(scene.bus_faults, scene.faults.shares, bus, frames, SENT, now_ns, seed)

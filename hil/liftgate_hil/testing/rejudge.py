@@ -19,9 +19,10 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.judge import Expected, Judge
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.measurement.log_frames import read_frames
-from liftgate_hil.measurement.mf4_file import FRAME
 from liftgate_hil.measurement.read import BUS_LOGS, open_columns
-from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+from liftgate_hil.measurement.series import FRAME
+from liftgate_hil.runs import tolerance_of
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, Bench
 from liftgate_hil.staging import expected_in
 from liftgate_plant.vehicle import Vehicle
 
@@ -42,8 +43,8 @@ def judge(
     duration: float | None = None,
 ) -> dict[str, Verdict]:
     """The verdicts of a scenario's expectations, by their names, from the recordings of one run: a table (CSV,
-    Parquet, MF4), a bus log, or both. What was not recorded makes inconclusive. `duration` [s] is the run's end
-    where it was not the scenario's. Stamps count from the run's start.
+    Parquet, MF4, MCAP), a bus log, or both. What was not recorded makes inconclusive. `duration` [s] is the run's
+    end where it was not the scenario's. Stamps count from the run's start.
 
     Raises ConfigError.
     """
@@ -57,7 +58,8 @@ def judge(
     last = float(times[-1])
     steps = np.diff(times)
     step = float(np.median(steps)) if len(steps) else _RASTER
-    found = Judge(expected, 1.0 / step, last if end is None else end)
+    tolerance = tolerance_of(setup.scenario, chosen)
+    found = Judge(expected, 1.0 / step, last if end is None else end, tolerance)
     for rows in _blocks(times, columns):
         found.take(rows, frames)
         frames = no_logged()
@@ -70,6 +72,7 @@ def _content(
 ) -> tuple[Floats, dict[str, Floats], Any]:
     """Times and columns of the rows, and the frames."""
     wanted = {name for each in expected.conditions for name in each.names(COLUMN)} - {"time_s"}
+    wanted |= {*Bench._fields, "pinch_force_n"}
     times: Floats | None = None
     columns: dict[str, Floats] = {}
     logs = []
@@ -97,7 +100,7 @@ def _table(path: Path, wanted: set[str]) -> tuple[Floats | None, dict[str, Float
     """Times and columns of a table, None where it holds frames alone; and whether it holds any."""
     if path.suffix.lower() == ".parquet":
         return *_parquet(path, wanted), False
-    file, issues = open_columns(path, (".csv", ".parquet", ".mf4", *BUS_LOGS)), list[str]()
+    file, issues = open_columns(path, (".csv", ".parquet", ".mf4", ".mcap", *BUS_LOGS)), list[str]()
     has_frames = FRAME in file.names
     there = [name for name in ("time_s", *sorted(wanted)) if name in file.names]
     if not there and has_frames:
@@ -138,7 +141,7 @@ def _logged(path: Path, expected: Expected, rig: Rig) -> Any:
     if len(times) and times.max() > _LATEST:
         raise ConfigError(
             f"{path}: stamps of a wall clock ({times.max():.0f} s); allowed: seconds since the run's start, as "
-            "the clocks free and lockstep, and MF4, have them"
+            "the clocks free and lockstep, and MF4 and MCAP, have them"
         )
     rows = np.zeros(len(times), dtype=LOGGED)
     rows["time_ns"] = np.round(times * 1e9).astype(np.int64)

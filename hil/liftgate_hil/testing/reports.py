@@ -56,6 +56,10 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
         "margin_unit": verdict.margin_unit,
         "time_s": known(verdict.time_s),
         "reason": verdict.reason,
+        "uncertainty": known(verdict.uncertainty),
+        "window_s": list(verdict.window_s) if verdict.window_s is not None else None,
+        "margin_time_s": known(verdict.margin_time_s),
+        "decided_by": verdict.decided_by,
     }
 
 
@@ -117,7 +121,8 @@ def line_of(verdict: Verdict) -> str:
     parts = [verdict.verdict]
     if verdict.margin is not None:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
-        parts.append(f"margin {verdict.margin:.4g}{unit}")
+        doubt = f" ± {verdict.uncertainty:.2g}" if verdict.uncertainty else ""
+        parts.append(f"margin {verdict.margin:.4g}{doubt}{unit}")
     if verdict.time_s is not None:
         parts.append(f"at {verdict.time_s:.3f} s")
     line = ", ".join(parts)

@@ -13,13 +13,15 @@ from typing import Any
 from liftgate_hil import runs
 from liftgate_hil.config.files import is_there
 from liftgate_hil.config.scenario_keys import TOP
-from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.shipped import find_config, shipped_folder
 from liftgate_hil.config.toml import read_toml
 from liftgate_hil.ecu.find import ON_A_BUS, is_library
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, Verdict, worst
 from liftgate_hil.runs import Job, Parts, Result
+
+_MOST_FILES = 100  # that include each other
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,14 @@ class Outcome:
 
 
 def scenario_files(paths: Sequence[str]) -> list[Path]:
-    """The scenario files of paths and shipped names: a folder stands for all scenarios in it and below that expect
-    something. Raises ConfigError.
+    """The scenario files of paths and shipped names (`pack` is a folder of them): a folder stands for all
+    scenarios in it and below that expect something. Raises ConfigError.
     """
     found: list[Path] = []
     for name in paths:
         path = Path(name)
+        if not is_there(path):
+            path = shipped_folder("scenarios", name) or path
         if path.is_dir():
             inside = sorted(each for each in path.rglob("*.toml") if is_scenario(each))
             if not inside:
@@ -65,18 +69,24 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     return list(kept.values())
 
 
-def is_scenario(path: Path) -> bool:
-    """Whether a TOML file says what is expected of a gate: it has [[expect]], and nothing that a scenario has not,
-    or an expectation that is one of ours. What cannot be read is none, nor are other tools' files.
+def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
+    """Whether a TOML file says what is expected of a gate, itself or in one that it includes: it has [[expect]],
+    and nothing that a scenario has not, or an expectation that is one of ours. What cannot be read is none, nor
+    are other tools' files.
     """
     try:
         content = read_toml(path)
     except ConfigError:
         return False
-    expected = content.get("expect")
+    is_known = len(content) > 1 and {*content} <= {key.name for key in TOP}
+    expected = content.get("expect", [])
+    if is_known and not expected:
+        included = content.get("include", [])
+        names = [included] if isinstance(included, str) else included
+        files = [path.parent / each for each in names if isinstance(each, str)]
+        return len(above) < _MOST_FILES and any(is_scenario(each, (*above, path)) for each in files)
     if not isinstance(expected, list) or not all(isinstance(each, dict) for each in expected):
         return False
-    is_known = len(content) > 1 and {*content} <= {key.name for key in TOP}
     return bool(expected) and (is_known or any({*each} & {*KINDS} for each in expected))
 
 
@@ -136,14 +146,21 @@ def not_run(case: Case, reason: str) -> Outcome:
 
 
 def run_suite(
-    cases: Sequence[Case], jobs: int = 1, stopped: Callable[[], bool] = lambda: False
+    cases: Sequence[Case],
+    jobs: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
+    began: Callable[[Case], None] = lambda case: None,
 ) -> Iterator[Outcome]:
     """What came of the cases, as they end: so many at a time on the free clock, where the loop holds no
-    interpreter lock. A stop leaves those whose turn has not come as errors.
+    interpreter lock. A stop leaves those whose turn has not come as errors. `began` is told of each that begins,
+    from several threads.
     """
 
     def turn(case: Case) -> Outcome:
-        return not_run(case, "stopped before it began") if stopped() else run_case(case, stopped)
+        if stopped():
+            return not_run(case, "stopped before it began")
+        began(case)
+        return run_case(case, stopped)
 
     if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
         yield from map(turn, cases)

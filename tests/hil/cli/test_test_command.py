@@ -8,6 +8,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from html_page import Page
 
 from liftgate_hil.cli.main import main
 
@@ -85,11 +86,13 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     rests, moves = first["expectations"]
     assert rests == {
         "name": "rests", "verdict": "pass", "margin": 1.0, "margin_unit": "deg", "time_s": 0.001, "reason": "",
+        "window_s": [0.0, 0.5], "margin_time_s": 0.001, "decided_by": "gate_angle_deg < 1", "uncertainty": None,
     }  # fmt: skip
     assert (moves["verdict"], moves["margin"]) == ("fail", -1.0)
     (never,) = second["expectations"]
     assert (never["verdict"], never["margin"], never["time_s"]) == ("inconclusive", None, None)
     assert "its trigger never came" in never["reason"]
+    assert (never["window_s"], never["margin_time_s"]) == (None, None)
     root = ElementTree.parse("out.xml").getroot()
     suite, other = root
     assert (suite.get("failures"), suite.get("errors"), other.get("errors")) == ("1", "0", "1")
@@ -108,12 +111,45 @@ def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path:
     Path("suite/tool.toml").write_text('[[expect]]\nstdout = "x"\n[tool]\na = 1\n')
     assert main(["test", "suite", "suite/a.toml", "--results", "out", "--quiet"]) == 0
     assert sorted(path.name for path in Path("out").iterdir()) == [
-        "a-2.csv", "a-2.log", "a.csv", "a.log", "junit.xml", "verdicts.json",
+        "a-2.csv", "a-2.log", "a.csv", "a.log", "junit.xml", "report.html", "verdicts.json",
     ]  # fmt: skip
+    report = Path("out/report.html").read_text(encoding="utf-8")
+    Page(report).check_alone()
+    assert "out/a-2.log, out/a-2.csv" in report
     told = json.loads(Path("out/verdicts.json").read_text())
     assert [each["recordings"] for each in told["scenarios"]] == [
         ["out/a.log", "out/a.csv"], ["out/a-2.log", "out/a-2.csv"],
     ]  # fmt: skip
+
+
+def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:
+    names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
+    assert main(["test", *names, "--html", "out.html", "--jobs", "2"]) == 1
+    page = Page(Path("out.html").read_text(encoding="utf-8"))
+    page.check_alone()
+    assert "liftgate-hil test a.toml b.toml --html out.html --jobs 2" in page.text
+    assert "moves & <more>" in page.text
+    assert page.tags.count("svg") == 3
+
+
+def test_an_ecu_in_a_process_of_its_own_sends_its_pictures_along() -> None:
+    Path("calm_ecu.py").write_text(
+        "class Calm:\n    period_s = 0.01\n    def step(self, now_s, frames):\n        return []\n"
+    )
+    path = scenario("a.toml", RESTS)
+    assert main(["test", path, "--ecu", "calm_ecu:Calm", "--html", "out.html"]) == 0
+    page = Page(Path("out.html").read_text(encoding="utf-8"))
+    assert page.tags.count("svg") == 1
+    assert "calm_ecu:Calm" in page.text
+
+
+def test_a_crash_of_the_ecu_stands_in_the_report() -> None:
+    Path("bad_ecu.py").write_text(FROZEN)
+    path = scenario("a.toml", RESTS)
+    assert main(["test", path, "--ecu", "bad_ecu:Crash", "--html", "out.html"]) == 2
+    text = Page(Path("out.html").read_text(encoding="utf-8")).text
+    assert "Test report: error" in text
+    assert "exit code 3" in text
 
 
 @pytest.mark.parametrize(("ecu", "said"), [("Crash", "exit code 3"), ("Raises", "rubbish")])
@@ -172,6 +208,8 @@ def test_all_mistakes_of_all_files_come_at_once(capsys: pytest.CaptureFixture[st
         (["empty"], "no scenario with [[expect]]"),
         (["s.toml", "--bus", "virtual:x"], "--bus: allowed together with --ecu bus"),
         (["s.toml", "--json", "nix/out.json"], "--json nix/out.json: no such folder"),
+        (["s.toml", "--html", "nix/out.html"], "--html nix/out.html: no such folder"),
+        (["s.toml", "--html", "-"], "--html -: allowed: a file"),
         (["s.toml", "--junit", "empty"], "--junit empty: is a folder"),
         (["s.toml", "--results", "s.toml"], "--results s.toml"),
         (["s.toml", "--ecu", "bus"], "--bus: missing"),

@@ -252,7 +252,7 @@ def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> No
 
 
 def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedback:
-    return Feedback(current, np.nan, count, np.nan, np.nan, np.nan, latched, latched, 12.0)
+    return Feedback(current, np.nan, count, np.nan, np.nan, np.nan, latched, latched, 12.0, np.nan)
 
 
 class Controller:

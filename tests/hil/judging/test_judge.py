@@ -79,6 +79,17 @@ def our_judgement(each: Expectation, angles: list[float], currents: list[float])
     return "fail" if is_decided else "pass", min(margins)
 
 
+def our_window(each: Expectation, angles: list[float], currents: list[float]) -> Any:
+    """The same trigger's; no longer than the run."""
+    end = len(angles) / RATE
+    begin = each.after
+    if isinstance(begin, str):
+        if not any(current > 0 for current in currents):
+            return None
+        begin = next(k for k, current in enumerate(currents, 1) if current > 0) / RATE
+    return begin, max(begin, min(begin + each.within, end))
+
+
 ANGLES = st.one_of(
     st.lists(st.sampled_from([-2.0, -1.0, 0.0, 1.0, 2.0]), min_size=1, max_size=30),
     st.lists(st.sampled_from([-1.0, 1.0, 2.0, 3.0]), min_size=15, max_size=30),
@@ -112,6 +123,25 @@ def test_windows_are_judged_as_by_one_that_keeps_everything(
     found = judged(each, rows_of(angles, currents), blocks=blocks)
     verdict, margin = our_judgement(each, angles, currents)
     assert (found.verdict, found.margin) == (verdict, margin)
+    assert found.window_s == our_window(each, angles, currents)
+
+
+def test_a_verdict_tells_where_its_margin_is_and_what_decided_it() -> None:
+    always = Expectation("x", "always", "gate_angle_deg > $low and not gate_angle_deg > 5")
+    angles = [3.0, -1.0, -2.0, 3.0]
+    expected = expected_of([always], {"low": 0.5}, shipped_rig().messages, 2, "file")
+    judge = Judge(expected, RATE, 0.04)
+    judge.take(rows_of(angles), no_logged())
+    (found,) = judge.verdicts()
+    assert (found.time_s, found.margin_time_s, found.margin) == (0.02, 0.03, -2.5)
+    assert found.decided_by == "gate_angle_deg > 0.5"
+    held = Expectation("x", "eventually", "gate_angle_deg > 0", 0.0, math.inf, 0.02)
+    found = judged(held, rows_of([1.0, 2.0, 3.0, 2.0, 1.0, 0.0]))
+    assert (found.time_s, found.margin_time_s, found.margin) == (0.03, 0.04, 2.0)
+    never = judged(Expectation("x", "never", "gate_angle_deg > 4"), rows_of([1.0, 3.0]))
+    assert (never.margin_time_s, never.decided_by) == (0.02, "gate_angle_deg > 4")
+    lost = judged(Expectation("x", "always", "gate_angle_deg > 0", 5.0), rows_of([1.0]))
+    assert (lost.margin_time_s, lost.decided_by, lost.window_s) == (None, "", (5.0, 5.0))
 
 
 def test_a_false_formula_whose_margin_is_0_fails() -> None:

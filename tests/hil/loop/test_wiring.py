@@ -36,8 +36,10 @@ from liftgate_hil.signals import (
     BUS_INPUTS,
     BUS_OUTPUTS,
     COLUMN_PLACE,
+    ON_TIME,
     OUTPUT_COUNT,
     ROW_WIDTH,
+    Bench,
     EdgeTimes,
     Status,
     Timing,
@@ -278,8 +280,10 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
 # From the rows into rings and recordings.
 
 
-def check_row(row: Any, truth: Truth, sensed: Sensed) -> None:
+def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME) -> None:
     assert row.shape == (ROW_WIDTH,)
+    for name, value in bench._asdict().items():
+        assert row[COLUMN_PLACE[name]] == value, name
     for name, value in truth._asdict().items():
         assert row[COLUMN_PLACE[name]] == value, name
     for name, value in sensed._asdict().items():
@@ -292,14 +296,14 @@ def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> N
     memory = Memory(4, 4)
     call = note_row if which == "plain" else compiled(note_row)
     for place in range(3):
-        assert call(memory.shared, rows.truth, rows.sensed) == place
+        assert call(memory.shared, rows.truth, rows.sensed, Bench(1.5, 2.5, 3.5)) == place
     reader = RingReader(memory.shared.rows, memory.shared.control, "rows")
     taken = reader.take()
     assert len(taken) == 3
     for row in taken:
-        check_row(row, rows.truth, rows.sensed)
+        check_row(row, rows.truth, rows.sensed, Bench(1.5, 2.5, 3.5))
     for place in (3, 0):
-        assert call(memory.shared, rows.truth, rows.sensed) == place
+        assert call(memory.shared, rows.truth, rows.sensed, ON_TIME) == place
     assert len(reader.take()) == 2
     memory.close()
 

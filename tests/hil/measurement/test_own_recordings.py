@@ -26,7 +26,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.measurement.read import read_measurement
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.open import open_recorder
-from liftgate_hil.signals import columns_of
+from liftgate_hil.signals import ON_TIME, columns_of
 
 
 def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Path]:
@@ -44,7 +44,7 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
             frames = frames_of([command_frame(rig, k // 10, **orders[k // 200])])
             log.write_frames(logged(frames, k * 10**6, is_sent=False))
         state, replies, truth, sensed = fast_tick(config, state, frames, outside())
-        table.write_rows(np.array([[*truth, *sensed]]))
+        table.write_rows(np.array([[*truth, *sensed, *ON_TIME]]))
         log.write_frames(logged(replies, (k + 1) * 10**6, is_sent=True))
     table.close()
     log.close()

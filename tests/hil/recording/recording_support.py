@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,33 @@ def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = Tr
     return logged(frames_of(rows), round(seconds * 1e9), is_sent)
 
 
+def told_in(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
+    """By topic the messages of an MCAP file: time [ns] and what they say, by the format's own reader."""
+    from mcap.reader import make_reader
+
+    told: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+    with path.open("rb") as stream:
+        for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            told.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    return told
+
+
 def messages_in(path: Path) -> list[can.Message]:
+    if path.suffix == ".mcap":
+        return [
+            can.Message(
+                timestamp=time / 1e9,
+                arbitration_id=each["id"],
+                is_extended_id=each["extended"],
+                is_fd=each["fd"],
+                is_remote_frame=each["remote"],
+                is_error_frame=each["error"],
+                is_rx=each["direction"] == "Rx",
+                dlc=each["length"],
+                data=None if each["remote"] else bytes.fromhex(each["data"]),
+            )
+            for time, each in told_in(path).get("/can", [])
+        ]
     with can.LogReader(path) as reader:
         return list(reader)
 
@@ -71,6 +98,17 @@ def table_in(path: Path) -> dict[str, np.ndarray]:
 
         table = parquet.read_table(path)
         return {name: table[name].to_numpy() for name in table.column_names}
+    if path.suffix == ".mcap":
+        told = told_in(path)
+        columns: dict[str, list[float]] = {}
+        times = [time for time, _ in told["/truth"]]
+        for topic, prefix in (("/truth", ""), ("/sensed", "sensed_"), ("/bench", "")):
+            rows = told.get(topic, [])
+            assert [time for time, _ in rows] == (times if rows else [])
+            for name in rows[0][1] if rows else ():
+                if name != "time_s" or topic == "/truth":
+                    columns[f"{prefix}{name}"] = [row[name] for _, row in rows]
+        return {name: np.array(values, dtype=float) for name, values in columns.items()}
     from asammdf import MDF
 
     with MDF(path) as measured:

@@ -32,8 +32,8 @@ def recorded(
 
 
 def epoch_of(suffix: str, epoch_ns: int) -> float:
-    """Where python-can's readers begin to count; ASC's gives times since the start of the measurement."""
-    return 0.0 if suffix == ".asc" else epoch_ns / 1e9
+    """Where readers begin to count; of ASC and MCAP they give times since the start of the measurement."""
+    return 0.0 if suffix in (".asc", ".mcap") else epoch_ns / 1e9
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path) -> None:
     assert {message.timestamp for message in messages} == {1_700_000_000.25}
 
 
-@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".mf4"])
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".mf4", ".mcap"])
 @pytest.mark.filterwarnings("ignore")
 def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path, suffix: str) -> None:
     rows = [(0x120 | FD, bytes(range(64))), (0x121 | FD, bytes(12))]

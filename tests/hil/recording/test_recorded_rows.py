@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from liftgate_hil.loop.tick import tick
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.csv_text import CsvText, put_lines
 from liftgate_hil.recording.open import TABLES, open_recorder
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ON_TIME, ROW_WIDTH, columns_of
 
 PROMISED = [
     "time_s",
@@ -61,6 +62,13 @@ def unit_in(path: Path, name: str) -> str:
         from pyarrow import parquet
 
         return parquet.read_schema(path).field(name).metadata[b"unit"].decode()
+    if path.suffix == ".mcap":
+        from mcap.reader import make_reader
+
+        with path.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+        (schema,) = [each for each in summary.schemas.values() if each.name.endswith("/truth")]
+        return json.loads(schema.data)["properties"][name]["unit"]
     from asammdf import MDF
 
     with MDF(path) as measured:
@@ -92,7 +100,7 @@ def test_every_column_is_the_rows_value_of_its_name(
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
 
 
-@pytest.mark.parametrize("suffix", [".parquet", ".mf4"])
+@pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
 @pytest.mark.filterwarnings("ignore")
 def test_a_column_carries_its_unit(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"table{suffix}"
@@ -129,7 +137,7 @@ def test_columns_are_those_that_are_promised() -> None:
     units = (
         "_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_nm", "_ns", "_deg", "_degps", "_degc", "_pa", "_kg",
         "_m", "_mps2", "_duty", "_coast", "latched", "_hall_b", "_hall_speed", "_pulled", "_pressed", "_position",
-        "_half", "_home", "_strip",
+        "_half", "_home", "_strip", "_missed", "_dropped",
     )  # fmt: skip
     assert all(name.endswith(units) for name in COLUMNS)
 
@@ -261,8 +269,8 @@ def test_a_recorded_tick_is_plain_numbers(
         given = [command_frame(rig, number // 10, **both(50.0, OPEN, 1))]
         frames: Frames = frames_of(given) if number % 10 == 0 else empty_frames(0)
         state, _, truth, sensed = call(config, state, frames, outside())
-        recorder.write_rows(np.array([*truth, *sensed])[np.newaxis])
-        recorded.append((*truth, *sensed))
+        recorder.write_rows(np.array([*truth, *sensed, *ON_TIME])[np.newaxis])
+        recorded.append((*truth, *sensed, *ON_TIME))
     recorder.close()
     assert [tuple(row.values()) for row in read_csv(path)] == recorded
     with path.open(newline="") as stream:

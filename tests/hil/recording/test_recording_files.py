@@ -58,7 +58,8 @@ def test_a_link_to_itself_is_told_before_the_run(tmp_path: Path, suffix: str) ->
 
 
 @pytest.mark.parametrize(
-    ("suffix", "module", "extra"), [(".mf4", "asammdf", "mf4"), (".parquet", "pyarrow", "parquet")]
+    ("suffix", "module", "extra"),
+    [(".mf4", "asammdf", "mf4"), (".mcap", "mcap", "mcap"), (".parquet", "pyarrow", "parquet")],
 )
 def test_a_package_that_is_not_there_is_told_with_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
@@ -71,7 +72,7 @@ def test_a_package_that_is_not_there_is_told_with_what_to_install(
 def test_checking_a_csv_loads_nothing_heavy() -> None:
     code = (
         "import sys; from liftgate_hil.recording.open import check_file; check_file('record', 'x.csv');"
-        "assert not {'can', 'asammdf', 'pyarrow', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
+        "assert not {'can', 'asammdf', 'mcap', 'pyarrow', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -1,55 +1,11 @@
-import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 import report_support
+from html_page import Page
 
 from liftgate_hil.report.html import identification_html, validation_html
-
-VOID = {"meta", "link", "img", "br", "hr", "input"}
-
-
-class Page(HTMLParser):
-    """Checks nesting; collects text, identifiers, references and elements."""
-
-    def __init__(self, html):
-        super().__init__(convert_charrefs=True)
-        self.open, self.words, self.ids, self.links, self.tags = [], [], [], [], []
-        self.attributes = set()
-        self.feed(html)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self._note(tag, attrs)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self._note(tag, attrs)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] != "style":
-            self.words.append(data)
-
-    def _note(self, tag, attrs):
-        self.tags.append(tag)
-        for name, value in attrs:
-            self.attributes.add(name)
-            if name == "id":
-                self.ids.append(value)
-            if name in ("href", "xlink:href", "src", "action", "data"):
-                self.links.append(value)
-            self.links += re.findall(r"url\(([^)]*)\)", value or "")
-
-    @property
-    def text(self):
-        return " ".join(" ".join(self.words).split())
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +20,8 @@ def pages(found, judged, hostile):
 @pytest.mark.parametrize("name", ["found", "judged", "hostile"])
 def test_a_page_is_well_formed_and_refers_to_nothing_outside(name, pages):
     page = Page(pages[name])
-    assert len(page.ids) == len(set(page.ids))
     assert page.links
-    for link in page.links:
-        if link.startswith("data:image/png;base64,"):  # the colour bar
-            continue
-        assert link.startswith("#")
-        assert link[1:] in page.ids
-    assert not {"script", "iframe", "object", "link", "base", "form"} & set(page.tags)
-    assert not [each for each in page.attributes if each.startswith("on")]
-    assert not re.search(r"https?:|@import|file:", pages[name])
+    page.check_alone()
     pages[name].encode("utf-8")
 
 

@@ -42,6 +42,7 @@ FORMATS = [
     ["run.csv", "run.log"],
     ["run.parquet", "run.blf"],
     ["run.mf4"],
+    ["run.mcap"],
     ["run.csv", "run.asc"],
     ["run.parquet", "run.trc"],
 ]

@@ -32,7 +32,7 @@ def _no_files(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def group(number: int) -> str:
     """A group of this process's own: others may test beside it."""
-    return f"udp_multicast:239.75.{os.getpid() % 250 + 1}.{number}"
+    return f"udp_multicast:239.78.{os.getpid() % 250 + 1}.{number}"
 
 
 def transport_of(rig: Rig, name: str) -> CanTransport:
@@ -108,7 +108,7 @@ def test_nobody_hears_himself(rig: Rig, monkeypatch: pytest.MonkeyPatch):
         second.close()
 
 
-@pytest.mark.parametrize("address", ["239.75.{}.{}", "ff15::{}:{}"])
+@pytest.mark.parametrize("address", ["239.78.{}.{}", "ff15::{}:{}"])
 def test_benches_on_two_groups_do_not_hear_each_other(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, address: str
 ):

@@ -1,0 +1,50 @@
+"""A recording in another format, which the suffix says: .csv and .parquet hold rows, .log, .asc, .blf and .trc
+frames, .mf4 and .mcap both. Every value and every frame is kept as it was; what OUT cannot hold is told, and where
+it could hold a part of it only with a loss, nothing is written.
+
+  liftgate-hil convert run.blf run.mf4
+  liftgate-hil convert run.mf4 run.csv                           # its rows; the frames are left out
+  liftgate-hil convert run.blf signals.csv --rig liftgate        # what the frames say, decoded
+
+With --rig a row stands for each time at which a frame came, with each signal as of its message's last frame.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.errors import printable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of others")
+    parser.add_argument("target", metavar="OUT_FILE", help="is written, or replaced")
+    parser.add_argument(
+        "--rig",
+        metavar="NAME|FILE",
+        help="a rig, or its database: decodes the frames into a table of signals",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no messages but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    stopped = StopSignals()  # a stop between two blocks: what was begun goes
+    from liftgate_hil.conversion.convert import convert
+
+    done = convert(Path(args.source), Path(args.target), args.rig, stopped)
+    if not done.is_complete:
+        print(
+            f"liftgate-hil convert: {stopped.name}: {args.target} is not written", file=sys.stderr
+        )
+        return stopped.exit_code
+    if not args.quiet:
+        for note in done.notes:
+            print(printable(f"{args.source}: {note}"), file=sys.stderr)
+        what = [f"{n} {name}" for n, name in ((done.rows, "rows"), (done.frames, "frames")) if n]
+        print(printable(f"{args.target}: {', '.join(what) or 'nothing'}"))
+    return 0

@@ -1,0 +1,75 @@
+"""Flags that the subcommands on recordings share, and what they say."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+
+if TYPE_CHECKING:
+    from liftgate_hil.conversion.table import Window
+
+
+def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
+    """Which columns, when, and how a bus log is decoded."""
+    parser.add_argument(
+        "--columns",
+        action="append",
+        default=[],
+        metavar="A,B,…",
+        help=f"of these; default: {default} (repeatable)",
+    )
+    for name, told in (("from", "begin"), ("to", "end")):
+        parser.add_argument(
+            f"--{name}",
+            dest=f"{name}_s",
+            type=options.bounded(-1e9, 1e9, "s"),
+            metavar="S",
+            help=f"{told} here; default: the recording's {told}",
+        )
+    parser.add_argument(
+        "--rig",
+        metavar="NAME|FILE",
+        help="a rig, or its database: take the signals that the frames carry",
+    )
+
+
+def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
+    """Where the picture goes."""
+    parser.add_argument(
+        "--output", metavar="FILE", help=f"the picture, .png, .svg or .html; default: {default}"
+    )
+
+
+def columns_of(args: argparse.Namespace) -> list[str]:
+    """The names of `--columns`."""
+    given: Sequence[str] = args.columns
+    return [name.strip() for each in given for name in each.split(",") if name.strip()]
+
+
+def window_of(args: argparse.Namespace) -> Window:
+    """What `--from` and `--to` say. Raises ConfigError."""
+    from liftgate_hil.conversion.table import Window
+
+    window = Window()
+    if args.from_s is not None:
+        window = window._replace(begin=args.from_s)
+    if args.to_s is not None:
+        window = window._replace(end=args.to_s)
+    window.check()
+    return window
+
+
+def check_picture(name: str, sources: Sequence[str]) -> Path:
+    """Raises ConfigError where no picture can be written to this file."""
+    from liftgate_hil.conversion.picture import SUFFIXES
+    from liftgate_hil.errors import ConfigError
+    from liftgate_hil.report.files import check_targets
+
+    if Path(name).suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"--output {name}: allowed: a file of {', '.join(SUFFIXES)}")
+    check_targets({"--output": name}, sources)
+    return Path(name)

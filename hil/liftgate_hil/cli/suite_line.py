@@ -1,0 +1,84 @@
+"""The line on the terminal that says how far a suite has come."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from liftgate_hil.errors import printable
+from liftgate_hil.listener import Listener
+
+if TYPE_CHECKING:
+    from liftgate_hil.cli.teller import Teller
+    from liftgate_hil.testing.suite import Case, Outcome
+
+
+class CompilingOnly(Listener):
+    """Of a run among many only what everybody waits for: machine code that is being made."""
+
+    def __init__(self, teller: Teller) -> None:
+        self._teller = teller
+
+    def compiles(self, name: str, seconds: float) -> None:
+        """See Listener."""
+        self._teller.compiles(name, seconds)
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """See Listener."""
+        self._teller.compiled(name, seconds)
+
+
+class SuiteLine:
+    """Counts what begins and what ends, and has the teller show it."""
+
+    def __init__(self, teller: Teller, count: int) -> None:
+        self._teller = teller
+        self._count = count
+        self._running: list[str] = []
+        self._verdicts: list[str] = []
+        self._lock = threading.RLock()
+
+    def began(self, case: Case) -> None:
+        """A scenario begins; told from several threads."""
+        with self._lock:
+            self._running.append(case.file)
+            self._show()
+
+    def ended(self, outcome: Outcome) -> None:
+        """What came of one."""
+        with self._lock:
+            self._verdicts.append(outcome.verdict)
+            if outcome.case.file in self._running:
+                self._running.remove(outcome.case.file)
+            self._show()
+
+    @contextlib.contextmanager
+    def aside(self) -> Iterator[None]:
+        """Within it the line is away, whoever begins meanwhile: for what is printed."""
+        with self._lock:
+            self._teller.clear()
+            yield
+
+    def line(self) -> str:
+        """How many are done, what does not pass so far, what runs."""
+        with self._lock:
+            parts = [f"{len(self._verdicts)}/{self._count} done"]
+            parts += [
+                f"{self._verdicts.count(name)} {said}"
+                for name, said in (
+                    ("fail", "failed"),
+                    ("error", "with errors"),
+                    ("inconclusive", "inconclusive"),
+                )
+                if name in self._verdicts
+            ]
+            if self._running:
+                names = ", ".join(printable(Path(each).name) for each in self._running)
+                parts.append(f"{len(self._running)} running: {names}")
+        return "  ".join(parts)
+
+    def _show(self) -> None:
+        self._teller.progress(self.line())

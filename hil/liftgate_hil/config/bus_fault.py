@@ -1,0 +1,75 @@
+"""Faults on the bus, as a rig makes them of what a scenario says: which frames are meant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.fault_kinds import BUS, FAULT_KINDS, MESSAGE
+from liftgate_hil.config.toml import show
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.bus_faults import DIRECTIONS, EVERY, KINDS, RECEIVED, SENT, BusFault
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.config.scenario import Fault
+
+_STANDARD = 0x7FF  # the largest identifier of 11 bits
+
+# What a message must have so that it can be wrong.
+_NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
+
+
+def bus_faults_in(fault: Fault, rig: Rig | None, issues: ConfigIssues) -> tuple[BusFault, ...]:
+    """What a fault does on a bus; nothing, where it is none of those kinds."""
+    if FAULT_KINDS[fault.kind].of not in (MESSAGE, BUS):
+        return ()
+    if rig is None:
+        issues.take(
+            [f"{fault.key}.kind: {fault.kind}: there is no bus; allowed: in a run with one"]
+        )
+        return ()
+    values = fault.values
+    direction = DIRECTIONS.get(values.get("direction", ""), SENT | RECEIVED)
+    return (
+        BusFault(
+            kind=KINDS.index(fault.kind),
+            direction=direction,
+            identifier=_identifier(fault, rig, direction, issues),
+            probability=float(values.get("probability", 1.0)),
+            delay=float(values.get("delay_s") or 0.0),
+            rate=float(values.get("rate") or 0.0),
+            seed=int(values["seed"]),
+        ),
+    )
+
+
+def _identifier(fault: Fault, rig: Rig, direction: int, issues: ConfigIssues) -> int:
+    """Which frames are meant, or which are sent."""
+    if fault.kind == "babbling":
+        identifier = int(fault.values["id"] or 0)
+        return identifier | (EXTENDED if identifier > _STANDARD else 0)
+    mappings = rig.outputs if direction == SENT else rig.inputs
+    names = list(dict.fromkeys(each.message for each in mappings))
+    needed = _NEEDED.get(fault.kind)
+    if needed:
+        names = [each for each in names if _of(rig, each, needed) is not None]
+    if fault.where is None and names:
+        return EVERY
+    if fault.where not in names:
+        allowed = ", ".join(names) or "none"
+        which = f"a message with a {needed}" if needed else "a message"
+        way = "sends" if direction == SENT else "receives"
+        said = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
+        issues.take([f"{fault.key}.where: {said}"])
+        return EVERY
+    assert fault.where is not None
+    message = rig.messages[fault.where]
+    return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
+
+
+def _of(rig: Rig, message: str, what: str) -> str | None:
+    """The signal that is a message's counter or checksum."""
+    found: str | None = getattr(rig.options.get(message, MessageOptions()), what)
+    return found

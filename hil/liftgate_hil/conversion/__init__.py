@@ -1,0 +1,1 @@
+"""Recordings into other formats, drawn, and compared."""

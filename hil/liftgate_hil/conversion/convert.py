@@ -1,0 +1,231 @@
+"""A recording into another format: every row and every frame, or a reason why not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE
+from liftgate_hil.conversion.table import Table, decoded
+from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.loop.recorder import Recorder
+from liftgate_hil.measurement.recorded import Recorded, open_recorded
+from liftgate_hil.recording.content import Content, lines_about
+from liftgate_hil.recording.guarded import raise_failures
+from liftgate_hil.recording.open import FORMATS, check_file, open_recorder
+from liftgate_hil.recording.target import is_special
+
+# What of frames a format, or who reads it, loses: flags of the identifier.
+_LOST = {".trc": ERROR | REMOTE | FD, ".log": ERROR, ".asc": ERROR, ".blf": ERROR}
+_CALLED = {ERROR: "an error frame", REMOTE: "a remote frame", FD: "a CAN FD frame"}
+_MOST = 2.0**53  # of a count
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What became of a recording."""
+
+    rows: int
+    frames: int
+    notes: tuple[str, ...]  # what was left out, and what was noticed
+    is_complete: bool = True  # else it was stopped, and nothing is written
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What goes from one to the other."""
+
+    source: Recorded
+    table: Table | None  # the rows
+    has_frames: bool
+    notes: tuple[str, ...]
+
+
+def _never() -> bool:
+    return False
+
+
+def convert(
+    source: Path, target: Path, rig: str | None = None, stopped: Callable[[], bool] = _never
+) -> Converted:
+    """Write the recording in `source` to `target`, in the format of its suffix. `rig`, a rig or a database,
+    decodes the frames into a table. A target that cannot hold what there is, or not as it was, is not written.
+    `stopped` is asked whether to end before.
+
+    Raises ConfigError, RecordingError.
+    """
+    target = _checked(target)
+    if os.path.realpath(source) == os.path.realpath(target):
+        raise ConfigError(f"{target}: it is read; allowed: another file")
+    plan = _plan(open_recorded(source), target, rig)
+    return _written(plan, target, stopped)
+
+
+def _checked(target: Path) -> Path:
+    try:
+        return check_file("OUT", str(target))
+    except ConfigError as error:
+        raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
+
+
+def _plan(source: Recorded, target: Path, rig: str | None) -> _Plan:
+    """Raises ConfigError where nothing of the recording could be in the target."""
+    form, has_frames = FORMATS[target.suffix], source.channel is not None
+    holds = " and ".join(
+        what for what, there in (("rows", source.signals), ("frames", has_frames)) if there
+    )
+    notes = list(source.notes)
+    try:
+        lines_about(source.about)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        said = "what it says of its run is damaged"
+        raise ConfigError(f"{source.path}: cannot be read: {said}") from error
+    if source.about and not form.holds_about:
+        able = ", ".join(suffix for suffix, each in FORMATS.items() if each.holds_about)
+        notes.append(f"what it says of its run is left out: allowed in {able}")
+    if rig is not None:
+        if not form.has_rows:
+            tables = ", ".join(each for each, other in FORMATS.items() if other.has_rows)
+            raise ConfigError(f"`rig` {rig}: decodes frames into a table; allowed: OUT of {tables}")
+        table = decoded(source, rig)
+        if source.signals:
+            notes.append(
+                f"{len(source.signals)} columns are left out: --rig has those of the bus instead"
+            )
+        if not form.has_frames:
+            notes.append("the frames themselves are left out: a table holds none")
+        return _Plan(source, table, form.has_frames, tuple(notes))
+    if not ((source.signals and form.has_rows) or (has_frames and form.has_frames)):
+        able = ", ".join(
+            each
+            for each, other in FORMATS.items()
+            if (source.signals and other.has_rows) or (has_frames and other.has_frames)
+        )
+        more = "" if source.signals else "; or `rig`, which decodes them into a table"
+        raise ConfigError(
+            f"{target}: holds none of the {holds} of {source.path}; allowed: {able}{more}"
+        )
+    if source.signals and not form.has_rows:
+        notes.append(
+            f"{len(source.signals)} columns are left out: {target.suffix} holds frames alone"
+        )
+    if has_frames and not form.has_frames:
+        notes.append(f"the frames are left out: {target.suffix} holds rows alone")
+    own = source if source.signals and form.has_rows else None
+    return _Plan(source, own, has_frames and form.has_frames, tuple(notes))
+
+
+def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converted:
+    """Write to a file beside the target, which it replaces once it is complete."""
+    path = target
+    if not is_special(target):
+        path = target.with_name(f"{target.stem}.part-{os.getpid()}{target.suffix}")
+    signals = plan.table.signals if plan.table else {}
+    content = Content(
+        columns=list(signals),
+        channel=plan.source.channel or "can0",
+        title="liftgate-hil convert",
+        about=plan.source.about,
+        row=signals,
+    )
+    recorder = open_recorder(path, content, argument="OUT", is_salvaged=False)
+    try:
+        try:
+            recorder.begin(plan.source.start_ns)
+            copied = _Copied(plan, recorder, target, lambda: stopped() or bool(recorder.failure))
+            copied.all()
+        finally:
+            recorder.close()
+        raise_failures([recorder])
+        if path != target and not stopped():
+            path.replace(target)
+    except RecordingError as error:
+        said = str(error).removeprefix("`OUT` ").replace(str(path), str(target))
+        raise RecordingError(said) from error
+    finally:
+        if path != target:
+            with suppress(FileNotFoundError):
+                path.unlink()
+    return Converted(copied.rows, copied.frames, plan.notes, not stopped())
+
+
+class _Copied:
+    """Rows and frames on their way into a recorder, about in the order of time."""
+
+    def __init__(
+        self, plan: _Plan, recorder: Recorder, target: Path, ended: Callable[[], bool]
+    ) -> None:
+        self._plan, self._recorder, self._target, self._ended = plan, recorder, target, ended
+        self._blocks = _checked_frames(plan.source, target) if plan.has_frames else iter(())
+        self._waiting = next(self._blocks, None)
+        self.rows = self.frames = 0
+
+    def all(self) -> None:
+        """Until there are no more, or `ended` says so."""
+        table = self._plan.table
+        signals = table.signals if table else {}
+        whole = [k for k, signal in enumerate(signals.values()) if signal.is_whole]
+        for rows in table.rows(list(signals)) if table else ():
+            if self._ended():
+                return
+            _check_rows(self._plan.source, rows, whole, self._target)
+            self._recorder.write_rows(rows)
+            self.rows += len(rows)
+            self._frames_up_to(rows[-1, 0] * 1e9)
+        self._frames_up_to(np.inf)
+
+    def _frames_up_to(self, time_ns: float) -> None:
+        """Blocks of frames that begin by then."""
+        while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
+            if self._ended():
+                return
+            self._recorder.write_frames(self._waiting)
+            self.frames += len(self._waiting)
+            self._waiting = next(self._blocks, None)
+
+
+def _checked_frames(source: Recorded, target: Path) -> Iterator[NDArray[np.void]]:
+    """The frames. Raises ConfigError where the target, or who reads it, would lose something of one."""
+    lost = _LOST.get(target.suffix, 0)
+    for block in source.frames():
+        for flag, called in _CALLED.items():
+            bad = np.flatnonzero(block["identifier"] & flag & lost)
+            if len(bad):
+                _refuse(source, block[bad[0]], called, target)
+        if target.suffix == ".asc":
+            empty = np.flatnonzero((block["identifier"] & FD != 0) & (block["length"] == 0))
+            if len(empty):
+                _refuse(source, block[empty[0]], "a CAN FD frame without data", target)
+        if target.suffix == ".mcap" and (block["time_ns"] < 0).any():
+            early = int(np.flatnonzero(block["time_ns"] < 0)[0])
+            _refuse(source, block[early], "before the start", target)
+        yield block
+
+
+def _refuse(source: Recorded, frame: np.void, called: str, target: Path) -> None:
+    whole = ".mf4, .mcap"
+    raise ConfigError(
+        f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold as it is; "
+        f"allowed: {whole}"
+    )
+
+
+def _check_rows(
+    source: Recorded, rows: NDArray[np.float64], whole: list[int], target: Path
+) -> None:
+    """Raises ConfigError where the target would lose something of a row. `whole` are the places of counts."""
+    counts = rows[:, whole]
+    if not (np.isnan(counts) | ((counts == np.round(counts)) & (np.abs(counts) < _MOST))).all():
+        raise ConfigError(f"{source.path}: a count that is no whole number; allowed: a recording")
+    if target.suffix == ".mcap":
+        times = rows[:, 0]
+        if not ((times >= 0.0) & (times < 1e9)).all():
+            raise ConfigError(f"{source.path}: a time below 0; allowed: from 0 on, in .mcap")
+        if np.isinf(rows).any():
+            raise ConfigError(f"{source.path}: an infinite value; allowed: finite ones, in .mcap")

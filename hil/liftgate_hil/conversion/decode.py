@@ -1,0 +1,174 @@
+"""Frames to a table of their database's signals: a row for each time at which a frame came, each signal as of its
+message's last frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, no_logged
+from liftgate_hil.errors import ConfigError
+from liftgate_plant.signals import TIME, Signal
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+    from cantools.database.can.signal import Signal as BusSignal
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bits:
+    """Where a signal's bits are, the highest first: places in a payload's bits, of each byte the highest first."""
+
+    places: NDArray[np.intp]
+    signed: bool
+    is_float: bool
+    scale: float
+    offset: float
+
+    @property
+    def length(self) -> int:
+        """Bytes that a frame must have."""
+        return int(self.places.max()) // 8 + 1
+
+    def raw(self, bits: NDArray[np.uint8]) -> NDArray[Any]:
+        """Of frames' bits (n, 512) the number that they hold."""
+        count = len(self.places)
+        weights = np.uint64(1) << np.arange(count - 1, -1, -1, dtype=np.uint64)
+        raw: NDArray[Any] = bits[:, self.places].astype(np.uint64) @ weights
+        if self.is_float:
+            return raw.astype(f"u{count // 8}").view(f"f{count // 8}").astype(np.float64)
+        if self.signed:
+            up = np.uint64(64 - count)
+            return (raw << up).view(np.int64) >> up.astype(np.int64)
+        return raw
+
+    def values(self, bits: NDArray[np.uint8]) -> Floats:
+        """Of frames' bits the physical value."""
+        return self.raw(bits).astype(np.float64) * self.scale + self.offset
+
+
+def bits_of(signal: BusSignal) -> Bits:
+    """Where a database's signal is."""
+    if signal.byte_order == "little_endian":
+        lowest_first = range(signal.start, signal.start + signal.length)
+        places = [8 * (at // 8) + 7 - at % 8 for at in reversed(lowest_first)]
+    else:
+        first = 8 * (signal.start // 8) + 7 - signal.start % 8
+        places = list(range(first, first + signal.length))
+    return Bits(
+        np.array(places, dtype=np.intp),
+        bool(signal.is_signed),
+        bool(signal.is_float),
+        float(signal.scale),
+        float(signal.offset),
+    )
+
+
+class Decoder:
+    """Decodes frames of these messages. Frames must come in the order of time; it holds what was told last.
+    `source` is what messages call the file.
+    """
+
+    def __init__(self, messages: Iterable[Message], source: str = "") -> None:
+        self._source = source
+        self._messages = {
+            each.frame_id | (EXTENDED if each.is_extended_frame else 0): each for each in messages
+        }
+        self._bits = {
+            (message.name, signal.name): bits_of(signal)
+            for message in self._messages.values()
+            for signal in message.signals
+        }
+        self.signals: dict[str, Signal] = {"time_s": TIME}
+        for message in self._messages.values():
+            for signal in message.signals:
+                self.signals[f"{message.name}.{signal.name}"] = _told(signal)
+        self._held = np.full(len(self.signals), np.nan)
+        self._last_ns = -(2**62)
+
+    def rows(self, blocks: Iterable[NDArray[np.void]]) -> Iterator[Floats]:
+        """Rows (n, len(signals)). Raises ConfigError where the frames are not in the order of time."""
+        waiting = no_logged()
+        for block in blocks:
+            ours = np.isin(block["identifier"] & ~FD, list(self._messages))
+            frames = np.concatenate([waiting, block[ours]])
+            if not len(frames):
+                continue
+            # What has the last time may go on in the next block.
+            is_last = frames["time_ns"] == frames["time_ns"][-1]
+            waiting = frames[is_last]
+            if not is_last.all():
+                yield self._table(frames[~is_last])
+        if len(waiting):
+            yield self._table(waiting)
+
+    def _table(self, frames: NDArray[np.void]) -> Floats:
+        times = frames["time_ns"]
+        steps = np.diff(times, prepend=self._last_ns)
+        if (steps < 0).any() and len(times):
+            at = int(np.flatnonzero(steps < 0)[0])
+            raise ConfigError(
+                f"{self._source}: the frame at {times[at] / 1e9:.6f} s comes after a later one; "
+                "allowed: in the order of time"
+            )
+        self._last_ns = int(times[-1])
+        stamps, row_of = np.unique(times, return_inverse=True)
+        table = np.full((len(stamps), len(self.signals)), np.nan)
+        place = {name: k for k, name in enumerate(self.signals)}
+        for number, message in self._messages.items():
+            those = np.flatnonzero((frames["identifier"] & ~FD) == number)
+            if not len(those):
+                continue
+            bits = np.unpackbits(frames["payload"][those], axis=1)
+            for signal in message.signals:
+                there = self._is_there(message, signal, frames["length"][those], bits)
+                values = self._bits[message.name, signal.name].values(bits[there])
+                # Of several in one row the last one stays.
+                table[row_of[those[there]], place[f"{message.name}.{signal.name}"]] = values
+        self._fill(table)
+        table[:, 0] = stamps / 1e9
+        return table
+
+    def _is_there(
+        self, message: Message, signal: BusSignal, lengths: Any, bits: NDArray[np.uint8]
+    ) -> NDArray[np.bool_]:
+        """In which of a message's frames a signal is: those long enough, with its multiplexer's value."""
+        there: NDArray[np.bool_] = lengths >= self._bits[message.name, signal.name].length
+        if signal.multiplexer_signal and signal.multiplexer_ids:
+            selector = message.get_signal_by_name(signal.multiplexer_signal)
+            chosen = self._bits[message.name, selector.name].raw(bits)
+            there = there & np.isin(chosen.astype(np.int64), signal.multiplexer_ids)
+            there &= self._is_there(message, selector, lengths, bits)
+        return there
+
+    def _fill(self, table: Floats) -> None:
+        """Hold each signal's last value."""
+        rows = np.arange(len(table))[:, np.newaxis]
+        since = np.maximum.accumulate(np.where(np.isnan(table), -1, rows), axis=0)
+        held = np.take_along_axis(table, np.maximum(since, 0), axis=0)
+        table[:] = np.where(since >= 0, held, self._held)
+        self._held = table[-1].copy()
+
+
+def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message]) -> list[Message]:
+    """Those of the messages that there are frames of."""
+    found: set[int] = set()
+    for block in blocks:
+        sound = block["identifier"] & (REMOTE | ERROR) == 0
+        found.update(np.unique(block["identifier"][sound] & ~FD).tolist())
+    return [
+        each
+        for each in messages.values()
+        if each.frame_id | (EXTENDED if each.is_extended_frame else 0) in found
+    ]
+
+
+def _told(signal: BusSignal) -> Signal:
+    return Signal(signal.unit or "", -np.inf, np.inf, (signal.comment or "").strip())

@@ -1,0 +1,227 @@
+"""Pictures of recordings: columns over time, those of one kind in one panel; two beside each other, and their
+difference.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.conversion.compare import differences_of
+from liftgate_hil.conversion.table import Floats, Table
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.report.drawing import (
+    FINAL,
+    GRID,
+    INITIAL,
+    INK,
+    MARK,
+    MEASURED,
+    line,
+    new_figure,
+    png,
+    style,
+    svg,
+)
+from liftgate_hil.report.numbers import axis_label, clean, significant
+from liftgate_hil.report.page import figure as figure_html
+from liftgate_hil.report.page import page
+from liftgate_hil.signals import COLUMNS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Columns = Mapping[str, Floats]
+SUFFIXES = (".png", ".svg", ".html")
+MOST = 8  # panels
+_USUAL = (
+    "gate_angle_deg",
+    "left_current_a",
+    "right_current_a",
+    "pinch_force_n",
+    "terminal_voltage_v",
+)
+_WIDTH, _HEIGHT = 11.0, 2.1  # inch; of a panel
+_FONT = 10.0
+_DPI = 110
+# A wide line under a narrow, dashed one shows that there are two.
+_LOOKS: Sequence[tuple[str, Any, float]] = (
+    (FINAL, "-", 2.2),
+    (INITIAL, (0, (3, 2)), 1.3),
+    (MARK, "-", 0.9),
+    (MEASURED, (0, (1, 1)), 1.3),
+    (INK, (0, (5, 1, 1, 1)), 0.9),
+)
+_DIFFERENCE = "#a8246e"
+# What tells the columns of a panel apart: the drive, and whether a sensor says so.
+_SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
+
+
+def usual_columns(table: Table) -> list[str]:
+    """What a picture shows where nobody says: what matters of a gate, or the first few."""
+    names = [name for name in _USUAL if name in table.signals]
+    return names or [name for name in table.signals if name != "time_s"][:MOST]
+
+
+def panels_of(names: Sequence[str], table: Table) -> list[list[str]]:
+    """Columns that go together: both drives' and what the sensors make of them. Raises ConfigError."""
+    panels: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        panels.setdefault((_SIDES.sub("", name), table.signals[name].unit), []).append(name)
+    found = list(panels.values())
+    if len(found) > MOST:
+        raise ConfigError(f"`columns`: {len(found)} panels; allowed: up to {MOST}")
+    return found
+
+
+def one_of_each(names: Sequence[str]) -> list[str]:
+    """Of columns that go together the first."""
+    found: dict[str, str] = {}
+    for name in names:
+        found.setdefault(_SIDES.sub("", name), name)
+    return list(found.values())
+
+
+def run_picture(
+    title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]
+) -> Figure:
+    """Columns of one recording over time, a panel below the other."""
+    with style():
+        _settings()
+        figure = new_figure(_HEIGHT * len(panels) + 0.6, _WIDTH)
+        figure.suptitle(clean(title, 90), fontsize=_FONT + 2.0)
+        axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axis, names in zip(axes, panels, strict=True):
+            for name, looks in zip(names, _repeated(len(names)), strict=True):
+                _draw(axis, columns["time_s"], columns[name], looks, _short(name))
+            axis.set_ylabel(
+                _label(names[0] if len(names) == 1 else _common(names), units[names[0]])
+            )
+            if len(names) > 1:
+                axis.legend(loc="upper right", ncols=len(names))
+        axes[-1].set_xlabel("time [s]")
+        _finish(figure)
+    return figure
+
+
+def two_pictures(
+    titles: tuple[str, str],
+    both: tuple[Columns, Columns],
+    names: Sequence[str],
+    units: Mapping[str, str],
+) -> Figure:
+    """Columns of two recordings over each other, and beside them what the second has more than the first."""
+    first, second = both
+    _, here, there = np.intersect1d(
+        np.round(first["time_s"] * 1e9), np.round(second["time_s"] * 1e9), return_indices=True
+    )
+    times = first["time_s"][here]
+    with style():
+        _settings()
+        figure = new_figure(_HEIGHT * len(names) + 0.8, _WIDTH + 2.0)
+        grid = figure.subplots(len(names), 2, sharex=True, squeeze=False, width_ratios=(1.5, 1.0))
+        for (over, beside), name in zip(grid, names, strict=True):
+            for columns, looks, title in zip(both, _LOOKS, titles, strict=False):
+                _draw(over, columns["time_s"], columns[name], looks, clean(title, 40))
+            over.set_ylabel(_label(name, units[name]))
+            difference = differences_of(first[name][here], second[name][there])
+            _draw_difference(beside, times, difference)
+        grid[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+        grid[0, 1].set_title(f"{clean(titles[1], 40)} less {clean(titles[0], 40)}", loc="left")
+        for axis in grid[-1]:
+            axis.set_xlabel("time [s]")
+        _finish(figure)
+    return figure
+
+
+def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
+    """The picture in the format of a suffix of SUFFIXES. Raises ConfigError where it cannot be written."""
+    try:
+        if path.suffix.lower() == ".png":
+            path.write_bytes(png(figure, _DPI))
+        elif path.suffix.lower() == ".svg":
+            with style():
+                nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+                figure.savefig(path, format="svg", metadata=nothing, facecolor="white")
+        else:
+            body = figure_html(svg(figure, "picture", title), caption)
+            path.write_text(page(title, "", [body]), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise ConfigError(f"`output` {path}: cannot be written: {error.strerror}") from error
+
+
+def _settings() -> None:
+    import matplotlib
+
+    matplotlib.rcParams.update(
+        {
+            "font.size": _FONT,
+            "axes.labelsize": _FONT,
+            "axes.titlesize": _FONT,
+            "legend.fontsize": _FONT,
+        }
+    )
+
+
+def _finish(figure: Figure) -> None:
+    from matplotlib.axes import Axes
+
+    figure.align_ylabels()
+    for axis in figure.findobj(Axes):
+        axis.tick_params(labelsize=_FONT)  # the labels are made when they are drawn
+
+
+def _repeated(count: int) -> list[tuple[str, Any, float]]:
+    if count == 1:
+        return [(FINAL, "-", 1.4)]
+    return [_LOOKS[k % len(_LOOKS)] for k in range(count)]
+
+
+def _draw(
+    axis: Axes, times: Floats, values: Floats, looks: tuple[str, Any, float], label: str
+) -> None:
+    colour, dashes, width = looks
+    line(axis, times, values, colour, linestyle=dashes, linewidth=width, label=label)
+
+
+def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
+    """With its largest value, when it is."""
+    axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
+    line(axis, times, difference, _DIFFERENCE, linewidth=1.2)
+    known = np.flatnonzero(np.isfinite(difference))
+    if not len(known) or not np.any(difference[known]):
+        axis.text(0.5, 0.55, "equal", transform=axis.transAxes, ha="center", color=INK)
+        axis.set_yticks([])
+        return
+    at = known[int(np.argmax(np.abs(difference[known])))]
+    axis.plot([times[at]], [difference[at]], "o", color=_DIFFERENCE, markersize=5)
+    told = f"largest {significant(float(difference[at]))} at {times[at]:.3f} s"
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.22 * (high - low))  # room for the text
+    axis.text(0.99, 0.97, told, transform=axis.transAxes, ha="right", va="top", color=INK)
+
+
+def _label(name: str, unit: str) -> str:
+    """A column's, or several ones', on two lines where it is long."""
+    told = axis_label(name)
+    if "[" not in told and unit:
+        told = f"{told} [{clean(unit, 12)}]"
+    words, bracket, rest = told.partition(" [")
+    return f"{words}\n[{rest}" if len(told) > 20 and bracket else told
+
+
+def _common(names: Sequence[str]) -> str:
+    """What both drives' columns have in common."""
+    name = _SIDES.sub("", _SIDES.sub("", names[0]))
+    return name if names[0] in COLUMNS else name.strip("._") or names[0]
+
+
+def _short(name: str) -> str:
+    """Of a panel's column what tells it from the others."""
+    said = [word for word in ("sensed", "left", "right") if word in name.lower()]
+    return " ".join(said) or clean(name, 40)

@@ -1,0 +1,100 @@
+"""Is what the sensors say plausible while the gate moves? What is not stops it. And a gate that moves by itself is
+held.
+
+The limits keep clear of what the drives of a production differ by, see docs/anti-trap.md.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.ecu import events
+from liftgate_hil.ecu.memory import Constants, Memory
+from liftgate_plant.compiler import compilable
+
+SOUND = -1  # no event
+
+
+@compilable
+def measure_reading(constants: Constants, drive: Any, current: float) -> None:
+    """Note for how long and how far the current [A] of a drive has had one and the same reading."""
+    if current == drive.reading:
+        drive.same += constants.cycle
+    else:
+        drive.reading, drive.same, drive.same_from = current, 0.0, drive.count
+
+
+@compilable
+def begin_monitoring(memory: Memory) -> None:
+    """A motion begins."""
+    control = memory.control[0]
+    control.over = control.unlike = 0.0
+    for i in range(len(memory.drives)):
+        memory.drives[i].same = 0.0
+        memory.drives[i].same_from = memory.drives[i].count
+
+
+@compilable
+def held_for(seconds: float, is_so: bool, cycle: float) -> float:
+    """For how long something has been so [s], a cycle later."""
+    return seconds + cycle if is_so else 0.0
+
+
+@compilable
+def implausible(constants: Constants, memory: Memory) -> int:
+    """The event of what cannot be, in a cycle of a motion; SOUND: all can be."""
+    c, control, drives = constants.calibration, memory.control[0], memory.drives
+    mean, largest, is_frozen = 0.0, 0.0, False
+    for i in range(len(drives)):
+        drive = drives[i]
+        mean += (drive.count - drive.start) / len(drives)
+        largest = max(largest, abs(drive.reading))
+        has_moved = abs(drive.count - drive.same_from) > c.frozen_counts
+        is_frozen = is_frozen or (drive.same > c.frozen_time and has_moved)
+    control.over = held_for(control.over, largest > c.over_current, constants.cycle)
+    if control.over >= c.over_current_time:
+        return events.OVER_CURRENT
+    if is_frozen:
+        return events.CURRENT_FROZEN
+    if len(drives) == 1:
+        return SOUND
+    for i in range(len(drives)):
+        if abs(drives[i].count - drives[i].start - mean) > c.counts_apart:
+            return events.DRIVES_APART
+    left, right = abs(drives[0].current), abs(drives[1].current)
+    is_alone = min(left, right) < c.idle_current and max(left, right) > c.lone_current
+    control.unlike = held_for(control.unlike, is_alone, constants.cycle)
+    return events.CURRENT_LOST if control.unlike >= c.lone_time else SOUND
+
+
+@compilable
+def moves_by_itself(constants: Constants, memory: Memory) -> bool:
+    """Whether the gate, which is to stand, has come down since it stood; asked again it is from here on. At first
+    it springs back from where it was pressed to.
+    """
+    c, control = constants.calibration, memory.control[0]
+    falls = False
+    for i in range(len(memory.drives)):
+        falls = falls or memory.drives[i].count - memory.drives[i].start < -c.fall_counts
+    is_settling = control.now - control.entered < c.settling_time
+    if is_settling:
+        falls = False
+    if falls or is_settling:
+        for i in range(len(memory.drives)):
+            memory.drives[i].start = memory.drives[i].count
+    return falls
+
+
+@compilable
+def is_hot(constants: Constants, memory: Memory, temperature: float) -> bool:
+    """Whether the motors [°C; NaN: not told] have to cool down before they may run again."""
+    c, control = constants.calibration, memory.control[0]
+    if np.isnan(temperature):
+        return False
+    if temperature > c.hot:
+        control.is_hot = 1
+    elif temperature < c.cool:
+        control.is_hot = 0
+    return bool(control.is_hot != 0)

@@ -1,0 +1,121 @@
+"""Mutants of the reference ECU: each has one plausible defect, as data of its calibration, for tests of tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from liftgate_hil.codec import checksum
+from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
+from liftgate_hil.ecu.calibration import CALIBRATED, Calibration, coded
+from liftgate_hil.ecu.reference import EcuConfig
+from liftgate_plant.coding import Coding
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+
+_NEVER = 1e9  # s, counts, A, °C
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One defect: other numbers of the calibration, or something that its program does not do."""
+
+    name: str
+    meaning: str
+    numbers: Mapping[str, float] = field(default_factory=dict)  # of Calibration
+    factors: Mapping[str, float] = field(default_factory=dict)
+    defect: str = ""  # of Defects
+    unchecked: str = ""  # counter or checksum, of the frames that it receives
+
+
+_MUTANTS = (
+    Mutant("threshold_doubled", "twice the load is taken for nothing", factors={
+        "excess_learned": 2.5, "excess_unlearned": 2.5, "excess_share": 2.5, "excess_per_slope": 2.5}),
+    Mutant("blanking_too_long", "for 5 s after a start nothing is seen in the way", {"blank_time": 5.0}),
+    Mutant("detection_too_slow", "a load counts only after 0.15 s", {"detection_time": 0.15}),
+    Mutant("filter_too_slow", "the currents are filtered with 0.1 s", {"load_filter": 0.1}),
+    Mutant("reference_follows", "what is expected follows the load within 0.015 s", {"reference_time": 0.015}),
+    Mutant("inertia_uncompensated", "what accelerates the drives counts as load", {"inertia": 0.0}),
+    Mutant("reversal_too_short", "it reverses by 2 % of the travel", {"reverse_distance": 0.02}),
+    Mutant("closing_too_fast", "it closes twice as fast", factors={"closing_speed": 2.0, "closing_start": 2.0}),
+    Mutant("stall_unseen", "drives that stand are driven on", {"stall_time": _NEVER, "seal_stall_time": _NEVER}),
+    Mutant("latch_not_released", "the latch is not released", {"latch_pulse": 0.0}),
+    Mutant("end_missed", "the open end is taken 400 counts too far", {"end_margin": -400.0}),
+    Mutant("learning_presses", "the stop is looked for with all force", {"learning_excess": _NEVER}),
+    Mutant("closing_unwatched", "nothing is seen in the way of the closing gate", defect="closing_unwatched"),
+    Mutant("opening_unwatched", "nothing is seen in the way of the opening gate", defect="opening_unwatched"),
+    Mutant("one_drive_watched", "the left drive's load stands for both", defect="one_drive_watched"),
+    Mutant("second_run_unwatched", "after a reversal the next run is not watched",
+           defect="second_run_unwatched"),
+    Mutant("only_stops", "what is trapped stays so", defect="only_stops"),
+    Mutant("learns_disturbed", "the load of what is trapped is learned", defect="learns_disturbed"),
+    Mutant("stop_ignored", "the driver cannot stop a motion", defect="stop_ignored"),
+    Mutant("latch_unseen", "the latch's switch is not looked at", defect="latch_unseen"),
+    Mutant("latch_believed", "the latch's switch is believed wherever the gate is", defect="latch_believed"),
+    Mutant("one_drive_commanded", "the right drive is not driven", defect="one_drive_commanded"),
+    Mutant("goes_on_after_reset", "switched on with the gate open, it closes it", defect="goes_on_after_reset"),
+    Mutant("end_never_learned_again", "the first end that was found is that for ever",
+           defect="end_never_learned_again"),
+    Mutant("stale_data_used", "the last feedback is good for ever", {"feedback_timeout": _NEVER}),
+    Mutant("counter_unchecked", "frames with the same counter are taken for new ones", unchecked="counter"),
+    Mutant("checksum_unchecked", "frames with a wrong checksum are believed", unchecked="checksum"),
+    Mutant("hall_ignored", "drives whose counts are apart go on", {"counts_apart": _NEVER}),
+    Mutant("frozen_current_unseen", "a current that does not change is believed", {"frozen_time": _NEVER}),
+    Mutant("lost_current_unseen", "one drive that carries all goes on", {"lone_time": _NEVER}),
+    Mutant("over_current_unseen", "no current is too large", {"over_current": _NEVER}),
+    Mutant("fall_unseen", "a gate that comes down by itself is not held", {"fall_counts": _NEVER}),
+    Mutant("heat_ignored", "no motor is too hot", {"hot": _NEVER}),
+)  # fmt: skip
+
+MUTANTS: Mapping[str, Mutant] = {each.name: each for each in _MUTANTS}
+
+NO_ECU = "no ECU"  # in place of a mutant: nobody commands the gate
+
+
+def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:
+    """The calibration of a vehicle, with the defect."""
+    sound = coded(CALIBRATED, coding)
+    changed: dict[str, Any] = dict(mutant.numbers)
+    for name, factor in mutant.factors.items():
+        value = getattr(sound, name)
+        is_curve = isinstance(value, tuple)
+        changed[name] = tuple(factor * each for each in value) if is_curve else factor * value
+    if mutant.defect:
+        changed["defects"] = sound.defects._replace(**{mutant.defect: 1})
+    return sound._replace(**changed)
+
+
+def mutant_ecu(name: str, rig: Rig, drives: int, coding: Coding) -> Adapter:
+    """The ECU with a defect, or none at all (NO_ECU)."""
+    if name == NO_ECU:
+        return Adapter(rig, drives)
+    mutant = MUTANTS[name]
+    ecu = ReferenceEcu(rig, drives, calibration=calibration_of(mutant, coding))
+    if mutant.unchecked:
+        ecu.node = ecu.node._replace(reference=_UNCHECKED[mutant.unchecked](ecu.node.reference))
+    return ecu
+
+
+def _without_counter(config: EcuConfig) -> EcuConfig:
+    messages = config.inputs.messages.copy()
+    messages.counter[:] = -1
+    return config._replace(inputs=config.inputs._replace(messages=messages))
+
+
+def _without_checksum(config: EcuConfig) -> EcuConfig:
+    messages = config.inputs.messages.copy()
+    is_simple = np.isin(
+        messages.kind, list(checksum.KINDS.values())
+    )  # a profile's goes with its counter
+    messages.kind[is_simple] = checksum.NONE
+    return config._replace(inputs=config.inputs._replace(messages=messages))
+
+
+_UNCHECKED: Mapping[str, Callable[[EcuConfig], EcuConfig]] = {
+    "counter": _without_counter,
+    "checksum": _without_checksum,
+}

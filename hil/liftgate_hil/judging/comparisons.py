@@ -1,0 +1,143 @@
+"""A condition taken apart: what it compares with what, for those who show it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil import conditions as codes
+from liftgate_hil.conditions import COLUMN, SIGNAL, Condition
+from liftgate_hil.signals import SENSED_PREFIX
+
+Floats = NDArray[np.float64]
+
+_SIGNS = {
+    codes.LT: "<", codes.LE: "<=", codes.GT: ">", codes.GE: ">=", codes.EQ: "==", codes.NE: "!=",
+}  # fmt: skip
+_ARITHMETIC: Mapping[int, tuple[str, int, Callable[[Floats, Floats], Floats]]] = {
+    codes.ADD: ("+", 1, np.add),
+    codes.SUB: ("-", 1, np.subtract),
+    codes.MUL: ("*", 2, np.multiply),
+    codes.DIV: ("/", 2, np.divide),
+}
+_UNARY, _ATOM = 3, 4  # how tightly a text binds; sums and products: see _ARITHMETIC
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a comparison: its text, with the parameters' numbers in it, its operations, its unit."""
+
+    text: str
+    ops: tuple[tuple[int, str | float], ...]
+    unit: str
+
+    @property
+    def constant(self) -> float | None:
+        """Its value, where it speaks of no column and no signal."""
+        if any(code in (COLUMN, SIGNAL) for code, _ in self.ops):
+            return None
+        return float(self.values({}, 1)[0])
+
+    def names(self) -> list[str]:
+        """The columns and signals that it reads, each once."""
+        return list(dict.fromkeys(str(name) for code, name in self.ops if code in (COLUMN, SIGNAL)))
+
+    def values(self, read: Mapping[str, Floats], count: int) -> Floats:
+        """Its value in so many ticks, from the columns and signals that it reads; NaN: it has none."""
+        stack: list[Floats] = []
+        with np.errstate(all="ignore"):
+            for code, what in self.ops:
+                if code == codes.CONST:
+                    stack.append(np.full(count, float(what)))
+                elif code in (COLUMN, SIGNAL):
+                    stack.append(read[str(what)])
+                elif code in _ARITHMETIC:
+                    right = stack.pop()
+                    stack[-1] = _ARITHMETIC[code][2](stack[-1], right)
+                else:
+                    stack[-1] = np.abs(stack[-1]) if code == codes.ABS else -stack[-1]
+        return np.where(np.isfinite(stack[0]), stack[0], np.nan)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two sides, and the sign between them."""
+
+    left: Side
+    sign: str
+    right: Side
+
+    @property
+    def text(self) -> str:
+        """As in a condition."""
+        return f"{self.left.text} {self.sign} {self.right.text}"
+
+    @property
+    def limit(self) -> tuple[Side, str, float] | None:
+        """What is compared with a number: the side, the sign, the number; None where both sides vary, or none."""
+        turned = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
+        left, right = self.left.constant, self.right.constant
+        if right is not None and left is None and math.isfinite(right):
+            return self.left, self.sign, right
+        if left is not None and right is None and math.isfinite(left):
+            return self.right, turned.get(self.sign, self.sign), left
+        return None
+
+
+def shown_name(column: str) -> str:
+    """A column as conditions name it."""
+    if column.startswith(SENSED_PREFIX):
+        return f"sensed.{column.removeprefix(SENSED_PREFIX)}"
+    return column
+
+
+def comparisons_of(condition: Condition) -> list[Comparison]:
+    """The comparisons of a condition, in the order of its text, which is that of its units."""
+    found: list[Comparison] = []
+    stack: list[tuple[str, int, tuple[tuple[int, str | float], ...]]] = []
+    for code, what in condition.ops:
+        own = ((code, what),)
+        if code == codes.CONST:
+            value = float(what)
+            stack.append((f"{value:.10g}", _ATOM if value >= 0.0 else _UNARY, own))
+        elif code in (COLUMN, SIGNAL):
+            stack.append((shown_name(str(what)), _ATOM, own))
+        elif code in _ARITHMETIC:
+            stack[-2:] = [_joined(stack[-2], stack[-1], code)]
+        elif code == codes.ABS:
+            text, _, ops = stack.pop()
+            stack.append((f"abs({text})", _ATOM, (*ops, *own)))
+        elif code == codes.NEG:
+            text, level, ops = stack.pop()
+            stack.append((f"-{_bound(text, level, _UNARY + 1)}", _UNARY, (*ops, *own)))
+        elif code in _SIGNS:
+            unit = condition.units[len(found)]
+            left, right = (Side(text, ops, unit) for text, _, ops in stack)
+            found.append(Comparison(left, _SIGNS[code], right))
+            stack.clear()
+    return found
+
+
+def sides_of(comparisons: Sequence[Comparison]) -> list[Side]:
+    """What varies in comparisons, each once."""
+    sides = [side for each in comparisons for side in (each.left, each.right)]
+    return list({side.text: side for side in sides if side.constant is None}.values())
+
+
+def _joined(
+    left: tuple[str, int, tuple[tuple[int, str | float], ...]],
+    right: tuple[str, int, tuple[tuple[int, str | float], ...]],
+    code: int,
+) -> tuple[str, int, tuple[tuple[int, str | float], ...]]:
+    sign, level, _ = _ARITHMETIC[code]
+    first = _bound(left[0], left[1], level)
+    second = _bound(right[0], right[1], level + 1)
+    return f"{first} {sign} {second}", level, (*left[2], *right[2], (code, 0.0))
+
+
+def _bound(text: str, level: int, least: int) -> str:
+    return text if level >= least else f"({text})"

@@ -1,0 +1,293 @@
+"""Signals over time with limits, a window and a margin, as small SVG that takes its colours from the page: a
+report of thousands of scenarios has thousands of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.report.numbers import clean
+from liftgate_hil.report.page import text
+from liftgate_hil.report.scale import Axis, range_of, ticks
+
+Floats = NDArray[np.float64]
+
+# What is said for the classes below; a page that has such pictures takes it in.
+STYLE = """
+:root { --third: #a8246e; }
+@media screen and (prefers-color-scheme: dark) { :root { --third: #e58ac0; } }
+svg.trace { display: block; width: 100%; height: auto; font: 11px system-ui, sans-serif; }
+svg.trace text { fill: var(--ink); stroke: var(--paper); stroke-width: 3px; paint-order: stroke; }
+svg.trace .soft { fill: var(--soft); } svg.trace .grid { stroke: var(--grid); fill: none; }
+svg.trace .frame { stroke: var(--measured); fill: none; }
+svg.trace .window { fill: var(--final); opacity: .08; }
+svg.trace .edge { stroke: var(--soft); stroke-dasharray: 2 3; }
+svg.trace .limit { stroke: var(--initial); stroke-width: 1.4; stroke-dasharray: 7 3; }
+svg.trace .trigger { stroke: var(--soft); stroke-width: 1.2; stroke-dasharray: 1.5 3; }
+svg.trace text.limit { fill: var(--initial); stroke: var(--paper); stroke-width: 3px; stroke-dasharray: none; }
+svg.trace text.trigger { fill: var(--soft); stroke: var(--paper); stroke-width: 3px; stroke-dasharray: none; }
+svg.trace .decided { stroke: var(--ink); stroke-width: 1; }
+svg.trace .margin { stroke: var(--ink); stroke-width: 2.2; fill: none; } svg.trace .dot { fill: var(--ink); }
+svg.trace path.k { fill: none; stroke-width: 1.3; stroke-linejoin: round; }
+svg.trace path.k.b { fill-opacity: .55; stroke-width: .8; }
+svg.trace path.k0 { stroke: var(--final); } svg.trace path.k1 { stroke: var(--mark); }
+svg.trace path.k2 { stroke: var(--third); } svg.trace path.k3 { stroke: var(--measured); }
+svg.trace path.k0.b, svg.trace tspan.k0 { fill: var(--final); }
+svg.trace path.k1.b, svg.trace tspan.k1 { fill: var(--mark); }
+svg.trace path.k2.b, svg.trace tspan.k2 { fill: var(--third); }
+svg.trace path.k3.b, svg.trace tspan.k3 { fill: var(--measured); }
+svg.trace tspan { stroke: none; font-weight: 600; }
+"""
+_WIDTH, _LEFT, _RIGHT = 880.0, 66.0, 20.0
+_TITLE, _HEIGHT, _BOTTOM = 22.0, 118.0, 36.0
+_COLOURS = 4
+_TICK = 0.011  # s: the first row of a run lies a tick behind its start
+_LETTER = 6.0  # px, about
+
+
+class Line(NamedTuple):
+    """A signal: lowest and highest value (n,) of each bin."""
+
+    label: str
+    low: Floats
+    high: Floats
+
+
+class Level(NamedTuple):
+    """A number that a signal is compared with; what decides, or what opens the window."""
+
+    value: float
+    label: str
+    is_trigger: bool
+
+
+class Margin(NamedTuple):
+    """From what to what a margin reaches, and when; the stretch that it is of, where a single tick does not do."""
+
+    time: float
+    limit: float
+    value: float
+    label: str
+    stretch: tuple[float, float] | None = None
+
+
+@dataclass
+class Panel:
+    """Signals of one unit on one axis."""
+
+    title: str
+    unit: str
+    lines: list[Line] = field(default_factory=list)
+    levels: list[Level] = field(default_factory=list)
+    margin: Margin | None = None
+    names: Mapping[float, str] = field(default_factory=dict)  # of an enumeration's values
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Panels over one time axis: `times` [s] (n,) are those of the bins, `marks` instants with their names."""
+
+    times: Floats
+    panels: Sequence[Panel]
+    window: tuple[float, float] | None = None
+    opened: str = ""  # what the window's begin is called
+    decided: tuple[float, str] | None = None
+
+
+def trace_svg(picture: Picture, title: str) -> str:
+    """The picture, to be put into a page that has STYLE."""
+    step = _TITLE + _HEIGHT
+    top = 34.0 if picture.decided is not None else 18.0 if picture.window is not None else 0.0
+    height = top + step * len(picture.panels) + _BOTTOM
+    low, high = float(picture.times[0]), float(picture.times[-1])
+    x = Axis(low, high if high > low else low + 1e-3, _LEFT, _WIDTH - _RIGHT)
+    bottom = top + step * len(picture.panels)
+    parts = [
+        f'<svg class="trace" role="img" aria-label="{text(title)}" viewBox="0 0 {_WIDTH:g} {height:g}">',
+        *_window(picture, x, top - 2, bottom),
+    ]
+    for place, panel in enumerate(picture.panels):
+        parts += _panel(panel, picture.times, x, top + step * place + _TITLE)
+    parts += _decided(picture, x, top - 2, bottom)
+    for tick, said in ticks(x.low, x.high, 9):
+        parts.append(_words(x.at(tick), bottom + 14, said, "middle"))
+    parts.append(_words((x.start + x.end) / 2, bottom + 30, "time [s]", "middle"))
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _panel(panel: Panel, times: Floats, x: Axis, top: float) -> list[str]:
+    values = [each for line in panel.lines for each in (line.low, line.high)]
+    low, high = range_of(np.concatenate(values), [each.value for each in panel.levels])
+    y = Axis(low, high, top + _HEIGHT, top)
+    parts = [
+        f'<path class="grid" d="M{_n(x.at(tick))} {_n(top)}V{_n(y.start)}"/>'
+        for tick, _ in ticks(x.low, x.high, 9)
+    ]
+    for tick, said in _value_ticks(panel, y):
+        place = y.at(tick)
+        parts.append(f'<path class="grid" d="M{_n(x.start)} {_n(place)}H{_n(x.end)}"/>')
+        parts.append(_words(x.start - 5, place + 3.5, said, "end"))
+    parts.append(f'<path class="frame" d="M{_n(x.start)} {_n(top)}V{_n(y.start)}H{_n(x.end)}"/>')
+    for place, line in enumerate(panel.lines):
+        parts += _curve(line, times, x, y, f"k{place % _COLOURS}")
+    parts += [each for level in panel.levels for each in _level(level, x, y)]
+    if panel.margin is not None:
+        parts += _margin(panel.margin, x, y)
+    unit = f" [{text(panel.unit)}]" if panel.unit else ""
+    if len(panel.lines) == 1:
+        said = f"{text(clean(panel.title, 120))}{unit}"
+    else:
+        said = ", ".join(
+            f'<tspan class="k{place % _COLOURS}">{text(clean(line.label, 40))}</tspan>'
+            for place, line in enumerate(panel.lines)
+        )
+        said += unit
+    parts.append(f'<text x="{_n(x.start)}" y="{_n(top - 6)}">{said}</text>')
+    return parts
+
+
+def _value_ticks(panel: Panel, y: Axis) -> list[tuple[float, str]]:
+    if panel.names:
+        return [
+            (value, clean(f"{value:g} {name}", 11))
+            for value, name in panel.names.items()
+            if y.inside(value)
+        ][:12]
+    return ticks(y.low, y.high, 5)
+
+
+def _curve(line: Line, times: Floats, x: Axis, y: Axis, colour: str) -> list[str]:
+    """The line, in pieces between gaps; a band where its bins hold more than one value."""
+    low, high = line.low, line.high
+    known = np.isfinite(low) & np.isfinite(high)
+    if not known.any():
+        return [_words((x.start + x.end) / 2, (y.start + y.end) / 2, "no value", "middle", "soft")]
+    edges = np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2)
+    upper, lower = [], []
+    for start, stop in edges.tolist():
+        part = slice(start, stop)
+        is_band = bool((low[part] < high[part]).any())
+        ahead = _points(times[part], high[part], x, y)
+        if is_band:
+            back = _points(times[part], low[part], x, y)[::-1]
+            lower.append(f"M{'L'.join([*ahead, *back])}Z")
+        else:
+            upper.append(f"M{'L'.join(ahead)}" + ("h1" if len(ahead) == 1 else ""))
+    return [
+        f'<path class="k {name}" d="{"".join(pieces)}"/>'
+        for name, pieces in ((colour, upper), (f"{colour} b", lower))
+        if pieces
+    ]
+
+
+def _points(times: Floats, values: Floats, x: Axis, y: Axis) -> list[str]:
+    """Places on a line, without those that lie on a level between two others."""
+    needed = np.ones(len(values), dtype=bool)
+    needed[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
+    shown = np.clip(values[needed], y.low - (y.high - y.low), y.high + (y.high - y.low))
+    across = x.start + (times[needed] - x.low) / (x.high - x.low) * (x.end - x.start)
+    up = y.start + (shown - y.low) / (y.high - y.low) * (y.end - y.start)
+    return [f"{_n(a)} {_n(b)}" for a, b in zip(across.tolist(), up.tolist(), strict=True)]
+
+
+def _level(level: Level, x: Axis, y: Axis) -> list[str]:
+    kind = "trigger" if level.is_trigger else "limit"
+    # At the right end what decides, at the left one what opens the window: neither covers the other.
+    place, anchor = (x.start + 6, "start") if level.is_trigger else (x.end - 4, "end")
+    if not y.inside(level.value):
+        is_above = level.value > y.high
+        edge = y.end + 12 if is_above else y.start - 5
+        return [_words(place, edge, f"{'↑' if is_above else '↓'} {level.label}", anchor, kind)]
+    up = y.at(level.value)
+    over = up - 4 if up - y.end > 14 else up + 12
+    line = f'<path class="{kind}" d="M{_n(x.start)} {_n(up)}H{_n(x.end)}"/>'
+    return [line, _words(place, over, level.label, anchor, kind)]
+
+
+def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
+    if not x.inside(margin.time):
+        return []
+    ends = [min(max(value, y.low), y.high) for value in (margin.limit, margin.value)]
+    across, first, last = x.at(margin.time), y.at(ends[0]), y.at(ends[1])
+    is_left = across > x.start + 0.6 * (x.end - x.start)
+    middle = (first + last) / 2 + 3.5
+    found = [f'<circle class="dot" cx="{_n(across)}" cy="{_n(last)}" r="3"/>']
+    if abs(first - last) > 1.0:
+        found.append(f'<path class="margin" d="M{_n(across)} {_n(first)}V{_n(last)}"/>')
+        found.append(f'<path class="margin" d="M{_n(across - 4)} {_n(first)}h8"/>')
+    else:
+        middle = last + 16 if last - y.end < 30 else last - 7
+    if margin.stretch is not None:
+        begin, end = (x.at(min(max(each, x.low), x.high)) for each in margin.stretch)
+        found.append(f'<path class="margin" d="M{_n(begin)} {_n(first - 4)}v8v-4H{_n(end)}v-4v8"/>')
+    side, anchor = (across - 8, "end") if is_left else (across + 8, "start")
+    return [*found, _words(side, middle, margin.label, anchor)]
+
+
+def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
+    """The window's shade, and its two ends with their times; an arrow where one is beyond the picture."""
+    if picture.window is None:
+        return []
+    begin, end = picture.window
+    first, last = (x.at(min(max(each, x.low), x.high)) for each in picture.window)
+    found = [
+        f'<rect class="window" x="{_n(first)}" y="{_n(top)}" width="{_n(max(last - first, 1.0))}" '
+        f'height="{_n(bottom - top)}"/>'
+    ]
+    opens, ends = f"{picture.opened} {_seconds(begin)}", f"window ends {_seconds(end)}"
+    if x.inside(begin):
+        found.append(f'<path class="edge" d="M{_n(first)} {_n(top)}V{_n(bottom)}"/>')
+    elif begin < x.low - _TICK:
+        opens = f"← {opens}"
+    if x.inside(end):
+        found.append(f'<path class="edge" d="M{_n(last)} {_n(top)}V{_n(bottom)}"/>')
+    elif end > x.high + _TICK:
+        ends = f"{ends} →"
+    anchors = ["start", "end"]
+    if last - first < _LETTER * (len(opens) + len(ends)) + 20:  # no room for both between the ends
+        if last + _LETTER * len(ends) < _WIDTH:
+            anchors = ["end" if first - _LETTER * len(opens) > 0 else "start", "start"]
+            last += 4 if anchors[0] == "end" else max(0.0, first + _LETTER * len(opens) + 12 - last)
+        else:
+            anchors, first = ["end", "end"], min(first, last - _LETTER * len(ends) - 12)
+    return [
+        *found,
+        _words(first, 12, opens, anchors[0], "soft"),
+        _words(last, 12, ends, anchors[1], "soft"),
+    ]
+
+
+def _decided(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
+    if picture.decided is None or not x.inside(picture.decided[0]):
+        return []
+    time, said = picture.decided
+    across = x.at(time)
+    words = f"{said} {_seconds(time)}"
+    half = 0.5 * _LETTER * len(words)
+    place = min(max(across, x.start + half), x.end - half)
+    return [
+        f'<path class="decided" d="M{_n(across)} {_n(top)}V{_n(bottom)}"/>',
+        _words(place, 28, words, "middle"),
+    ]
+
+
+def _seconds(time: float) -> str:
+    return f"{time:.6f}".rstrip("0").rstrip(".") + " s"
+
+
+def _words(across: float, down: float, said: str, anchor: str, kind: str = "") -> str:
+    name = f' class="{kind}"' if kind else ""
+    return (
+        f'<text{name} x="{_n(across)}" y="{_n(down)}" text-anchor="{anchor}">'
+        f"{text(clean(said, 120))}</text>"
+    )
+
+
+def _n(value: float) -> str:
+    """A coordinate: a tenth of a pixel is enough."""
+    return f"{value:.1f}".removesuffix(".0")

@@ -1,0 +1,61 @@
+"""Which force limits a suite judged by, and where they are from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from liftgate_hil.codec.watch import signal_unit
+from liftgate_hil.conditions import parsed
+from liftgate_hil.judging.comparisons import comparisons_of
+from liftgate_hil.report.page import section, table, text
+from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
+from liftgate_hil.testing.suite import Outcome
+
+_FORCES = ("pinch_force_n", "pinch_force_peak_n")
+_TIMED = "pinch_over_limit_s"  # over the vehicle's [gate] pinch_limit
+_ON_BUS = ("pinch_force", "pinch_force_max", "pinch_force_peak")
+_MOST_USERS = 4  # that are named
+
+
+def limits_section(outcomes: Sequence[Outcome]) -> str:
+    """The limits on pinch forces; nothing where there are none."""
+    users: dict[float, list[str]] = {}
+    for outcome in outcomes:
+        for force, name in _limits_of(outcome):
+            users.setdefault(force, []).append(f"{outcome.case.file}: {name}")
+    rows = [
+        (f"{force:g} N", ORIGINS.get(force, OWN_LIMIT), _named(users[force]))
+        for force in sorted(users)
+    ]
+    if not rows:
+        return ""
+    return section(
+        "Force limits",
+        f"<p>{text(BORROWED)}</p>",
+        table(("limit", "where it is from", "judged by it"), rows, ("n", "", "name")),
+    )
+
+
+def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
+    """The numbers that a scenario's expectations hold pinch forces against, with the names of these."""
+    parts = outcome.case.parts
+    rig, scenario = parts.rig, parts.setup.scenario
+    on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
+    for each in scenario.expectations:
+        condition = parsed(
+            each.condition, scenario.parameters, lambda name: signal_unit(rig.messages, name)
+        )
+        for comparison in comparisons_of(condition):
+            limit = comparison.limit
+            if _TIMED in (*comparison.left.names(), *comparison.right.names()):
+                yield parts.setup.vehicle.gate.pinch_limit, f"{each.name} (how long it is passed)"
+            if limit is None or limit[0].unit != "N":
+                continue
+            if set(limit[0].names()) & {*_FORCES, *on_bus}:
+                yield limit[2], each.name
+
+
+def _named(users: Sequence[str]) -> str:
+    found = list(dict.fromkeys(users))
+    rest = len(found) - _MOST_USERS
+    return ", ".join(found[:_MOST_USERS]) + (f" and {rest} more" if rest > 0 else "")

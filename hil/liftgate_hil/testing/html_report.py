@@ -1,0 +1,280 @@
+"""A suite's outcomes for people: one page with verdicts, requirements, and a picture of each expectation.
+
+The page holds no more than so many bytes of pictures, and takes them as the scenarios end: what passes has a share
+of its own, so that many passes leave room for what fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict, worst
+from liftgate_hil.report.page import Markup, alert, page, pairs, section, table, text
+from liftgate_hil.report.provenance import Provenance
+from liftgate_hil.report.trace_plot import STYLE as TRACE_STYLE
+from liftgate_hil.testing.force_limits import limits_section
+from liftgate_hil.testing.mutants_section import mutants_section
+from liftgate_hil.testing.mutation import Matrix
+from liftgate_hil.testing.picture import expectation_svgs, left_out, margin_text
+from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
+from liftgate_hil.testing.suite import Outcome, counts_of, verdict_of
+
+MOST_PASSED, MOST_OTHERS = 8_000_000, 16_000_000  # bytes of pictures
+NO_REQUIREMENT = "none"
+
+_STYLE = """
+:root { --pass: #00704f; --fail: #b3261e; --unsure: #8a5a00; }
+@media (prefers-color-scheme: dark) { :root { --pass: #2fc79c; --fail: #ff8a80; --unsure: #f2bd5b; } }
+@media print { :root { --pass: #00704f; --fail: #b3261e; --unsure: #8a5a00; } }
+.v { font-weight: 700; border: 1.5px solid currentColor; border-radius: .3rem; padding: 0 .4rem; font-size: .85em;
+  white-space: nowrap; }
+.pass { color: var(--pass); } .fail, .error { color: var(--fail); } .inconclusive { color: var(--unsure); }
+.error { border-style: double; border-width: 3px; } h1 .v { font-size: .8em; vertical-align: .08em; }
+a { color: var(--final); text-decoration-thickness: 1px; text-underline-offset: 2px; }
+code { font: .9em ui-monospace, monospace; overflow-wrap: anywhere; }
+td { overflow-wrap: anywhere; } td.n { overflow-wrap: normal; }
+section.scenario { border-top: 2px solid var(--grid); margin-top: 2rem; padding-top: .2rem;
+  content-visibility: auto; contain-intrinsic-size: auto 60rem; }
+section.scenario h3 { font-size: 1.1rem; margin: .8rem 0 .2rem; }
+details { border: 1px solid var(--grid); border-radius: .4rem; padding: .35rem .8rem; margin: .7rem 0; }
+summary { cursor: pointer; overflow-wrap: anywhere; } summary b { font-weight: 600; }
+summary .soft { color: var(--soft); } details figure { margin: .6rem 0 .3rem; }
+@media print { details { break-inside: avoid; } section.scenario { content-visibility: visible; }
+  details::details-content { content-visibility: visible; height: auto; }
+  a { color: inherit; text-decoration: none; } section.scenario h3 { break-after: avoid; } }
+"""
+
+
+class SuiteReport:
+    """Collects pictures while a suite runs, and makes the page at its end."""
+
+    def __init__(self) -> None:
+        self._figures: dict[tuple[str, str], str] = {}
+        self._left = {True: MOST_PASSED, False: MOST_OTHERS}
+
+    def take(self, outcome: Outcome) -> Outcome:
+        """Draw what an outcome shows; the outcome without what is needed for that alone."""
+        result = outcome.result
+        if result is None:
+            return outcome
+        rig = outcome.case.parts.rig
+        expectations = outcome.case.parts.setup.scenario.expectations
+        for expectation, verdict in zip(expectations, outcome.expectations, strict=True):
+            sketch = result.sketches.get(expectation.name)
+            is_pass = verdict.verdict == PASS
+            if sketch is None or self._left[is_pass] <= 0:
+                continue
+            names = value_names(rig)
+            drawn = expectation_svgs(expectation, verdict, sketch, names)
+            found = figures_of(drawn, verdict, sketch, left_out(sketch, names))
+            self._left[is_pass] -= len(found.encode())
+            if self._left[is_pass] > 0:
+                self._figures[outcome.case.file, expectation.name] = found
+        return replace(outcome, result=replace(result, sketches={}))
+
+    def html(
+        self,
+        outcomes: Sequence[Outcome],
+        provenance: Provenance,
+        matrix: Matrix | None = None,
+    ) -> str:
+        """The page; `matrix` where the scenarios were tested themselves."""
+        verdict = verdict_of(outcomes)
+        return page(
+            f"Test report: {verdict}",
+            f"{_many(len(outcomes), 'scenario')}, liftgate-hil "
+            f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
+            [
+                _summary(outcomes, provenance),
+                section("What does not pass", _not_passed(outcomes)),
+                section("Requirements", _matrix(outcomes)),
+                limits_section(outcomes),
+                mutants_section(matrix) if matrix is not None else "",
+                section(
+                    "Scenarios",
+                    self._note(outcomes),
+                    *(
+                        scenario_section(place, each, self._figures)
+                        for place, each in enumerate(outcomes)
+                    ),
+                ),
+                section("Provenance", _origin(outcomes, provenance)),
+            ],
+            TRACE_STYLE + _STYLE,
+        )
+
+    def _note(self, outcomes: Sequence[Outcome]) -> str:
+        ran = sum(len(each.expectations) for each in outcomes if each.result is not None)
+        lacking = ran - len(self._figures)
+        note = "Pictures of what passes are folded: a click on the line opens them."
+        if lacking > 0 and min(self._left.values()) <= 0:
+            most = (MOST_PASSED + MOST_OTHERS) / 1e6
+            note += (
+                f" To keep the page small, pictures take {most:.0f} MB at most: "
+                f"{lacking} expectations have none."
+            )
+        return f'<p class="soft">{text(note)}</p>'
+
+
+def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
+    counts = counts_of(outcomes)
+    total = sum(counts[name] for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
+    told = ", ".join(f"{counts[name]} {name}" for name in (PASS, FAIL, INCONCLUSIVE, ERROR))
+    scenarios = [each.verdict for each in outcomes]
+    by_scenario = ", ".join(
+        f"{scenarios.count(name)} {name}"
+        for name in (PASS, FAIL, INCONCLUSIVE, ERROR)
+        if name in scenarios
+    )
+    setups = [each.case.parts.setup for each in outcomes]
+    rows = [
+        ("verdict", badge(verdict_of(outcomes))),
+        ("expectations", f"{total}: {told}"),
+        ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
+        ("scenarios", f"{len(outcomes)}: {by_scenario}"),
+        ("folder", str(_folder(outcomes))),
+        ("ECU", _each(_ecu_name(outcome) for outcome in outcomes)),
+        ("vehicle", _each(each.vehicle_name for each in setups)),
+        ("rig", _each(Path(each.case.parts.rig.source).name for each in outcomes)),
+        ("seed", _each(str(each.seed) for each in setups)),
+        ("clock", _each(outcome.case.job.options.clock for outcome in outcomes)),
+        ("timing", _timing(outcomes)),
+        ("command line", Markup(f"<code>{text(provenance.command_line)}</code>")),
+        ("date", provenance.date),
+        ("machine", f"{provenance.platform}, {provenance.libc}, {provenance.processor}"),
+        ("versions", ", ".join(f"{name} {each}" for name, each in provenance.versions.items())),
+    ]
+    stopped = [each for each in outcomes if each.reason.startswith("stopped")]
+    warning = f"Incomplete: it was stopped, and {_many(len(stopped), 'scenario')} did not end."
+    return alert([warning] if stopped else []) + pairs(rows)
+
+
+def _ecu_name(outcome: Outcome) -> str:
+    ecu = outcome.case.job.ecu
+    return ecu if isinstance(ecu, str) else type(ecu).__name__
+
+
+def _each(values: Iterable[str], most: int = 5) -> str:
+    """What there is, each once."""
+    found = list(dict.fromkeys(values))
+    more = f" and {len(found) - most} more: see the scenarios" if len(found) > most else ""
+    return ", ".join(found[:most]) + more
+
+
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _timing(outcomes: Sequence[Outcome]) -> str:
+    """Whether the bench itself kept time."""
+    summaries = [
+        each.result.summary
+        for each in outcomes
+        if each.result is not None and each.result.summary.clock == "realtime"
+    ]
+    if not summaries:
+        return "model time: there is no clock that the bench could have been late by"
+    missed = sum(each.overruns for each in summaries)
+    dropped = sum(each.link.dropped for each in summaries)
+    late = [each.timing.lateness.max_us for each in summaries if each.timing.lateness.count]
+    said = f"{missed} ticks missed, {dropped} received frames dropped"
+    if late:
+        said += f", latest tick {max(late):.1f} µs late"
+    kept = "kept time" if not missed and not dropped else "was late: see the scenarios"
+    return f"the bench {kept}; {said}"
+
+
+def _not_passed(outcomes: Sequence[Outcome]) -> str:
+    names = _short_names(outcomes)
+    rows = [
+        (
+            badge(verdict.verdict),
+            _link(place, names[place]),
+            _link(place, verdict.name, number),
+            margin_text(verdict),
+            verdict.reason,
+        )
+        for place, number, outcome, _, verdict in _all(outcomes)
+        if verdict.verdict != PASS
+    ]
+    heads = ("verdict", "scenario", "expectation", "margin", "reason")
+    return table(heads, rows, ("n", "name", "name", "n", "soft"))
+
+
+def _matrix(outcomes: Sequence[Outcome]) -> str:
+    """Requirement, scenario, expectation, verdict; what has no requirement comes last."""
+    names = _short_names(outcomes)
+    found: dict[str, list[tuple[int, int, Verdict]]] = {}
+    without = []
+    for place, number, outcome, _, verdict in _all(outcomes):
+        row = (place, number, verdict)
+        requirements = outcome.case.parts.setup.scenario.requirement
+        for each in requirements:
+            found.setdefault(each, []).append(row)
+        if not requirements:
+            without.append(row)
+    groups = [*found.items(), *([(NO_REQUIREMENT, without)] if without else [])]
+    rows = []
+    for name, members in groups:
+        whole, seen = worst(verdict.verdict for *_, verdict in members), -1
+        for k, (place, number, verdict) in enumerate(members):
+            rows.append(
+                (
+                    Markup(f"{badge(whole)} {text(name)}") if not k else "",
+                    _link(place, names[place]) if place != seen else "",
+                    _link(place, verdict.name, number),
+                    badge(verdict.verdict),
+                    margin_text(verdict),
+                )
+            )
+            seen = place
+    heads = ("requirement", "scenario", "expectation", "verdict", "margin")
+    return table(heads, rows, ("name", "name", "name", "n", "r"))
+
+
+def _folder(outcomes: Sequence[Outcome]) -> Path:
+    """The folder that all scenarios are in."""
+    folders = [Path(each.case.file).parent.parts for each in outcomes]
+    shared = [names[0] for names in zip(*folders, strict=False) if len(set(names)) == 1]
+    differs = [len(set(names)) > 1 for names in zip(*folders, strict=False)]
+    return Path(*shared[: differs.index(True)] if True in differs else shared)
+
+
+def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
+    """The scenarios' files without that folder."""
+    folder = _folder(outcomes)
+    return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
+
+
+def _all(
+    outcomes: Sequence[Outcome],
+) -> Iterable[tuple[int, int, Outcome, Expectation, Verdict]]:
+    for place, outcome in enumerate(outcomes):
+        expectations = outcome.case.parts.setup.scenario.expectations
+        pairs = zip(expectations, outcome.expectations, strict=True)
+        for number, (expectation, verdict) in enumerate(pairs):
+            yield place, number, outcome, expectation, verdict
+
+
+def _link(place: int, said: str, number: int | None = None) -> Markup:
+    target = f"s{place + 1}" + ("" if number is None else f"e{number + 1}")
+    return Markup(f'<a href="#{target}">{text(said)}</a>')
+
+
+def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
+    """All files that went in, each once, with the digests of their contents."""
+    found: Mapping[tuple[str, str], str] = {
+        (each.path, each.sha256): name
+        for outcome in outcomes
+        for name, each in outcome.case.parts.sources.items()
+    }
+    rows = [(name, path, digest) for (path, digest), name in found.items()]
+    features = f"processor features: {provenance.processor_features}"
+    return (
+        table(("source", "file", "SHA-256"), rows, ("n", "", ""))
+        + f'<details><summary class="soft">machine code was made for</summary>'
+        f"<p>{text(features)}</p></details>"
+    )

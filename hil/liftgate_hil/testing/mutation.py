@@ -1,0 +1,127 @@
+"""Who tests the tests: scenarios against mutants of the reference ECU, and what that says of the scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
+from liftgate_hil.judging.verdict import ERROR, FAIL, PASS
+from liftgate_hil.testing.suite import Case, Outcome, run_suite
+
+SOUND = ""  # in place of a mutant's name: the reference ECU itself
+
+
+@dataclass
+class Matrix:
+    """Which scenario kills which mutant: one of its expectations passes with the sound ECU, and fails with the
+    mutant. What is inconclusive kills nothing.
+    """
+
+    cases: Sequence[Case]
+    verdicts: dict[tuple[str, str, str], str] = field(
+        default_factory=dict
+    )  # mutant, file, expectation
+
+    def add(self, mutant: str, outcome: Outcome) -> None:
+        """What came of a scenario with a mutant."""
+        for each in outcome.expectations:
+            self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
+
+    def expectations(self, case: Case) -> list[str]:
+        """Those of a scenario that the sound ECU passes."""
+        names = [each.name for each in case.parts.setup.scenario.expectations]
+        return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
+
+    def kills(self, mutant: str) -> list[tuple[str, str]]:
+        """The expectations that a mutant fails, as pairs of file and name."""
+        return [
+            (case.file, name)
+            for case in self.cases
+            for name in self.expectations(case)
+            if self.verdicts.get((mutant, case.file, name)) in (FAIL, ERROR)
+        ]
+
+    @property
+    def killed(self) -> list[str]:
+        """The mutants that at least one scenario kills."""
+        return [name for name in MUTANTS if self.kills(name)]
+
+    @property
+    def alive(self) -> list[str]:
+        """Those that none does."""
+        return [name for name in MUTANTS if not self.kills(name)]
+
+    @property
+    def prove_nothing(self) -> list[tuple[str, str]]:
+        """The expectations that hold with every mutant, and with no ECU at all, as pairs of file and name."""
+        everybody = (*MUTANTS, NO_ECU)
+        return [
+            (case.file, name)
+            for case in self.cases
+            for name in self.expectations(case)
+            if all(self.verdicts.get((each, case.file, name)) == PASS for each in everybody)
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "score": len(self.killed) / len(MUTANTS),
+            "mutants": [
+                {
+                    "name": each.name,
+                    "meaning": each.meaning,
+                    "killed_by": [
+                        {"file": file, "expectation": name} for file, name in self.kills(each.name)
+                    ],
+                }
+                for each in MUTANTS.values()
+            ],
+            "prove_nothing": [
+                {"file": file, "expectation": name} for file, name in self.prove_nothing
+            ],
+        }
+
+    def lines(self) -> Iterator[str]:
+        """For people: each mutant with the scenarios that kill it, and what is to be done about the rest."""
+        width = max(map(len, MUTANTS))
+        for mutant in MUTANTS.values():
+            files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
+            more = f" and {len(files) - 3} more" if len(files) > 3 else ""
+            by = f"{', '.join(files[:3])}{more}" if files else f"ALIVE: {mutant.meaning}"
+            yield f"{mutant.name:<{width}}  {by}"
+        yield f"{len(self.killed)} of {len(MUTANTS)} mutants killed"
+        for file, name in self.prove_nothing:
+            yield f"proves nothing: {file}: {name} (holds with every mutant, and with no ECU)"
+
+
+def mutate(
+    sound: Sequence[Outcome],
+    jobs: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
+    tell: Callable[[int, int], None] = lambda done, count: None,
+) -> Matrix:
+    """Run scenarios with every mutant, and with no ECU; `sound` is what came of them without. `tell` hears how
+    many of how many runs are done.
+    """
+    cases = [_bare(outcome.case) for outcome in sound]
+    matrix = Matrix(cases)
+    for outcome in sound:
+        matrix.add(SOUND, outcome)
+    names = (*MUTANTS, NO_ECU)
+    done, count = 0, len(names) * len(cases)
+    for mutant in names:
+        mutated = [replace(case, job=replace(case.job, mutant=mutant)) for case in cases]
+        for outcome in run_suite(mutated, jobs, stopped):
+            matrix.add(mutant, outcome)
+            done += 1
+            tell(done, count)
+    return matrix
+
+
+def _bare(case: Case) -> Case:
+    """A case that leaves nothing but its verdicts."""
+    options = replace(case.job.options, records=())
+    job = replace(case.job, is_sketched=False, options=options)
+    return replace(case, job=job, parts=replace(case.parts, options=options))

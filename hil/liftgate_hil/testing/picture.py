@@ -1,0 +1,189 @@
+"""The picture of an expectation: what its condition and its trigger compare, the window, the margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+
+from liftgate_hil.judging.comparisons import Comparison, Side
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.sketch import Curve, Sketch, View
+from liftgate_hil.judging.verdict import FAIL, PASS, Verdict
+from liftgate_hil.report.trace_plot import Level, Line, Margin, Panel, Picture, trace_svg
+
+MOST_PANELS = 6
+_CLOSE = 3.0  # times as long: then the margin has a picture of its own
+Names = Callable[[str], Mapping[float, str]]  # of the values of a column or a signal
+
+
+def expectation_svgs(
+    expectation: Expectation, verdict: Verdict, sketch: Sketch, names: Names
+) -> list[str]:
+    """The pictures, for a page: around the window, and around the margin where that is too small in the first."""
+    views = [sketch.view]
+    if sketch.near is not None and _span(sketch.view) > _CLOSE * _span(sketch.near):
+        views.append(sketch.near)
+    found = []
+    for place, view in enumerate(views):
+        panels = _panels(sketch, view, names)[:MOST_PANELS]
+        if not panels or not len(view.times):
+            continue
+        for panel in panels:
+            panel.margin = _margin_on(panel, expectation, verdict, sketch, view)
+        if place:
+            panels = [panel for panel in panels if panel.margin is not None and _moves(panel)]
+        opened = "triggered" if isinstance(expectation.after, str) else "window opens"
+        instant = decided(expectation, verdict)
+        picture = Picture(view.times, panels, verdict.window_s, opened, instant)
+        if panels:
+            found.append(trace_svg(picture, f"{expectation.name}: {verdict.verdict}"))
+    return found
+
+
+def left_out(sketch: Sketch, names: Names) -> int:
+    """How many curves the picture has no room for."""
+    rest = _panels(sketch, sketch.view, names)[MOST_PANELS:]
+    return sketch.left_out + sum(len(panel.lines) for panel in rest)
+
+
+def _moves(panel: Panel) -> bool:
+    """Whether there is anything to look at closely."""
+    return any(bool(np.nanmin(line.low) < np.nanmax(line.high)) for line in panel.lines)
+
+
+def _span(view: View) -> float:
+    return float(view.times[-1] - view.times[0]) if len(view.times) else 0.0
+
+
+def margin_text(verdict: Verdict) -> str:
+    """The margin with its unit; a dash where there is none."""
+    if verdict.margin is None or not math.isfinite(verdict.margin):
+        return "—"
+    return f"{verdict.margin:.4g} {verdict.margin_unit}".rstrip()
+
+
+def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:
+    """The deciding instant [s], and what it is called."""
+    if verdict.time_s is None or not math.isfinite(verdict.time_s):
+        return None
+    is_always = expectation.kind != "eventually"
+    if verdict.verdict == PASS:
+        return verdict.time_s, "closest" if is_always else "fulfilled"
+    if verdict.verdict == FAIL:
+        return verdict.time_s, "violated" if is_always else "closest"
+    return None
+
+
+def _panels(sketch: Sketch, view: View, names: Names) -> list[Panel]:
+    """A panel a comparison, those of the same side together; below them what calculated sides consist of."""
+    curves = {each.side.text: each for each in view.curves}
+    panels: dict[str, Panel] = {}
+    drawn = set()
+    for comparison, is_trigger in _all(sketch):
+        sides = [side for side in (comparison.left, comparison.right) if side.text in curves]
+        if not sides:
+            continue
+        panel = _panel_with(panels, sides[0], names)
+        for side in sides:
+            _draw(panel, curves[side.text])
+            drawn.add(side.text)
+        limit = comparison.limit
+        if limit is not None:
+            level = _level(limit[1], limit[2], comparison, is_trigger, panel)
+            if level not in panel.levels:
+                panel.levels.append(level)
+    parts: dict[str, Panel] = {}
+    for curve in view.curves:
+        if curve.side.text not in drawn:
+            unit = curve.side.unit
+            _draw(parts.setdefault(unit, Panel(curve.side.text, unit)), curve)
+    found = [*panels.values(), *parts.values()]
+    # Time over time says nothing, but for what stands beside it.
+    return [each for each in found if each.title != "time_s"] or found
+
+
+def _all(sketch: Sketch) -> Iterable[tuple[Comparison, bool]]:
+    yield from ((each, False) for each in sketch.condition)
+    yield from ((each, True) for each in sketch.opener)
+
+
+def _panel_with(panels: dict[str, Panel], side: Side, names: Names) -> Panel:
+    if side.text not in panels:
+        own = side.names()
+        named = names(own[0]) if len(side.ops) == 1 else {}
+        panels[side.text] = Panel(side.text, side.unit, names=named)
+    return panels[side.text]
+
+
+def _draw(panel: Panel, curve: Curve) -> None:
+    if all(line.label != curve.side.text for line in panel.lines):
+        panel.lines.append(Line(curve.side.text, curve.low, curve.high))
+
+
+def _level(
+    sign: str, value: float, comparison: Comparison, is_trigger: bool, panel: Panel
+) -> Level:
+    unit = f" {comparison.left.unit}" if comparison.left.unit else ""
+    named = panel.names.get(value)
+    said = f"{sign} {value:.6g}{unit}" + (f" ({named})" if named else "")
+    return Level(value, f"trigger: {said}" if is_trigger else said, is_trigger)
+
+
+def _margin_on(
+    panel: Panel, expectation: Expectation, verdict: Verdict, sketch: Sketch, view: View
+) -> Margin | None:
+    """The margin between the signal and its limit, or between two signals, where it belongs to this panel."""
+    decider = next((each for each in sketch.condition if each.text == verdict.decided_by), None)
+    if decider is None or verdict.margin is None or verdict.margin_time_s is None:
+        return None
+    labels = [line.label for line in panel.lines]
+    side = decider.left if decider.left.constant is None else decider.right
+    if side.text != panel.title or not math.isfinite(verdict.margin):
+        return None
+    # The smallest margin of a stretch: somewhere in it.
+    first, last = (
+        int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
+        for time in (verdict.margin_time_s - expectation.hold, verdict.margin_time_s)
+    )
+    bins = slice(max(first, 0), max(last, 0) + 1)
+    label = f"margin {margin_text(verdict)}"
+    stretch = None
+    if expectation.hold:
+        stretch = verdict.margin_time_s - expectation.hold, verdict.margin_time_s
+    line = panel.lines[labels.index(side.text)]
+    limit = decider.limit
+    if limit is not None:
+        reach = abs(verdict.margin)
+        found = [
+            (_distance(line, bins, value), value) for value in (limit[2] - reach, limit[2] + reach)
+        ]
+        (_, place), value = min(found)
+        return Margin(_time_of(view, bins, place, verdict), limit[2], value, label, stretch)
+    other = decider.right.text
+    if other not in labels:
+        return None
+    ends = [_middle(panel.lines[labels.index(each)], bins) for each in (other, side.text)]
+    return Margin(verdict.margin_time_s, ends[0], ends[1], label, stretch)
+
+
+def _distance(line: Line, bins: slice, value: float) -> tuple[float, int]:
+    """How far from a value the nearest bin is, and which that is."""
+    low, high = line.low[bins], line.high[bins]
+    away = np.maximum(np.maximum(low - value, value - high), 0.0)
+    if not np.isfinite(away).any():
+        return math.inf, 0
+    place = int(np.nanargmin(away))
+    return float(away[place]), place
+
+
+def _time_of(view: View, bins: slice, place: int, verdict: Verdict) -> float:
+    assert verdict.margin_time_s is not None
+    if bins.stop - bins.start == 1:
+        return verdict.margin_time_s
+    return float(view.times[bins][place])
+
+
+def _middle(line: Line, bins: slice) -> float:
+    return float(0.5 * (line.low[bins][-1] + line.high[bins][-1]))

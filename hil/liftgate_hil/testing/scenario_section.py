@@ -1,0 +1,156 @@
+"""One scenario in a report: what happened, what was expected, what came of it, with pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.sketch import Sketch
+from liftgate_hil.judging.verdict import PASS, Verdict
+from liftgate_hil.report.page import Markup, alert, bullets, pairs, text
+from liftgate_hil.signals import COLUMNS
+from liftgate_hil.testing.picture import Names, decided, margin_text
+from liftgate_hil.testing.suite import Outcome
+from liftgate_hil.testing.words import formula, happenings, window_words
+
+_MOST_HAPPENINGS = 60
+
+
+def badge(verdict: str) -> Markup:
+    """A verdict that catches the eye."""
+    return Markup(f'<span class="v {text(verdict)}">{text(verdict)}</span>')
+
+
+def value_names(rig: Rig) -> Names:
+    """The names of the values of enumerations, on the bus and in the columns."""
+
+    def found(name: str) -> Mapping[float, str]:
+        if name in COLUMNS:
+            return {float(k): said for k, said in enumerate(COLUMNS[name].values)}
+        message, _, signal = name.partition(".")
+        if message not in rig.messages:
+            return {}
+        own = next((each for each in rig.messages[message].signals if each.name == signal), None)
+        choices = own.choices if own is not None else None
+        return {float(value): str(said) for value, said in (choices or {}).items()}
+
+    return found
+
+
+def figures_of(drawings: Sequence[str], verdict: Verdict, sketch: Sketch, left_out: int) -> str:
+    """Pictures with what is to be known of them: around the window, around the margin."""
+    found = []
+    for drawing, view in zip(drawings, (sketch.view, sketch.near), strict=False):
+        notes = []
+        if view is sketch.near:
+            notes.append("Around the margin.")
+        elif verdict.window_s is None:
+            notes.append("All of the run: the window never opened.")
+        if view is not None and view.ticks > 1:
+            each = f"{1e3 * view.bin_s:g} ms"
+            notes.append(f"Smallest and largest value of each {each}; extremes are exact.")
+        if left_out and view is sketch.view:
+            notes.append(f"{left_out} more signals are not drawn.")
+        caption = f"<figcaption>{text(' '.join(notes))}</figcaption>\n" if notes else ""
+        found.append(f"<figure>\n{drawing}{caption}</figure>")
+    return "\n".join(found)
+
+
+def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
+    """A scenario; `figures` are those of expectations, by file and name."""
+    scenario = outcome.case.parts.setup.scenario
+    happened = happenings(scenario)
+    rest = len(happened) - _MOST_HAPPENINGS
+    told = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
+    parts = [
+        f'<section class="scenario" id="s{place + 1}">',
+        f"<h3>{badge(outcome.verdict)} {text(outcome.case.file)}</h3>",
+        f"<p>{text(' '.join(str(scenario.description).split()))}</p>"
+        if scenario.description
+        else "",
+        alert([outcome.reason] if outcome.reason else []),
+        pairs(_facts(outcome)),
+        f"<h4>What happens</h4>\n{bullets(told)}" if told else "",
+        "<h4>What is expected</h4>",
+        *(
+            _expectation(f"s{place + 1}e{k + 1}", each, verdict, figures, outcome.case.file)
+            for k, (each, verdict) in enumerate(
+                zip(scenario.expectations, outcome.expectations, strict=True)
+            )
+        ),
+        "</section>",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
+    setup, result, job = outcome.case.parts.setup, outcome.result, outcome.case.job
+    scenario, options = setup.scenario, outcome.case.parts.options
+    parameters = ", ".join(f"{name} = {value:g}" for name, value in scenario.parameters.items())
+    settings = ", ".join(f"{each.key} = {each.value}" for each in scenario.settings)
+    source = outcome.case.parts.sources.get("scenario")
+    rows = [
+        ("requirement", ", ".join(scenario.requirement) or "none"),
+        ("parameters", parameters),
+        ("set", ", ".join(filter(None, (settings, ", ".join(job.settings))))),
+        ("vehicle", f"{setup.vehicle_name}, starts {_start(outcome)}, seed {setup.seed}"),
+        ("rig", Path(outcome.case.parts.rig.source).name),
+        ("clock", f"{options.clock}, {options.rate:g} Hz"),
+    ]
+    if result is not None:
+        rows.append(("run", "; ".join(result.summary.lines())))
+    if result is not None and result.recording:
+        rows.append(("recordings", ", ".join(map(str, result.recording))))
+    if source is not None:
+        rows.append(("SHA-256", source.sha256))
+    rows.append(("took", f"{outcome.wall_s:.2f} s"))
+    return [row for row in rows if row[1]]
+
+
+def _start(outcome: Outcome) -> str:
+    initial = outcome.case.job.initial
+    initial = outcome.case.parts.setup.scenario.initial if initial is None else initial
+    return initial if isinstance(initial, str) else f"at {initial:g} deg"
+
+
+def _expectation(
+    target: str,
+    expectation: Expectation,
+    verdict: Verdict,
+    figures: Mapping[tuple[str, str], str],
+    file: str,
+) -> str:
+    instant = decided(expectation, verdict)
+    is_sharp = instant is not None and verdict.time_s != verdict.margin_time_s
+    margin = f"margin {margin_text(verdict)}" if verdict.margin is not None else ""
+    rows = [
+        ("formula", Markup(f"<code>{text(formula(expectation))}</code>")),
+        ("window", window_words(expectation, verdict.window_s)),
+        ("margin", _margin(verdict, expectation.hold)),
+        *([(instant[1], f"at {instant[0]:.6g} s")] if instant and is_sharp else []),
+        ("reason", verdict.reason),
+    ]
+    is_open = "" if verdict.verdict == PASS else " open"
+    return "\n".join(
+        [
+            f'<details id="{target}"{is_open}><summary>{badge(verdict.verdict)} '
+            f'<b>{text(expectation.name)}</b> <span class="soft">{text(margin)}</span></summary>',
+            pairs([row for row in rows if row[1]]),
+            figures.get((file, expectation.name), ""),
+            "</details>",
+        ]
+    )
+
+
+def _margin(verdict: Verdict, hold: float) -> str:
+    if verdict.margin is None:
+        return ""
+    said = margin_text(verdict)
+    if verdict.decided_by:
+        said += f" of {verdict.decided_by}"
+    if verdict.margin_time_s is not None:
+        held = f"in the {hold:g} s up to" if hold else "at"
+        said += f", {held} {verdict.margin_time_s:.6g} s"
+    return said

@@ -1,0 +1,116 @@
+"""A scenario in words: what happens, and what is expected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.scenario import Fault, Scenario
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.signals import PROFILES
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
+
+_MOST_POINTS = 8  # of a profile that are written out
+
+
+def happenings(scenario: Scenario) -> list[str]:
+    """Its stimuli and faults, a sentence each."""
+    before = scenario.precondition
+    return [
+        *([f"before time 0: {', '.join(before)}, each gone through to its end"] if before else []),
+        *(f"{_when(each.when)}: {_asked(each.action)}" for each in scenario.requests),
+        *(_profile(name, each) for name, each in scenario.stimuli.profiles.items()),
+        *(_obstacle(each) for each in scenario.stimuli.obstacles),
+        *(_fault(each) for each in scenario.faults),
+    ]
+
+
+def formula(expectation: Expectation) -> str:
+    """The condition with its kind, as the file says it."""
+    held = f"  for {expectation.hold:g} s without interruption" if expectation.hold else ""
+    return f"{expectation.kind}  {expectation.condition}{held}"
+
+
+def window_words(expectation: Expectation, window: tuple[float, float] | None) -> str:
+    """What opens the window and how long it is; from when to when it was open."""
+    after = expectation.after
+    opener = f"once {after}" if isinstance(after, str) else f"from {after:g} s"
+    length = (
+        f"within {expectation.within:g} s" if math.isfinite(expectation.within) else "to the end"
+    )
+    came = "never opened" if window is None else f"{window[0]:.6g} to {window[1]:.6g} s"
+    return f"{opener}, {length}: {came}"
+
+
+def _when(instant: Instant) -> str:
+    if instant.condition:
+        delay = f"{instant.delay:g} s after " if instant.delay else "once "
+        return f"{delay}{instant.condition}"
+    return f"at {instant.time:g} s"
+
+
+def _span(start: Instant, end: Instant) -> str:
+    begin = "from the start" if not start.condition and not start.time else f"from {_from(start)}"
+    is_open = not end.condition and not math.isfinite(end.time)
+    return begin if is_open else f"{begin} until {_from(end)}"
+
+
+def _from(instant: Instant) -> str:
+    if instant.condition:
+        delay = f"{instant.delay:g} s after " if instant.delay else ""
+        return f"{delay}{instant.condition}"
+    return f"{instant.time:g} s"
+
+
+def _asked(action: str) -> str:
+    return "the ECU is made anew" if action == "reset" else f"{action} is requested"
+
+
+def _profile(name: str, profile: Profile) -> str:
+    unit = PROFILES[name].unit if name in PROFILES else ""
+    points = [
+        f"{value:g}{f' {unit}' if unit else ''} at {time:g} s"
+        for time, value in profile.points[:_MOST_POINTS]
+    ]
+    rest = len(profile.points) - len(points)
+    more = f", and {rest} points more" if rest else ""
+    how = "in straight lines" if profile.is_linear else "held in between"
+    return f"profile of {name}: {', '.join(points)}{more}; {how}"
+
+
+def _obstacle(each: TimedObstacle) -> str:
+    own = each.obstacle
+    parts = [
+        f"{math.degrees(own.angle):g} deg",
+        f"{own.distance:g} m from the hinge",
+        f"{own.stiffness:g} N/m",
+        *([f"{own.damping:g} N s/m"] if own.damping else []),
+        *([f"a gap of {own.gap:g} m"] if own.gap else []),
+        *([f"{own.lateral:g} m beside the middle"] if own.lateral else []),
+    ]
+    way = "closing" if own.direction > 0 else "opening"
+    return f"obstacle at {', '.join(parts)}, met while {way}; {_span(each.start, each.end)}"
+
+
+def _fault(fault: Fault) -> str:
+    kind = FAULT_KINDS.get(fault.kind)
+    meaning = f" ({kind.meaning})" if kind is not None else ""
+    where = f", {fault.where}" if fault.where else ""
+    own = _values(fault.values)
+    again = (
+        f", in the first {100.0 * fault.share:g} % of every {fault.period:g} s"
+        if fault.period
+        else ""
+    )
+    return f"fault {fault.kind}{where}{own}: {_span(fault.start, fault.end)}{again}{meaning}"
+
+
+def _values(values: Mapping[str, object]) -> str:
+    said = [
+        f"{name} = {value:g}" if isinstance(value, int | float) else f"{name} = {value}"
+        for name, value in values.items()
+        if value is not None and not (name == "seed" and not value)
+    ]
+    return f", {', '.join(said)}" if said else ""

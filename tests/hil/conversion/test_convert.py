@@ -1,0 +1,396 @@
+"""Recordings in other formats: every value to the last bit, every frame as it was; else nothing, and why."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import frames_of
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged, no_logged
+from liftgate_hil.conversion.convert import convert
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.recorded import SUFFIXES, open_recorded
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import FORMATS, TABLES, open_recorder
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
+
+pytest.importorskip("asammdf")
+pytest.importorskip("mcap")
+pytest.importorskip("pyarrow")
+pytestmark = pytest.mark.filterwarnings("ignore")  # asammdf's own
+
+LOGS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
+BOTH = [suffix for suffix, each in FORMATS.items() if each.has_frames and each.has_rows]
+EPOCH_NS = 1_700_000_000_123_000_000
+EDGES = [0.0, -0.0, 1.0 / 3.0, 5e-324, -1.7976931348623157e308, 1e22, 0.1 + 0.2, np.nan]
+
+
+def some_rows(count: int = 6_000) -> np.ndarray:
+    random = np.random.default_rng(7)
+    rows = random.normal(size=(count, ROW_WIDTH)) * 10.0 ** random.integers(-9, 9, ROW_WIDTH)
+    rows[: len(EDGES)] = np.array(EDGES)[:count, np.newaxis]
+    for name, each in COLUMNS.items():
+        if each.is_whole:
+            rows[:, COLUMN_PLACE[name]] = np.round(random.normal(size=count) * 1e6) + 0.0
+    rows[:, 0] = 0.001 * np.arange(1, count + 1)
+    return rows
+
+
+def some_frames(kinds: int = 0, count: int = 25_000) -> Any:
+    """Data frames, and where `kinds` says so remote, CAN FD, error frames."""
+    random = np.random.default_rng(3)
+    shapes = [(0x120, 8), (0x7FF, 0), (0x1ABCDEF0 | EXTENDED, 5), (0x5 | EXTENDED, 1)]
+    shapes += [(0x333 | REMOTE, 0), (0x1ABCDEF1 | EXTENDED | REMOTE, 0)] if kinds & REMOTE else []
+    shapes += [(0x121 | FD, 64), (0x122 | FD | EXTENDED, 12)] if kinds & FD else []
+    shapes += [(0x4 | ERROR, 8)] if kinds & ERROR else []
+    chosen = [shapes[k % len(shapes)] for k in range(count)]
+    frames = logged(frames_of([(name, random.bytes(size)) for name, size in chosen]), 0, True)
+    frames["time_ns"] = np.sort(random.integers(1, 40_000_000, count)) * 1000
+    frames["is_sent"] = random.integers(0, 2, count)
+    frames["length"][frames["identifier"] & REMOTE != 0] = 6  # that it asks for
+    return frames
+
+
+def recorded(path: Path, rows: np.ndarray | None = None, frames: Any = None) -> Path:
+    recorder = open_recorder(path, Content(columns_of(2), "can3"))
+    recorder.begin(EPOCH_NS)
+    if rows is not None:
+        recorder.write_rows(rows)
+    if frames is not None:
+        recorder.write_frames(frames)
+    recorder.close()
+    assert recorder.failure == ""
+    return path
+
+
+def rows_in(path: Path) -> np.ndarray:
+    found = open_recorded(path)
+    return np.concatenate(list(found.rows(list(found.signals))))
+
+
+def frames_in(path: Path) -> Any:
+    return np.concatenate([no_logged(), *open_recorded(path).frames()])
+
+
+def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
+    return np.array_equal(one, other, equal_nan=True) and np.array_equal(
+        np.signbit(one), np.signbit(other)
+    )
+
+
+# Round trips.
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(TABLES, 2)))
+def test_a_table_goes_into_every_other_format_and_back_to_the_last_bit(
+    tmp_path: Path, first: str, second: str
+) -> None:
+    rows = some_rows()
+    path = recorded(tmp_path / f"run{first}", rows)
+    for step, suffix in enumerate((second, first)):
+        target = tmp_path / f"step{step}{suffix}"
+        assert convert(path, target).rows == len(rows)
+        path = target
+        found = open_recorded(path)
+        assert list(found.signals) == columns_of(2)
+        assert same_bits(rows_in(path), rows)
+    if first == ".csv":
+        assert path.read_bytes() == (tmp_path / "run.csv").read_bytes()
+
+
+def kinds_of(*suffixes: str) -> int:
+    """What kinds of frames all of these hold."""
+    if ".trc" in suffixes:
+        return 0
+    return REMOTE | FD | (ERROR if set(suffixes) <= {".mf4", ".mcap"} else 0)
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(LOGS, 2)))
+def test_a_bus_log_goes_into_every_other_format_and_back(
+    tmp_path: Path, first: str, second: str
+) -> None:
+    frames = some_frames(kinds_of(first, second), 2_000)
+    path = recorded(tmp_path / f"run{first}", frames=frames)
+    for step, suffix in enumerate((second, first)):
+        target = tmp_path / f"step{step}{suffix}"
+        assert convert(path, target).frames == len(frames)
+        path = target
+    found = frames_in(path)
+    clock = open_recorded(path).start_ns + found["time_ns"]
+    assert np.abs(clock - EPOCH_NS - frames["time_ns"]).max() < 1000  # TRC's beginning is in days
+    assert np.diff(found["time_ns"]).tolist() == np.diff(frames["time_ns"]).tolist()
+    if ".log" not in (first, second):  # whose text does not say when it began
+        assert found["time_ns"].tolist() == frames["time_ns"].tolist()
+    for field in ("identifier", "length", "is_sent", "payload"):
+        assert np.array_equal(found[field], frames[field]), field
+    assert open_recorded(path).channel == "can3"
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(BOTH, 2)))
+def test_what_holds_both_goes_into_what_holds_both(tmp_path: Path, first: str, second: str) -> None:
+    rows, frames = some_rows(21_000), some_frames(kinds_of(first, second))
+    path = recorded(tmp_path / f"run{first}", rows, frames)
+    target = tmp_path / f"out{second}"
+    done = convert(path, target)
+    assert (done.rows, done.frames, done.notes) == (21_000, 25_000, ())
+    assert same_bits(rows_in(target), rows)
+    found = frames_in(target)
+    assert open_recorded(target).start_ns == EPOCH_NS
+    assert np.array_equal(np.sort(found), np.sort(frames))
+
+
+def test_a_part_goes_into_a_format_that_holds_no_more_and_that_is_told(tmp_path: Path) -> None:
+    rows, frames = some_rows(100), some_frames(0, 100)
+    path = recorded(tmp_path / "run.mf4", rows, frames)
+    done = convert(path, tmp_path / "rows.csv")
+    assert done.notes == ("the frames are left out: .csv holds rows alone",)
+    assert same_bits(rows_in(tmp_path / "rows.csv"), rows)
+    done = convert(path, tmp_path / "bus.blf")
+    assert done.notes == (f"{len(columns_of(2))} columns are left out: .blf holds frames alone",)
+    assert np.array_equal(frames_in(tmp_path / "bus.blf"), frames)
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".mf4", ".mcap"])
+def test_a_table_of_somebody_else_keeps_names_and_values(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / "theirs.csv"
+    path.write_text("time_s;Iq [mA];Motor.Speed;n\n0;1.5;-0.0;3\n.5;;2e-3;4\r\n1;7;8;9\n")
+    convert(path, tmp_path / f"out{suffix}")
+    found = open_recorded(tmp_path / f"out{suffix}")
+    assert set(found.signals) == {"time_s", "Iq [mA]", "Motor.Speed", "n"}
+    rows = np.concatenate(list(found.rows(["time_s", "Iq [mA]", "Motor.Speed", "n"])))
+    expected = [[0.0, 1.5, -0.0, 3.0], [0.5, np.nan, 0.002, 4.0], [1.0, 7.0, 8.0, 9.0]]
+    assert same_bits(rows, np.array(expected))
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize(
+    ("kind", "called", "suffixes"),
+    [
+        (ERROR, "an error frame", (".log", ".asc", ".blf", ".trc")),
+        (REMOTE, "a remote frame", (".trc",)),
+        (FD, "a CAN FD frame", (".trc",)),
+    ],
+)
+def test_a_frame_that_would_be_lost_is_told_and_nothing_is_written(
+    tmp_path: Path, kind: int, called: str, suffixes: tuple[str, ...]
+) -> None:
+    path = recorded(tmp_path / "run.mcap", frames=some_frames(kind, 100))
+    for suffix in suffixes:
+        target = tmp_path / f"out{suffix}"
+        target.write_text("before")
+        with pytest.raises(ConfigError, match=f"{called} at .* s, which {suffix} cannot hold"):
+            convert(path, target)
+        assert target.read_text() == "before"
+    assert len(list(tmp_path.iterdir())) == 1 + len(suffixes)
+
+
+def test_a_value_that_would_be_lost_is_told(tmp_path: Path) -> None:
+    head = "time_s,left_current_a,left_hall_count\n"
+    path = tmp_path / "run.csv"
+    for row, said in (
+        ("-1,0,0", "a time below 0"),
+        ("0,inf,0", "an infinite value"),
+        ("0,0,2.5", "a count that is no whole number"),
+    ):
+        path.write_text(f"{head}{row}\n")
+        with pytest.raises(ConfigError, match=said):
+            convert(path, tmp_path / "out.mcap")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_python_can_leaves_out_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    path.write_text("(0.5) can0 120#01 R\n(0.6) can1 120#01 R\n")
+    with pytest.raises(ConfigError, match=r"the frame at 0\.600000 s is of another bus, can1"):
+        convert(path, tmp_path / "out.blf")
+    path.write_text("(0.5) can0 120##101 R\n")
+    with pytest.raises(ConfigError, match="has BRS or ESI set"):
+        convert(path, tmp_path / "out.blf")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_text_that_is_cut_off_is_taken_without_its_last_line(tmp_path: Path) -> None:
+    frames = some_frames(0, 50)
+    for suffix in (".log", ".asc", ".trc"):
+        path = recorded(tmp_path / f"run{suffix}", frames=frames)
+        text = path.read_bytes()
+        path.write_bytes(text[: text.rindex(b" T", 0, len(text) - 30) + 2])
+        done = convert(path, tmp_path / "out.mcap")
+        assert done.notes == ("its last line is cut off, and left out",)
+        assert 40 < done.frames < 50
+    path = recorded(tmp_path / "run.csv", some_rows(10))
+    path.write_bytes(path.read_bytes()[:-3])
+    done = convert(path, tmp_path / "out.mcap")
+    assert (done.rows, done.notes) == (9, ("its last line is cut off, and left out",))
+
+
+def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What the command says; it must refuse."""
+    assert main(["convert", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    lines = [line.removeprefix("liftgate-hil: ") for line in err.splitlines()]
+    assert len(lines) == 1
+    return lines
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_is_none_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    path, out = tmp_path / f"run{suffix}", str(tmp_path / "out.mcap")
+    assert messages_of(str(path), out, capsys=capsys) == [f"{path}: no such file"]
+    path.write_bytes(b"")
+    assert messages_of(str(path), out, capsys=capsys) == [f"{path}: empty; allowed: a recording"]
+    for content in (
+        b"\0\1\2\3" * 50,
+        b"what is this?\nno recording\n",
+        b"PK\3\4" + bytes(range(256)),
+    ):
+        path.write_bytes(content)
+        (said,) = messages_of(str(path), out, capsys=capsys)
+        assert said.startswith(f"{path}: ")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".mf4", ".mcap", ".parquet"])
+def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    form = FORMATS[suffix]
+    rows = some_rows(500) if form.has_rows else None
+    path = recorded(
+        tmp_path / f"run{suffix}", rows, some_frames(0, 5000) if form.has_frames else None
+    )
+    whole = path.read_bytes()
+    for length in (10, len(whole) // 3, len(whole) - 5):
+        path.write_bytes(whole[:length])
+        (said,) = messages_of(str(path), str(tmp_path / "out.mcap"), capsys=capsys)
+        assert said.startswith(f"{path}: ")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(
+    tmp_path: Path, suffix: str
+) -> None:
+    random = np.random.default_rng(5)
+    form = FORMATS[suffix]
+    rows = some_rows(40) if form.has_rows else None
+    path = recorded(
+        tmp_path / f"run{suffix}", rows, some_frames(0, 40) if form.has_frames else None
+    )
+    whole = path.read_bytes()
+    issues: list[str] = []
+    for _ in range(40):
+        content = bytearray(whole)
+        for _ in range(random.integers(1, 4)):
+            at = int(random.integers(0, len(content)))
+            content[at : at + int(random.integers(0, 3))] = random.bytes(int(random.integers(0, 3)))
+        path.write_bytes(content)
+        for target in ("out.mcap", "out.parquet" if form.has_rows else "out.log"):
+            try:
+                convert(path, tmp_path / target)
+            except ConfigError as error:
+                issues += error.issues
+    assert issues
+    assert all(issue.startswith(f"{path}: ") for issue in issues)
+    names = {each.name for each in tmp_path.iterdir()}
+    assert names <= {path.name, "out.mcap", "out.parquet", "out.log"}
+
+
+def test_wrong_arguments_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = str(recorded(tmp_path / "run.csv", some_rows(5)))
+    log = str(recorded(tmp_path / "run.log", frames=some_frames(0, 5)))
+    for arguments, said in (
+        ((table, table), "it is read; allowed: another file"),
+        ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .log"),
+        ((str(tmp_path / "x.xyz"), table), "format '.xyz'; allowed: .csv, .parquet"),
+        ((str(tmp_path), table), "format 'none'"),
+        ((table, str(tmp_path / "no" / "x.csv")), "allowed: one that exists"),
+        ((table, str(tmp_path / "x.blf")), "holds none of the rows of"),
+        ((log, str(tmp_path / "x.csv")), "; or --rig, which decodes them into a table"),
+        ((table, str(tmp_path / "x.mf4"), "--rig", "liftgate"), "--rig liftgate: allowed with a recording that"),
+        ((log, str(tmp_path / "x.blf"), "--rig", "liftgate"), "decodes frames into a table; allowed: OUT of .csv"),
+        ((log, str(tmp_path / "x.csv"), "--rig", "nosuch"), "nosuch"),
+        ((log, str(tmp_path / "x.csv"), "--rig", str(tmp_path / "x.dbc")), "no such file"),
+    ):  # fmt: skip
+        assert said in messages_of(*arguments, capsys=capsys)[0]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_what_was_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = recorded(tmp_path / "run.mf4", some_rows(5), some_frames(0, 7))
+    assert main(["convert", str(path), str(tmp_path / "out.mcap")]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'out.mcap'}: 5 rows, 7 frames\n"
+    assert main(["convert", str(path), str(tmp_path / "out.csv")]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{tmp_path / 'out.csv'}: 5 rows\n"
+    assert err == f"{path}: the frames are left out: .csv holds rows alone\n"
+    assert main(["convert", str(path), str(tmp_path / "out.csv"), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_one_that_is_stopped_leaves_what_was_there(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "run.mcap", some_rows(30_000), some_frames(0, 30_000))
+    target = tmp_path / "out.mf4"
+    target.write_text("before")
+    asked = iter([False, False, False])
+    done = convert(path, target, stopped=lambda: next(asked, True))
+    assert not done.is_complete
+    assert 0 < done.rows + done.frames < 60_000
+    assert target.read_text() == "before"
+    assert sorted(tmp_path.iterdir()) == [target, path]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_and_nothing_is_written(tmp_path: Path, number: int) -> None:
+    """A pipe in the place of the recording, so that it is certainly under way."""
+    pipe = tmp_path / "out.log"
+    os.mkfifo(pipe)
+    path = recorded(tmp_path / "run.mcap", frames=some_frames(0, 60_000))
+    arguments = [sys.executable, "-m", "liftgate_hil", "convert", str(path), str(pipe)]
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        with subprocess.Popen(arguments, stdout=-1, stderr=-1, text=True) as process:
+            select.select([reader], [], [])
+            process.send_signal(number)
+            os.set_blocking(reader, True)
+            while os.read(reader, 1 << 20):
+                pass
+            out, err = process.communicate()
+        assert process.returncode == 128 + number
+        assert out == ""
+        assert err.endswith(f"{pipe} is not written\n")
+    finally:
+        os.close(reader)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path) -> None:
+    """In a process of its own, whose files may not grow beyond 50 kB."""
+    path = recorded(tmp_path / "run.csv", some_rows(2000))
+    code = (
+        "import resource, sys\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))\n"
+        "from liftgate_hil.cli.main import main\n"
+        f"sys.exit(main(['convert', {str(path)!r}, {str(tmp_path / 'out.parquet')!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"liftgate-hil: {tmp_path / 'out.parquet'}: recording ended: File too large\n"
+    )
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,165 @@
+"""Frames decoded into a table: as cantools decodes them, one by one."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cantools
+import numpy as np
+import pytest
+from hil_support import CALM, frames_of, shipped_rig
+from hypothesis import given
+from hypothesis import strategies as st
+
+import liftgate_hil as lh
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged
+from liftgate_hil.conversion.convert import convert
+from liftgate_hil.conversion.decode import Decoder, seen_in
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.recorded import open_recorded
+from liftgate_hil.signals import COLUMNS
+
+DBC = Path(__file__).parents[3] / "dbc" / "liftgate.dbc"
+
+
+def database_of(*lines: str, number: int = 100, length: int = 64) -> Any:
+    text = f'VERSION ""\nBU_: A\nBO_ {number} M: {length} A\n' + "".join(f" {x}\n" for x in lines)
+    return cantools.database.load_string(text, "dbc")
+
+
+def frames_at(stamps: list[int], rows: list[tuple[int, bytes]]) -> Any:
+    frames = logged(frames_of(rows), 0, True)
+    frames["time_ns"] = stamps
+    return frames
+
+
+def table_of(database: Any, *blocks: Any) -> dict[str, np.ndarray]:
+    decoder = Decoder(database.messages)
+    rows = np.concatenate(list(decoder.rows(blocks)))
+    return dict(zip(decoder.signals, rows.T, strict=True))
+
+
+@st.composite
+def layouts(draw: Any) -> str:
+    """A signal anywhere in 64 bytes, of at most 52 bits: a float holds them all."""
+    length = draw(st.integers(1, 52))
+    first = draw(st.integers(0, 512 - length))  # the first bit, in the order of the bytes
+    if draw(st.booleans()):
+        place, order = first, 1
+    else:
+        place, order = 8 * (first // 8) + 7 - first % 8, 0
+    sign = draw(st.sampled_from("+-"))
+    scale = draw(st.sampled_from(["1", "0.01", "-2.5", "1e-06"]))
+    offset = draw(st.sampled_from(["0", "-40", "0.1"]))
+    return f'SG_ S : {place}|{length}@{order}{sign} ({scale},{offset}) [0|0] "" A'
+
+
+@CALM
+@given(layouts(), st.lists(st.binary(min_size=64, max_size=64), min_size=1, max_size=4))
+def test_any_signal_is_what_cantools_makes_of_it(layout: str, payloads: list[bytes]) -> None:
+    database = database_of(layout)
+    frames = frames_at(list(range(len(payloads))), [(100 | FD, each) for each in payloads])
+    expected = [database.decode_message(100, each)["S"] for each in payloads]
+    assert table_of(database, frames)["M.S"].tolist() == expected
+
+
+@pytest.mark.parametrize(("bits", "kind"), [(32, "<f4"), (64, "<f8")])
+def test_a_float_is_decoded(bits: int, kind: str) -> None:
+    database = database_of(
+        f'SG_ S : 8|{bits}@1- (2,1) [0|0] "" A', f"SIG_VALTYPE_ 100 S : {bits // 32};"
+    )
+    payload = b"\0" + np.array([-0.15625], dtype=kind).tobytes()
+    database.messages[0].signals[0].conversion.is_float = True
+    frames = frames_at([0], [(100 | FD, payload.ljust(64, b"\0"))])
+    assert table_of(database, frames)["M.S"].tolist() == [0.6875]
+
+
+def test_a_signal_holds_until_its_message_comes_again() -> None:
+    database = database_of(
+        'SG_ S : 0|8@1+ (1,0) [0|0] "" A', "", 'BO_ 101 N: 8 A\n SG_ T : 0|8@1+ (1,0) [0|0] "" A'
+    )
+    first = frames_at([5, 5, 7], [(100, b"\1" * 8), (101, b"\2" * 8), (100, b"\3" * 8)])
+    second = frames_at([7, 9], [(101, b"\4" * 8), (101, b"\5" * 8)])
+    table = table_of(database, first, second)
+    assert table["time_s"].tolist() == [5e-9, 7e-9, 9e-9]  # what has one time is one row
+    assert table["M.S"].tolist() == [1.0, 3.0, 3.0]
+    assert table["N.T"].tolist() == [2.0, 4.0, 5.0]
+
+
+def test_a_signal_without_a_frame_yet_has_no_value() -> None:
+    database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A', 'SG_ T : 8|8@1+ (1,0) [0|0] "" A')
+    frames = frames_at([1, 2, 3], [(100, b"\1"), (100, b"\2\3"), (100, b"\4")])
+    table = table_of(database, frames)
+    assert table["M.S"].tolist() == [1.0, 2.0, 4.0]
+    assert math.isnan(table["M.T"][0])
+    assert table["M.T"][1:].tolist() == [3.0, 3.0]  # a frame that is too short says nothing of it
+
+
+def test_a_multiplexed_signal_is_in_the_frames_with_its_value() -> None:
+    database = database_of(
+        'SG_ Page M : 0|4@1+ (1,0) [0|0] "" A',
+        'SG_ One m1 : 8|8@1+ (1,0) [0|0] "" A',
+        'SG_ Two m2 : 8|8@1+ (1,0) [0|0] "" A',
+    )
+    frames = frames_at([1, 2, 3], [(100, b"\1\7"), (100, b"\2\x08"), (100, b"\3\x09")])
+    table = table_of(database, frames)
+    assert table["M.Page"].tolist() == [1.0, 2.0, 3.0]
+    assert table["M.One"].tolist() == [7.0, 7.0, 7.0]
+    assert math.isnan(table["M.Two"][0])
+    assert table["M.Two"][1:].tolist() == [8.0, 8.0]
+
+
+def test_frames_of_others_remote_and_error_frames_say_nothing() -> None:
+    database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
+    rows = [(100 | EXTENDED, b"\1"), (100 | REMOTE, b""), (100 | ERROR, b"\1"), (99, b"\1")]
+    frames = frames_at([1, 2, 3, 4], rows)
+    assert list(Decoder(database.messages).rows([frames])) == []
+    assert seen_in([frames], {"M": database.messages[0]}) == []
+    ours = frames_at([1], [(100 | FD, b"\1")])
+    assert seen_in([frames, ours], {"M": database.messages[0]}) == database.messages
+
+
+def test_frames_out_of_turn_are_told() -> None:
+    database = database_of('SG_ S : 0|8@1+ (1,0) [0|0] "" A')
+    frames = [frames_at([2_000_000], [(100, b"\1")]), frames_at([1_000_000], [(100, b"\1")])]
+    with pytest.raises(ConfigError, match=r"the frame at 0\.001000 s comes after a later one"):
+        table_of(database, *frames)
+
+
+@pytest.mark.filterwarnings("ignore")  # asammdf's own
+def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
+    lh.run("demo", duration=1.5, record=[tmp_path / "run.log"])
+    done = convert(tmp_path / "run.log", tmp_path / "out.csv", str(DBC))
+    assert done.notes == ("the frames themselves are left out: a table holds none",)
+    database = cantools.database.load_file(DBC)
+    expected: dict[float, dict[str, float]] = {}
+    held: dict[str, float] = {}
+    for line in (tmp_path / "run.log").read_text().splitlines():
+        stamp, _, frame, _ = line.split()
+        number, _, payload = frame.partition("#")
+        message = database.get_message_by_frame_id(int(number, 16))
+        values = message.decode(bytes.fromhex(payload), decode_choices=False)
+        held |= {f"{message.name}.{name}": value for name, value in values.items()}
+        expected[float(stamp.strip("()"))] = dict(held)
+    found = open_recorded(tmp_path / "out.csv")
+    rows = np.concatenate(list(found.rows(list(found.signals))))
+    assert rows[:, 0].tolist() == list(expected)
+    for row, values in zip(rows, expected.values(), strict=True):
+        told = {name: x for name, x in zip(found.signals, row, strict=True) if not math.isnan(x)}
+        told.pop("time_s")
+        assert told == values
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_rig_s_name_stands_for_its_database(tmp_path: Path) -> None:
+    lh.run("demo", duration=0.2, record=[tmp_path / "run.mf4"])
+    done = convert(tmp_path / "run.mf4", tmp_path / "out.mcap", "liftgate")
+    said = f"{len(COLUMNS)} columns are left out: --rig has those of the bus instead"
+    assert done.notes == (said,)
+    assert done.frames > 100
+    found = open_recorded(tmp_path / "out.mcap")
+    assert "LeftDrive.MotorCurrent" in found.signals
+    assert found.signals["LeftDrive.MotorCurrent"].unit == "A"
+    assert {name.partition(".")[0] for name in found.signals} < {"time_s", *shipped_rig().messages}

@@ -1,0 +1,163 @@
+"""Pictures of recordings: what they show, and where they go."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+from xml.dom import minidom
+
+import numpy as np
+import pytest
+from conversion_support import FRAMES, ROWS, STAMPS, log, table
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.conversion import picture
+from liftgate_hil.conversion.table import Window, chosen, columns_in, open_table
+from liftgate_hil.errors import ConfigError
+
+HEAD = (
+    "time_s,left_current_a,right_current_a,sensed_left_current_a,gate_angle_deg,left_hall_count\n"
+)
+RUN = [(t, a, -a, a + 0.1, b, float(k)) for k, (t, a, b) in enumerate(ROWS)]
+
+
+def lines_of(axis: Any) -> list[np.ndarray]:
+    return [np.asarray(each.get_ydata()) for each in axis.lines]
+
+
+def test_columns_that_go_together_are_in_one_panel(tmp_path: Path) -> None:
+    run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
+    names = list(run.signals)[1:]
+    panels = picture.panels_of(names, run)
+    assert panels == [
+        ["left_current_a", "right_current_a", "sensed_left_current_a"],
+        ["gate_angle_deg"],
+        ["left_hall_count"],
+    ]
+    columns = columns_in(run, names, Window(0.02, 0.05))
+    units = {name: run.signals[name].unit for name in names}
+    drawn = picture.run_picture("a.csv", columns, panels, units)
+    current, angle, count = drawn.axes
+    assert [len(lines_of(axis)) for axis in drawn.axes] == [3, 1, 1]
+    assert lines_of(current)[1].tolist() == [row[2] for row in RUN[20:51]]
+    assert angle.get_ylabel() == "gate angle [deg]"
+    assert current.get_ylabel() == "current [A]"
+    assert [each.get_text() for each in current.get_legend().get_texts()] == [
+        "left",
+        "right",
+        "sensed left",
+    ]
+    assert count.get_xlabel() == "time [s]"
+
+
+def test_without_columns_it_shows_what_matters_or_the_first_ones(tmp_path: Path) -> None:
+    run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
+    assert picture.usual_columns(run) == ["gate_angle_deg", "left_current_a", "right_current_a"]
+    theirs = open_table(table(tmp_path / "b.csv", ROWS, "time_s,Iq,phi\n"))
+    assert picture.usual_columns(theirs) == ["Iq", "phi"]
+
+
+def test_more_panels_than_can_be_seen_are_refused(tmp_path: Path) -> None:
+    names = [f"c{k}" for k in range(9)]
+    path = table(tmp_path / "a.csv", [tuple(range(10))], ",".join(["time_s", *names]) + "\n")
+    with pytest.raises(ConfigError, match="9 panels; allowed: up to 8"):
+        picture.panels_of(names, open_table(path))
+
+
+def test_two_recordings_stand_over_each_other_with_their_difference(tmp_path: Path) -> None:
+    first = open_table(table(tmp_path / "a.csv", ROWS))
+    second = open_table(
+        table(
+            tmp_path / "b.csv",
+            [(t, a + 0.5 * (k == 60), b) for k, (t, a, b) in enumerate(ROWS)][5:],
+        )
+    )
+    names = ["left_current_a", "gate_angle_deg"]
+    both = columns_in(first, names, Window()), columns_in(second, names, Window())
+    drawn = picture.two_pictures(("a", "b"), both, names, dict.fromkeys(names, ""))
+    over, beside, _, equal = drawn.axes
+    assert [len(each) for each in lines_of(over)] == [100, 95]
+    difference = lines_of(beside)[1]
+    assert len(difference) == 95  # at the times that both have
+    assert np.flatnonzero(difference).tolist() == [55]
+    assert beside.texts[0].get_text() == "largest 0.5000 at 0.060 s"
+    assert beside.get_title(loc="left") == "b less a"
+    assert [each.get_text() for each in equal.texts] == ["equal"]
+
+
+def test_a_wrong_column_is_answered_with_those_like_it(tmp_path: Path) -> None:
+    run = open_table(table(tmp_path / "a.csv", RUN, HEAD))
+    with pytest.raises(
+        ConfigError, match=r"`columns` left_curent: not in .*; allowed: left_current_a"
+    ):
+        chosen(run, ["gate_angle_deg", "left_curent"])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".html"])
+def test_a_picture_is_written_in_the_format_of_its_suffix(
+    tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, target = table(tmp_path / "a.csv", RUN, HEAD), tmp_path / f"out{suffix}"
+    assert main(["plot", str(path), "--output", str(target)]) == 0
+    assert capsys.readouterr().out == f"written: {target}\n"
+    content = target.read_bytes()
+    if suffix == ".png":
+        assert content.startswith(b"\x89PNG")
+    elif suffix == ".svg":
+        assert minidom.parseString(content).documentElement.tagName == "svg"
+    else:
+        assert b"</html>" in content
+        assert b"gate angle [deg]" in content
+    assert main(["plot", str(path), "--output", str(target), "--quiet"]) == 0
+    assert target.read_bytes() == content  # the same every time
+    other = tmp_path / f"both{suffix}"
+    assert main(["compare", str(path), str(path), "--output", str(other)]) == 0
+    assert other.stat().st_size > 5000
+
+
+def test_without_output_it_stands_beside_the_recording(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", RUN, HEAD)
+    (tmp_path / "a.png").write_text("a run's own")
+    assert main(["plot", str(path), "--quiet"]) == 0
+    assert (tmp_path / "a.csv.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "a.png").read_text() == "a run's own"
+
+
+def test_a_bus_log_is_drawn_with_a_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = log(tmp_path / "a.log", [(0x220, bytes([k] * 8)) for k in range(50)], STAMPS)
+    line = ["plot", str(path), "--output", str(tmp_path / "a.svg")]
+    assert main(line) == 2
+    assert "holds frames alone; allowed: with --rig, which decodes them" in capsys.readouterr().err
+    assert main([*line, "--rig", "liftgate", "--columns", "Gate.Angle,Gate.TerminalVoltage"]) == 0
+    assert "Gate.Angle [deg]" in (tmp_path / "a.svg").read_text()
+    theirs = log(tmp_path / "b.log", FRAMES, STAMPS)
+    assert main(["plot", str(theirs), "--rig", "liftgate"]) == 2
+    assert "no frame of its messages is in" in capsys.readouterr().err
+
+
+def test_a_column_without_a_number_is_a_gap(tmp_path: Path) -> None:
+    path = table(tmp_path / "a.csv", [(t, math.nan, b) for t, _, b in ROWS])
+    assert main(["plot", str(path), "--output", str(tmp_path / "a.png")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--output", "x"], "--output x: allowed: a file of .png, .svg, .html"),
+        (["--output", "no/x.png"], "no folder no"),
+        (["--columns", "nosuch"], "--columns nosuch: not in"),
+        (["--from", "5"], "no rows there"),
+        (["--from", "x"], "--from"),
+        (["--from", "0.2", "--to", "0.1"], "--from 0.2: after --to 0.1"),
+    ],
+)
+def test_wrong_arguments_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
+) -> None:
+    path = str(table(tmp_path / "a.csv", ROWS))
+    assert main(["plot", path, *more]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert "Traceback" not in err
+    assert len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,164 @@
+"""A bench that was late says nothing of the ECU, and an ECU that was late is judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.judge import Judge, expected_of
+from liftgate_hil.judging.timeliness import Timeliness
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+
+TOLERANCE = 0.005  # s
+
+
+def rows_of(count: int = 3000, **columns: Any) -> np.ndarray:
+    """Three seconds at 1 kHz of a bench on time, but for these columns: name → {tick: from there on}."""
+    rows = np.zeros((count, ROW_WIDTH))
+    rows[:, COLUMN_PLACE["time_s"]] = 1e-3 * np.arange(1, count + 1)
+    for name, values in columns.items():
+        for tick, value in values.items():
+            if name == "command_delay_s":
+                rows[tick, COLUMN_PLACE[name]] = value
+            else:
+                rows[tick:, COLUMN_PLACE[name]] = value
+    return rows
+
+
+def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
+    own = {
+        "kind": "always",
+        "condition": "pinch_force_n < 100",
+        "after": 1.0,
+        "within": 1.0,
+    } | window
+    expectation = Expectation(name="soft", hold=0.0, key="expect[0]", **own)
+    judge = Judge(expected_of([expectation], {}, {}, 2, "s.toml"), 1000.0, 3.0, TOLERANCE)
+    for first in range(0, len(rows), block):
+        judge.take(rows[first : first + block], no_logged())
+    return judge.verdicts()[0]
+
+
+@pytest.mark.parametrize("block", [1, 7, 1000, 3000])
+@pytest.mark.parametrize(
+    ("columns", "why"),
+    [
+        ({"ticks_missed": {1500: 2}}, "ticks were missed about 1.501 s"),
+        ({"frames_dropped": {1500: 1}}, "frames were dropped about 1.501 s"),
+        ({"command_delay_s": {1500: 0.007}}, "a frame waited for 7 ms about 1.501 s"),
+    ],
+)
+def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
+    columns: dict[str, Any], why: str, block: int
+) -> None:
+    found = verdict(rows_of(**columns), block)
+    assert (found.verdict, found.reason) == ("inconclusive", f"the bench was late: {why}")
+    assert found.margin is None
+
+
+@pytest.mark.parametrize("name", ["ticks_missed", "frames_dropped"])
+@pytest.mark.parametrize("tick", [500, 2500])
+def test_lateness_outside_the_window_does_not(name: str, tick: int) -> None:
+    assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
+
+
+def test_a_frame_may_wait_as_long_as_is_tolerated() -> None:
+    assert verdict(rows_of(command_delay_s={1500: TOLERANCE})).verdict == "pass"
+
+
+def test_a_failure_of_a_late_bench_is_none_and_one_before_it_was_late_is_one() -> None:
+    pinched = {"pinch_force_n": {1200: 150.0}}
+    assert verdict(rows_of(ticks_missed={1100: 1}, **pinched)).verdict == "inconclusive"
+    assert verdict(rows_of(ticks_missed={1800: 1}, **pinched)).verdict == "fail"  # decided at 1.2 s
+
+
+def test_a_force_that_is_closer_to_its_limit_than_the_delay_means_is_undecided() -> None:
+    rows = rows_of(command_delay_s={1400: 0.002})
+    force = COLUMN_PLACE["pinch_force_n"]
+    rows[1400:1500, force] = np.linspace(0.0, 99.0, 100)  # 1 N a tick
+    rows[1500:, force] = 99.0
+    found = verdict(rows)
+    assert found.verdict == "inconclusive"
+    assert found.uncertainty == pytest.approx(2.0)  # 2 ms at 1000 N/s
+    assert found.reason == "the frames' delay means 2 N, the margin is 1 N"
+    rows[:, force] *= 0.9
+    found = verdict(rows)
+    assert found.verdict == "pass"
+    assert found.margin == pytest.approx(100 - 0.9 * 99)
+    assert found.uncertainty == pytest.approx(1.8)
+
+
+def test_what_no_row_tells_is_not_late() -> None:
+    rows = rows_of()
+    for name in ("ticks_missed", "frames_dropped", "command_delay_s"):
+        rows[:, COLUMN_PLACE[name]] = np.nan
+    assert verdict(rows).verdict == "pass"
+    own = Timeliness(TOLERANCE)
+    own.take(rows)
+    assert not own.is_told
+
+
+def test_memory_does_not_grow_with_the_rows() -> None:
+    own = Timeliness(0.0)
+    for second in range(20):
+        rows = rows_of(1000)
+        rows[:, COLUMN_PLACE["time_s"]] += second
+        rows[:, COLUMN_PLACE["command_delay_s"]] = 0.001
+        own.take(rows)
+    assert len(own._seconds) <= 21
+
+
+class Late:
+    """The reference ECU's answers would be in time; this one's are none."""
+
+    period_s = 0.01
+
+    def step(self, now_s: float, frames: object) -> list[object]:
+        return []
+
+
+SCENARIO = """
+duration = 2.0
+initial = 40
+[[expect]]
+name = "moves"
+eventually = "gate_rate_degps > 5"
+within_s = 1.5
+[[request]]
+time = 0.1
+action = "open"
+"""
+
+
+def test_an_ecu_that_is_late_or_silent_is_judged(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(SCENARIO)
+    assert lh.run(path).verdict == "pass"
+    assert lh.run(path, ecu=Late()).verdict == "fail"
+    late = '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\ndelay_s = 2.0\n'
+    path.write_text(SCENARIO + late)
+    assert lh.run(path).verdict == "fail"
+
+
+def test_a_recording_of_a_late_bench_is_judged_alike(tmp_path: Path) -> None:
+    path, table = tmp_path / "s.toml", tmp_path / "run.csv"
+    path.write_text(SCENARIO)
+    lh.run(path, record=table)
+    assert lh.judge([table], path)["moves"].verdict == "pass"
+    lines = table.read_text().splitlines()
+    names = lines[0].split(",")
+    place = names.index("ticks_missed")
+    for k in range(150, len(lines)):
+        cells = lines[k].split(",")
+        cells[place] = "2"
+        lines[k] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    found = lh.judge([table], path)["moves"]
+    assert found.verdict == "inconclusive"
+    assert found.reason.startswith("the bench was late: ticks were missed about 0.1")

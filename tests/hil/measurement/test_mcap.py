@@ -1,0 +1,168 @@
+"""MCAP recordings of this program are read as they were written; what is none is told."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import frames_of
+from measurement_files import read
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.mcap_file import McapFile, open_mcap, read_mcap_frames
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
+
+writer = pytest.importorskip("mcap.writer")
+
+ROWS = 70_000  # in several chunks
+EPOCH_NS = 1_700_000_000_123_456_789
+
+
+def rows_of(count: int) -> np.ndarray:
+    random = np.random.default_rng(1)
+    rows = random.normal(size=(count, ROW_WIDTH)) * 10.0 ** random.integers(-9, 9, ROW_WIDTH)
+    for name, signal in COLUMNS.items():
+        if signal.is_whole:
+            rows[:, COLUMN_PLACE[name]] = np.round(rows[:, COLUMN_PLACE[name]]) + 0.0
+    rows[:, COLUMN_PLACE["time_s"]] = 0.001 * np.arange(1, count + 1)
+    return rows
+
+
+def recorded(path: Path, rows: np.ndarray, frames: Any = None, drives: int = 2) -> McapFile:
+    recorder = open_recorder(path, Content(columns_of(drives), "can3"))
+    recorder.begin(EPOCH_NS)
+    for first in range(0, len(rows), 999):
+        recorder.write_rows(rows[first : first + 999])
+    if frames is not None:
+        recorder.write_frames(frames)
+    recorder.close()
+    assert recorder.failure == ""
+    return open_mcap(path)
+
+
+def test_any_columns_come_back_to_the_last_bit_whatever_their_order(tmp_path: Path) -> None:
+    rows = rows_of(ROWS)
+    file = recorded(tmp_path / "run.mcap", rows)
+    assert file.names == columns_of(2)
+    assert file.start_ns == EPOCH_NS
+    for wanted in (
+        ["sensed_left_current_a", "time_s", "left_hall_count", "gate_angle_deg"],
+        ["time_s"],
+        ["sensed_gate_angle_deg"],
+    ):
+        blocks = list(file.rows(wanted))
+        assert len(blocks) > 1
+        expected = rows[:, [COLUMN_PLACE[name] for name in wanted]]
+        assert np.array_equal(np.concatenate(blocks).view(np.int64), expected.view(np.int64))
+
+
+def test_frames_come_back_as_they_were(tmp_path: Path) -> None:
+    each = [
+        (0x120, b"12345678"),
+        (0x1ABCDEF0 | EXTENDED, b"\xff"),
+        (0x333 | REMOTE, b""),
+        (0x001 | FD, bytes(range(64))),
+        (0x004 | ERROR, bytes(range(8))),
+        (0x7FF, b""),
+    ]
+    frames = logged(frames_of(each), 0, True)
+    frames["time_ns"] = [5, 10, 1_000_001, 2_000_000_000, 2_000_000_000, 3_600_000_000_000]
+    frames["is_sent"] = [1, 0, 1, 0, 1, 0]
+    frames["length"][2] = 8  # that it asks for
+    file = recorded(tmp_path / "run.mcap", rows_of(0), frames)
+    assert dict(file.frame_channels) == {1: "can3"}
+    assert np.array_equal(np.concatenate(list(file.frames())), frames)
+    times, ours = read_mcap_frames(tmp_path / "run.mcap")
+    assert times.tolist() == [5e-9, 1e-8, 0.001000001, 2.0, 2.0, 3600.0]
+    assert ours.identifiers.tolist() == frames["identifier"].tolist()
+
+
+def test_a_gate_with_one_drive_has_its_columns(tmp_path: Path) -> None:
+    assert recorded(tmp_path / "run.mcap", rows_of(3), drives=1).names == columns_of(1)
+
+
+def test_it_is_a_measurement_like_any_other(tmp_path: Path) -> None:
+    line = "simulate --voltage 9 --duration 0.5 --seed 3 --output"
+    for suffix in ("csv", "mcap"):
+        assert main([*line.split(), str(tmp_path / f"run.{suffix}")]) == 0
+    table, mcap = (read(tmp_path / f"run.{suffix}") for suffix in ("csv", "mcap"))
+    assert np.array_equal(table.times, mcap.times)
+    assert table.columns.keys() == mcap.columns.keys()
+    for name, values in table.columns.items():
+        assert np.array_equal(values, mcap.columns[name]), name
+
+
+# What is none.
+
+
+def made(write: Callable[[Any], None]) -> bytes:
+    stream = io.BytesIO()
+    new = writer.Writer(stream)
+    new.start()
+    write(new)
+    new.finish()
+    return stream.getvalue()
+
+
+def foreign(new: Any) -> None:
+    schema = new.register_schema("x", "jsonschema", b"{}")
+    new.add_message(new.register_channel("/truth", "json", schema), 0, b"{}", 0)
+
+
+def told(path: Path, content: bytes) -> str:
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        open_mcap(path).read(["time_s"], [])
+    (issue,) = caught.value.issues
+    assert issue.startswith(f"{path}: ")
+    return issue.removeprefix(f"{path}: ")
+
+
+def test_what_is_no_recording_of_ours_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    assert told(path, b"") == "cannot be read: no MCAP"
+    assert told(path, b"time_s,left_current_a\n0,1\n") == "cannot be read: no MCAP"
+    ours = "no recording of this program; allowed: one that it wrote"
+    assert told(path, made(foreign)) == ours
+    assert told(path, made(lambda _: None)) == ours
+
+
+def test_a_file_that_is_cut_off_is_told(tmp_path: Path) -> None:
+    recorded(tmp_path / "run.mcap", rows_of(2000))
+    whole = (tmp_path / "run.mcap").read_bytes()
+    for length in (9, 16, 100, len(whole) // 2, len(whole) - 1):
+        said = told(tmp_path / "cut.mcap", whole[:length])
+        assert said == "cannot be read: it was not completed, its end is missing"
+
+
+def test_a_file_with_a_wrong_byte_is_told_and_never_read_as_something_else(tmp_path: Path) -> None:
+    expected = recorded(tmp_path / "run.mcap", rows_of(200)).read(["left_current_a"], [])
+    whole = (tmp_path / "run.mcap").read_bytes()
+    path, refused = tmp_path / "hurt.mcap", 0
+    for place in range(20, len(whole) - 20, len(whole) // 60):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        try:
+            found = open_mcap(path).read(["left_current_a"], [])
+        except ConfigError as error:
+            refused += error.issues[0].startswith(f"{path}: ")
+            continue
+        assert np.array_equal(found["left_current_a"].values, expected["left_current_a"].values)
+    assert refused > 20
+
+
+def test_a_null_is_told_with_its_row(tmp_path: Path) -> None:
+    rows = rows_of(5)
+    rows[3, COLUMN_PLACE["gate_angle_deg"]] = np.nan
+    issues: list[str] = []
+    recorded(tmp_path / "run.mcap", rows).read(["time_s", "gate_angle_deg"], issues)
+    assert issues == [
+        f"{tmp_path / 'run.mcap'}: gate_angle_deg: null in row 4; allowed: a finite number"
+    ]

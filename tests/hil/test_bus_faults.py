@@ -1,0 +1,339 @@
+"""Each kind of fault on the bus: exactly the frames that are asked for, and nothing else touched.
+
+Two gates get the same commands with the same seed; one of them has the fault. The gate's own truth does not hang
+on what others hear of it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hil_support import j1850, shipped_rig
+
+import liftgate_hil as lh
+from liftgate_hil.config.fault_kinds import BUS, FAULT_KINDS, MESSAGE
+from liftgate_hil.errors import ConfigError
+
+LEFT, RIGHT = 0x210, 0x211
+
+
+def opening(**more: Any) -> lh.Gate:
+    """A gate that has been opening for half a second."""
+    gate = lh.Gate(initial=30, seed=3, **more)
+    gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+    gate.step(0.5)
+    return gate
+
+
+def of(frames: list[Any], identifier: int) -> list[tuple[float, bytes]]:
+    return [
+        (round(float(each.timestamp), 6), bytes(each.data))
+        for each in frames
+        if each.arbitration_id == identifier
+    ]
+
+
+def pair(kind: str, seconds: float = 0.5, **values: Any) -> tuple[list[Any], list[Any]]:
+    """What a sound gate and one with a fault have sent; what is so is the same to the bit."""
+    sound, broken = opening(), opening()
+    broken.fault(kind, **values)
+    said, heard = sound.step(seconds), broken.step(seconds)
+    if values.get("direction") == "sent":
+        assert broken.truth == sound.truth
+        assert broken.sensed == sound.sensed
+    return said, heard
+
+
+def others(frames: list[Any], identifier: int) -> list[tuple[float, int, bytes]]:
+    return [
+        (float(each.timestamp), each.arbitration_id, bytes(each.data))
+        for each in frames
+        if each.arbitration_id != identifier
+    ]
+
+
+def test_frames_are_lost_with_their_probability_each_and_those_of_other_messages_are_not() -> None:
+    said, heard = pair(
+        "frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=7
+    )
+    left, all_left = of(heard, LEFT), of(said, LEFT)
+    assert set(left) < set(all_left)
+    assert len(all_left) == 1000
+    assert abs(len(left) - 700) < 4 * (1000 * 0.3 * 0.7) ** 0.5
+    assert others(heard, LEFT) == others(said, LEFT)
+    again = pair("frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=7)[1]
+    assert of(again, LEFT) == left
+    other = pair("frame_lost", 5.0, where="LeftDrive", direction="sent", probability=0.3, seed=8)[1]
+    assert of(other, LEFT) != left
+
+
+def test_frames_come_later_by_the_delay() -> None:
+    said, heard = pair("frame_delayed", 0.5, where="LeftDrive", direction="sent", delay_s=0.023)
+    late = [(round(time + 0.023, 6), data) for time, data in of(said, LEFT)]
+    assert of(heard, LEFT) == [each for each in late if each[0] <= 1.0]
+    assert others(heard, LEFT) == others(said, LEFT)
+
+
+def test_each_frame_comes_twice() -> None:
+    said, heard = pair("frame_repeated", where="LeftDrive", direction="sent")
+    assert of(heard, LEFT) == [each for each in of(said, LEFT) for _ in range(2)]
+    assert others(heard, LEFT) == others(said, LEFT)
+
+
+def test_one_bit_is_another_one() -> None:
+    said, heard = pair("frame_corrupted", 2.0, where="LeftDrive", direction="sent")
+    places = Counter()
+    for (then, good), (when, bad) in zip(of(said, LEFT), of(heard, LEFT), strict=True):
+        difference = int.from_bytes(good, "little") ^ int.from_bytes(bad, "little")
+        assert difference.bit_count() == 1
+        assert then == when
+        places[difference] += 1
+    assert len(places) > 55  # of 64, in 400 frames
+    assert others(heard, LEFT) == others(said, LEFT)
+
+
+def decoded(data: bytes) -> dict[str, Any]:
+    values: Any = shipped_rig().messages["LeftDrive"].decode(data, decode_choices=False)
+    return values
+
+
+def test_the_counter_stands_still_under_a_checksum_that_is_right() -> None:
+    said, heard = pair("wrong_counter", where="LeftDrive", direction="sent")
+    good, bad = ([decoded(data) for _, data in of(each, LEFT)] for each in (said, heard))
+    assert {each["AliveCounter"] for each in bad} == {good[0]["AliveCounter"]}
+    assert [each["MotorCurrent"] for each in bad] == [each["MotorCurrent"] for each in good]
+    for _, data in of(heard, LEFT):
+        assert data[7] == j1850(LEFT, data, 7)
+
+
+def test_the_checksum_is_wrong_and_all_else_is_right() -> None:
+    said, heard = pair("wrong_checksum", where="LeftDrive", direction="sent")
+    for (_, good), (_, bad) in zip(of(said, LEFT), of(heard, LEFT), strict=True):
+        assert bad[:7] == good[:7]
+        assert bad[7] == good[7] ^ 0xFF
+    assert others(heard, LEFT) == others(said, LEFT)
+
+
+def test_a_frame_is_too_short() -> None:
+    said, heard = pair("wrong_length", where="LeftDrive", direction="sent")
+    assert [data for _, data in of(heard, LEFT)] == [data[:7] for _, data in of(said, LEFT)]
+
+
+def test_the_data_stay_as_they_were() -> None:
+    said, heard = pair("frame_frozen", where="LeftDrive", direction="sent")
+    first = of(said, LEFT)[0][1]
+    assert {data for _, data in of(heard, LEFT)} == {first}
+    assert len(of(heard, LEFT)) == len(of(said, LEFT))
+
+
+def test_each_message_is_frozen_for_itself_where_none_is_named() -> None:
+    said, heard = pair("frame_frozen", direction="sent")
+    for identifier in {each.arbitration_id for each in said}:
+        assert {data for _, data in of(heard, identifier)} == {of(said, identifier)[0][1]}
+
+
+@pytest.mark.parametrize(("identifier", "rate"), [(0x5, 300.0), (0x18FF0001, 2500.0)])
+def test_somebody_sends_without_end(identifier: int, rate: float) -> None:
+    said, heard = pair("babbling", 1.0, direction="sent", id=identifier, rate=rate)
+    added = of(heard, identifier)
+    assert abs(len(added) - rate) <= 1 + rate * 0.001  # the first tick sends one
+    assert {data for _, data in added} == {bytes(8)}
+    assert {each.is_extended_id for each in heard if each.arbitration_id == identifier} == {
+        identifier > 0x7FF
+    }
+    assert others(heard, identifier) == others(said, identifier)
+
+
+def test_who_is_off_the_bus_neither_sends_nor_receives() -> None:
+    gate = opening()
+    before = gate.summary.received
+    off = gate.fault("bus_off")
+    assert gate.step(0.2) == []
+    assert gate.summary.received == before
+    assert gate.summary.command_timeouts == 1
+    off.clear()
+    assert gate.step(0.1)
+    assert gate.summary.received.accepted > before.accepted
+
+
+# What the gate receives: the message, the fault, which count of those refused grows, whether the drives go on.
+COMMANDS = [
+    ("frame_lost", {}, None, False),
+    ("wrong_checksum", {}, "checksum", False),
+    ("wrong_counter", {}, "counter", False),
+    ("wrong_length", {}, "wrong_length", False),
+    ("frame_frozen", {}, "counter", False),
+    ("frame_corrupted", {}, "checksum", False),
+    ("frame_repeated", {}, "counter", True),
+    ("frame_delayed", {"delay_s": 0.02}, None, True),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "count", "goes_on"), COMMANDS, ids=[each[0] for each in COMMANDS]
+)
+def test_what_the_gate_gets_of_a_command_is_as_the_fault_says(
+    kind: str, values: dict[str, Any], count: str | None, goes_on: bool
+) -> None:
+    gate = opening()
+    before = gate.summary.received
+    gate.fault(kind, where="DriveCommand", direction="received", **values)
+    gate.step(0.2)
+    after = gate.summary.received
+    refused = {name for name in after._fields if getattr(after, name) != getattr(before, name)} - {
+        "accepted"
+    }
+    if kind == "frame_corrupted":  # a bit of the identifier's or length's is not among them
+        assert count in refused
+    else:
+        assert refused == ({count} if count else set())
+    # One whose counter stands still is believed again, once, after each time-out.
+    assert (gate.summary.command_timeouts == 0) == goes_on
+    if goes_on:
+        assert gate.truth["left_current_a"] > 0.3
+
+
+def test_a_delayed_command_acts_so_much_later_and_no_later() -> None:
+    sound, late = lh.Gate(initial=30, seed=3), lh.Gate(initial=30, seed=3)
+    late.fault("frame_delayed", where="DriveCommand", direction="received", delay_s=0.05)
+    for gate in (sound, late):
+        gate.command(left_duty=60, right_duty=60, direction="open", latch_release=True)
+    began: list[list[bool]] = [[], []]
+    for _ in range(100):
+        for gate, seen in zip((sound, late), began, strict=True):
+            gate.step(0.001)
+            seen.append(gate.truth["left_current_a"] != 0.0)
+    assert began[1].index(True) - began[0].index(True) == 50
+
+
+def test_what_is_on_its_way_arrives_though_the_fault_is_mended() -> None:
+    said, broken = opening().step(0.2), opening()
+    fault = broken.fault("frame_delayed", where="LeftDrive", direction="sent", delay_s=0.05)
+    heard = broken.step(0.1)
+    fault.clear()
+    heard += broken.step(0.1)
+    assert {data for _, data in of(heard, LEFT)} == {data for _, data in of(said, LEFT)}
+    assert len(of(heard, LEFT)) == len(of(said, LEFT))
+
+
+def test_a_fault_goes_on_where_it_is_when_another_one_comes() -> None:
+    def heard(with_another: bool) -> list[tuple[float, bytes]]:
+        gate = opening()
+        gate.fault("frame_lost", where="LeftDrive", direction="sent", probability=0.5)
+        frames = gate.step(0.2)
+        if with_another:
+            gate.fault("frame_repeated", where="RightDrive", direction="sent")
+        return of(frames + gate.step(0.2), LEFT)
+
+    assert heard(True) == heard(False)
+
+
+SCENARIO = """
+duration = 3.0
+initial = 40
+seed = 4
+[[request]]
+time = 0.1
+action = "open"
+[[fault]]
+kind = "frame_lost"
+where = "DriveCommand"
+direction = "received"
+probability = 0.2
+seed = 2
+[[fault]]
+kind = "frame_corrupted"
+where = "LeftDrive"
+direction = "sent"
+start = "gate_rate_degps > 3"
+period_s = 0.1
+share = 0.3
+[[fault]]
+kind = "frame_delayed"
+where = "Gate"
+direction = "sent"
+delay_s = 0.015
+[[fault]]
+kind = "babbling"
+direction = "received"
+id = 0x333
+rate = 400
+start = 1.0
+end = 2.0
+[[expect]]
+name = "moves"
+eventually = "gate_angle_deg > 42"
+"""
+
+
+def test_a_run_has_the_same_frames_on_every_clock_and_every_time(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(SCENARIO)
+    logs = []
+    for name, clock in (("a", "free"), ("b", "free"), ("c", "lockstep")):
+        result = lh.run(path, clock=clock, record=tmp_path / f"{name}.log", trace=True)
+        assert result.verdict == "pass"
+        lines = (tmp_path / f"{name}.log").read_text().splitlines()
+        logs.append([line.split()[0] + line.split()[2] for line in lines])
+        received = result.summary.received
+        assert received.foreign == pytest.approx(400, abs=1)
+        assert received.lost > 0
+    assert logs[0] == logs[1]
+    assert Counter(logs[0]) == Counter(logs[2])
+
+
+def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
+    def travel(fault: str) -> float:
+        path = tmp_path / "s.toml"
+        path.write_text(SCENARIO.split("[[fault]]", maxsplit=1)[0] + fault)
+        return lh.run(path).maxima["gate_angle_deg"]
+
+    silent = '[[fault]]\nkind = "frame_lost"\nwhere = "LeftDrive"\ndirection = "sent"\n'
+    assert travel("") > 45.0
+    assert travel(silent) < 40.5  # it has never heard of one drive: it does not move
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"kind": "frame_lost"}, "direction: missing; allowed: one of sent, received"),
+        ({"kind": "frame_lost", "direction": "up"}, "direction: 'up'; allowed: one of sent, received"),
+        (
+            {"kind": "frame_lost", "direction": "sent", "where": "DriveCommand"},
+            "where: 'DriveCommand': not a message that the gate sends; allowed: LeftDrive, ",
+        ),
+        (
+            {"kind": "wrong_counter", "direction": "sent", "where": "Gate"},
+            "where: 'Gate': not a message with a counter that the gate sends; allowed: LeftDrive, ",
+        ),
+        ({"kind": "bus_off", "where": "left"}, "where: bus_off is the bus's as a whole"),
+        ({"kind": "babbling", "direction": "sent", "id": -1, "rate": 1.0}, "id: -1; allowed: a whole"),
+        ({"kind": "babbling", "direction": "sent", "id": 1}, "rate: missing"),
+        ({"kind": "frame_delayed", "direction": "sent"}, "delay_s: missing"),
+    ],
+)  # fmt: skip
+def test_what_is_no_fault_of_this_bus_is_told(arguments: dict[str, Any], said: str) -> None:
+    with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
+        gate.fault(**arguments)
+    assert said in str(caught.value)
+
+
+def test_without_a_bus_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from liftgate_hil.cli.main import main
+
+    path = tmp_path / "s.toml"
+    path.write_text('duration = 1\n[[fault]]\nkind = "bus_off"\n')
+    assert main(["simulate", "--scenario", str(path), "--voltage", "5"]) == 2
+    assert "fault[0].kind: bus_off: there is no bus" in capsys.readouterr().err
+
+
+def test_every_kind_is_tried_here() -> None:
+    text = Path(__file__).read_text(encoding="utf-8")
+    kinds = [name for name, kind in FAULT_KINDS.items() if kind.of in (MESSAGE, BUS)]
+    assert [name for name in kinds if f'"{name}"' not in text] == []
+    assert len(kinds) == 10
+    assert np.unique(kinds).size == 10

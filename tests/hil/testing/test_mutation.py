@@ -1,0 +1,98 @@
+"""Tests of tests: what a matrix of mutants says of scenarios."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.ecu import mutants
+from liftgate_hil.ecu.calibration import CALIBRATED, coded
+from liftgate_hil.ecu.defects import NO_DEFECTS, Defects
+from liftgate_hil.ecu.mutants import MUTANTS, calibration_of
+from liftgate_plant.coding import UNCODED
+
+FEW = ("stop_ignored", "latch_not_released", "heat_ignored")
+STOPS = """
+duration = 3.0
+initial = 40
+[[request]]
+time = 0.2
+action = "open"
+[[request]]
+time = 1.5
+action = "stop"
+[[expect]]
+name = "moves"
+eventually = "gate_rate_degps > 6"
+[[expect]]
+name = "stops"
+always = "abs(gate_rate_degps) < 0.5"
+after = 2.2
+[[expect]]
+name = "can't fail"
+always = "gate_angle_deg < 500"
+[[expect]]
+name = "fails anyhow"
+never = "gate_angle_deg > 1"
+"""
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that they are quickly run."""
+    from liftgate_hil.testing import mutants_section, mutation
+
+    chosen = {name: MUTANTS[name] for name in FEW}
+    for module in (mutation, mutants_section):
+        monkeypatch.setattr(module, "MUTANTS", chosen)
+
+
+def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
+    tmp_path: Path, few: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, told, page = (str(tmp_path / each) for each in ("s.toml", "v.json", "r.html"))
+    Path(file).write_text(STOPS)
+    code = main(["test", file, "--mutants", "--json", told, "--html", page])
+    assert code == 1  # of the sound ECU: "fails anyhow" fails
+    out = capsys.readouterr().out
+    assert "1 of 3 mutants killed" in out
+    assert "ALIVE: no motor is too hot" in out
+    assert "proves nothing" in out
+    found = json.loads(Path(told).read_text())["mutation"]
+    assert found["score"] == pytest.approx(1 / 3)
+    by_name = {each["name"]: each["killed_by"] for each in found["mutants"]}
+    assert [each["expectation"] for each in by_name["stop_ignored"]] == ["stops"]
+    assert by_name["latch_not_released"] == []  # it began at 40 degrees
+    # What fails with the sound ECU, and what a gate without an ECU fails, is not among these.
+    assert [each["expectation"] for each in found["prove_nothing"]] == ["can't fail"]
+    html = Path(page).read_text()
+    assert "1 of 3 mutants" in html
+    assert "can&#x27;t fail" in html or "can&#39;t fail" in html
+
+
+@pytest.mark.parametrize("more", [["--ecu", "x.so"], ["--clock", "lockstep"]])
+def test_only_the_reference_ecu_has_mutants(
+    tmp_path: Path, more: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(STOPS)
+    assert main(["test", str(file), "--mutants", *more]) == 2
+    assert "--mutants: allowed with --ecu reference and --clock free" in capsys.readouterr().err
+
+
+def test_each_mutant_has_one_defect_of_its_own() -> None:
+    sound = coded(CALIBRATED, UNCODED)
+    assert len(MUTANTS) >= 24
+    for mutant in MUTANTS.values():
+        ways = [mutant.numbers, mutant.factors, mutant.defect, mutant.unchecked]
+        assert sum(bool(each) for each in ways) == 1, mutant.name
+        changed = calibration_of(mutant, UNCODED)
+        assert (changed != sound) == (not mutant.unchecked), mutant.name
+        assert mutant.meaning
+    used = [each.defect for each in MUTANTS.values() if each.defect]
+    assert sorted(used) == sorted(Defects._fields)
+    assert set(NO_DEFECTS) == {0}
+    assert mutants.NO_ECU not in MUTANTS

@@ -1,0 +1,258 @@
+"""What is gone through before a scenario's time 0, and an ECU that is made anew within it."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.errors import ConfigError
+
+LEARNED = 'precondition = ["open", "close"]\n'
+OPENS = '[[request]]\ntime = 0.5\naction = "open"\n'
+OPEN = '[[expect]]\nname = "opens"\neventually = "gate_angle_deg > 75"\n'
+
+
+def scenario(folder: Path, text: str, duration: float = 9.0) -> Path:
+    path = folder / "s.toml"
+    path.write_text(f"duration = {duration}\n{text}")
+    return path
+
+
+def texts(result: lh.Result) -> list[str]:
+    return [each.text.split(":")[0] for each in result.events]
+
+
+def test_a_learned_ecu_begins_at_time_0_with_nothing_told_or_recorded_before(
+    tmp_path: Path,
+) -> None:
+    result = lh.run(
+        scenario(tmp_path, LEARNED + OPENS + OPEN), trace=True, record=tmp_path / "run.log"
+    )
+    assert result.verdict == "pass"
+    assert texts(result) == ["opening", "open"]  # and not "open, travel learned"
+    assert result.events[0].time == pytest.approx(0.5, abs=0.01)
+    assert result.summary.ticks == len(result.trace["time_s"]) == 9001
+    assert result.trace["time_s"][0] == 0.001
+    assert result.trace["gate_angle_deg"][0] == pytest.approx(0.0, abs=0.5)
+    assert result.trace["latched"][0] == 1.0
+    first = (tmp_path / "run.log").read_text().splitlines()[0]
+    assert first.startswith("(0000000000.00")
+
+
+def test_without_it_the_ecu_learns_within_the_scenario(tmp_path: Path) -> None:
+    result = lh.run(scenario(tmp_path, OPENS + OPEN, 15.0))
+    assert texts(result) == ["opening", "open, travel learned"]
+
+
+def test_nothing_of_the_scenario_acts_before(tmp_path: Path) -> None:
+    text = LEARNED + OPENS + OPEN
+    text += '[[obstacle]]\nangle_deg = 40\nmeets = "opening"\n'
+    text += '[[fault]]\nkind = "spring_lost"\nstart = "pinch_force_n > 5"\n'
+    text += '[[profile]]\nquantity = "supply_voltage_v"\npoints = [[0, 11]]\n'
+    text += '[[expect]]\nname = "meets"\neventually = "pinch_force_n > 5"\n'
+    result = lh.run(scenario(tmp_path, text), trace=True)
+    assert result.expectations["meets"].verdict == "pass"  # only then
+    assert result.trace["supply_voltage_v"][0] == 11.0
+
+
+def test_every_clock_gives_the_same_frames(tmp_path: Path) -> None:
+    text = LEARNED + OPENS + OPEN + '[[request]]\ntime = 3.0\naction = "reset"\n'
+    logs = []
+    for clock in ("free", "lockstep"):
+        file = tmp_path / f"{clock}.log"
+        lh.run(scenario(tmp_path, text), clock=clock, record=file)
+        logs.append([line.split(" ", 2)[::2] for line in file.read_text().splitlines()])
+    assert logs[0] == logs[1]
+
+
+def test_conditions_of_stimuli_and_expectations_count_from_time_0(tmp_path: Path) -> None:
+    text = LEARNED + '[[request]]\ntime = "time_s >= 1"\ndelay_s = 0.25\naction = "open"\n' + OPEN
+    result = lh.run(scenario(tmp_path, text))
+    assert result.events[0].time == pytest.approx(1.25, abs=0.011)
+
+
+class NeverStill:
+    """Swings the gate for ever."""
+
+    period_s = 0.01
+
+    def step(self, now_s: float, frames: object) -> list[object]:
+        import can
+
+        from liftgate_hil.config.shipped import find_config
+
+        if not hasattr(self, "rig"):
+            self.rig = lh.load_rig(find_config("rigs", "liftgate"))
+            self.count = 0
+        from hil_support import both, command_frame
+
+        direction = 1 if int(now_s / 2.0) % 2 == 0 else 2
+        identifier, data = command_frame(self.rig, self.count % 16, **both(60.0, direction, 1))
+        self.count += 1
+        return [can.Message(arbitration_id=identifier, data=data, is_extended_id=False)]
+
+
+def test_motions_that_never_end_leave_the_scenario_inconclusive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from liftgate_hil.loop import precondition
+
+    monkeypatch.setattr(precondition, "_MOST", 10.0)
+    result = lh.run(scenario(tmp_path, LEARNED + OPEN), ecu=NeverStill())
+    assert result.verdict == "inconclusive"
+    reason = result.expectations["opens"].reason
+    assert reason == (
+        "precondition: open: the gate still moves after 10 s; allowed: motions that end"
+    )
+
+
+def test_an_ecu_somewhere_else_cannot_go_through_it(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="precondition: allowed with an ECU in this process"):
+        lh.run(scenario(tmp_path, LEARNED), ecu="bus", clock="lockstep", bus="virtual:nobody")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('precondition = ["open", "reset"]', "allowed: a list of open, close, stop"),
+        ('precondition = "open"', "allowed: a list of open, close, stop"),
+        ("precondition = [1]", "allowed: a list of open, close, stop"),
+    ],
+)
+def test_what_is_none_is_told(tmp_path: Path, line: str, said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        lh.run(scenario(tmp_path, line + "\n"))
+    assert f"precondition: {line.split(' = ')[1]}".replace('"', "'") in str(caught.value)
+    assert said in str(caught.value)
+
+
+class Listens:
+    """Opens and closes by the reference rig, and keeps by which times it was called."""
+
+    times: list[float]
+    period_s = 0.001
+
+    def __init__(self) -> None:
+        self.times = []
+
+    def request(self, action: str) -> None:
+        pass
+
+    def step(self, now_s: float, frames: object) -> list[object]:
+        self.times.append(now_s)
+        return []
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_the_ecu_s_clock_goes_on(tmp_path: Path, clock: str) -> None:
+    ecu = Listens()
+    lh.run(scenario(tmp_path, LEARNED + OPENS, 1.0), ecu=ecu, clock=clock)
+    steps = [b - a for a, b in itertools.pairwise(ecu.times)]
+    assert min(steps) == pytest.approx(0.001)
+    assert max(steps) == pytest.approx(0.001)
+    assert ecu.times[0] == 0.0
+    assert ecu.times[-1] > 3.0  # two motions that never began, and the scenario
+
+
+# Reset.
+
+RESET = '[[request]]\ntime = 2.0\naction = "reset"\n'
+
+
+def test_the_reference_ecu_stops_and_has_forgotten_the_gate(tmp_path: Path) -> None:
+    text = LEARNED + OPENS + RESET + '[[request]]\ntime = 4.0\naction = "open"\n' + OPEN
+    text += '[[expect]]\nname = "stops"\neventually = "abs(gate_rate_degps) < 0.1"\nafter = 2.0\nwithin_s = 1.0\n'
+    result = lh.run(scenario(tmp_path, text, 15.0))
+    assert result.verdict == "pass"
+    assert texts(result) == ["opening", "opening", "open, travel learned"]
+    assert [round(each.time, 1) for each in result.events[:2]] == [0.5, 4.0]
+
+
+class Counts:
+    """Tells in a frame how often it was called since it was made."""
+
+    period_s = 0.01
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def step(self, now_s: float, frames: object) -> list[object]:
+        import can
+
+        self.calls += 1
+        return [
+            can.Message(
+                arbitration_id=0x555, data=self.calls.to_bytes(4, "big"), is_extended_id=False
+            )
+        ]
+
+
+def calls(log: Path) -> list[int]:
+    return [
+        int(line.split("#")[1].split()[0], 16)
+        for line in log.read_text().splitlines()
+        if " 555#" in line
+    ]
+
+
+@pytest.mark.parametrize("clock", ["free", "lockstep"])
+def test_a_python_ecu_is_made_anew(
+    tmp_path: Path, clock: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    log = tmp_path / "run.log"
+    lh.run(scenario(tmp_path, RESET, 3.0), f"{Path(__file__).stem}:Counts", clock, record=log)
+    told = calls(log)
+    assert max(told) == pytest.approx(200, abs=2)
+    assert told.count(1) == 2
+    assert told[-1] == pytest.approx(100, abs=2)
+
+
+class Resets(Counts):
+    """Knows how to start anew by itself."""
+
+    def reset(self) -> None:
+        self.calls = 0
+
+
+def test_an_object_is_reset_by_its_own_method_or_not_at_all(tmp_path: Path) -> None:
+    log = tmp_path / "run.log"
+    lh.run(scenario(tmp_path, RESET, 3.0), Resets(), record=log)
+    assert calls(log).count(1) == 2
+    result = lh.run(scenario(tmp_path, RESET, 3.0), Counts())
+    assert result.verdict == "error"
+    assert "cannot be made anew; allowed: MODULE:CLASS, or an object with reset()" in result.reason
+
+
+LIBRARY = """
+#include "liftgate_ecu.h"
+#include <string.h>
+static uint32_t calls; /* what generated code keeps */
+void *liftgate_ecu_create(void) { return &calls; }
+void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
+int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
+                      struct liftgate_frame *out, int capacity)
+{
+    (void)ecu; (void)now_ns; (void)in; (void)count; (void)capacity;
+    calls++;
+    memset(out, 0, sizeof *out);
+    out->id = 0x555;
+    out->length = 4;
+    for (int i = 0; i < 4; i++) out->data[i] = (uint8_t)(calls >> (24 - 8 * i));
+    return 1;
+}
+"""
+
+
+def test_a_library_is_loaded_afresh_with_its_statics(tmp_path: Path) -> None:
+    from c_library import build
+
+    log = tmp_path / "run.log"
+    result = lh.run(scenario(tmp_path, RESET, 3.0), str(build(tmp_path, LIBRARY)), record=log)
+    assert result.reason == ""
+    told = calls(log)
+    assert told.count(1) == 2
+    assert max(told) == pytest.approx(2000, abs=2)

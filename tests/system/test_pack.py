@@ -1,0 +1,88 @@
+"""The pack: scenarios that any gate ECU should pass. The reference ECU does; each of its mutants fails one."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+import pytest
+
+from liftgate_hil import runs
+from liftgate_hil.config.shipped import shipped_folder
+from liftgate_hil.ecu.mutants import MUTANTS
+from liftgate_hil.session import RunOptions
+from liftgate_hil.testing import suite
+from liftgate_hil.testing.suite import Case
+
+# For each mutant a scenario that is quick to find it; `make pack` runs all with all.
+KILLERS = {
+    "threshold_doubled": "trap_25deg_10npmm",
+    "blanking_too_long": "trap_70deg_10npmm",
+    "detection_too_slow": "trap_40deg_10npmm",
+    "filter_too_slow": "trap_40deg_10npmm",
+    "reference_follows": "trap_soft_body",
+    "inertia_uncompensated": "undisturbed",
+    "reversal_too_short": "trap_40deg_10npmm",
+    "closing_too_fast": "trap_40deg_10npmm",
+    "stall_unseen": "spindle_jammed",
+    "latch_not_released": "undisturbed",
+    "end_missed": "trap_70deg_10npmm",
+    "learning_presses": "learning_with_obstacle",
+    "closing_unwatched": "trap_40deg_10npmm",
+    "opening_unwatched": "trap_soft_stop",
+    "one_drive_watched": "trap_beside",
+    "second_run_unwatched": "second_attempt",
+    "only_stops": "trap_40deg_10npmm",
+    "learns_disturbed": "ten_attempts",
+    "stop_ignored": "stop_button",
+    "latch_unseen": "undisturbed",
+    "latch_believed": "latch_switch_stuck_latched",
+    "one_drive_commanded": "undisturbed",
+    "goes_on_after_reset": "reset_in_motion",
+    "end_never_learned_again": "learning_with_obstacle",
+    "stale_data_used": "feedback_lost",
+    "counter_unchecked": "feedback_counter",
+    "checksum_unchecked": "feedback_checksum",
+    "hall_ignored": "hall_a_stuck",
+    "frozen_current_unseen": "current_frozen",
+    "lost_current_unseen": "motor_open",
+    "over_current_unseen": "motor_short",
+    "fall_unseen": "falling",
+    "heat_ignored": "over_temperature",
+}
+
+
+@cache
+def pack() -> dict[str, Case]:
+    files = suite.scenario_files(["pack"])
+    job = runs.Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
+    return {path.stem: case for path, case in zip(files, suite.cases_of(files, job), strict=True)}
+
+
+def test_the_reference_ecu_passes_all_of_it() -> None:
+    assert len(pack()) >= 25
+    done = {name: suite.run_case(case) for name, case in pack().items()}
+    assert {name: each.verdict for name, each in done.items() if each.verdict != "pass"} == {}
+
+
+def test_each_has_its_reason_a_description_and_a_requirement() -> None:
+    folder = shipped_folder("scenarios", "pack")
+    assert folder is not None
+    for path in folder.glob("*.toml"):
+        head = path.read_text(encoding="utf-8").split("\n\n")[0]
+        assert re.fullmatch(r"(# .+\n?)+", head), path
+        scenario = pack()[path.stem].parts.setup.scenario
+        assert scenario.description, path
+        assert scenario.requirement, path
+
+
+def test_every_mutant_has_its_killer() -> None:
+    assert set(KILLERS) == set(MUTANTS)
+
+
+@pytest.mark.parametrize("mutant", list(MUTANTS))
+def test_a_scenario_finds_the_defect(mutant: str) -> None:
+    case = pack()[KILLERS[mutant]]
+    job = runs.Job(**{**vars(case.job), "mutant": mutant})
+    found = suite.run_case(Case(case.file, job, case.parts))
+    assert found.verdict == "fail", [each.verdict for each in found.expectations]

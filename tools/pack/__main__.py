@@ -1,0 +1,56 @@
+"""The page: python -m tools.pack [--output FOLDER] [--realtime NAME …]
+
+With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from liftgate_hil import runs
+from liftgate_hil.session import RunOptions
+from liftgate_hil.testing import suite
+from liftgate_hil.testing.mutation import mutate
+from tools.pack import page
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write docs/pack.md, or tell the differences of real time."""
+    parser = argparse.ArgumentParser(prog="python -m tools.pack", description=__doc__)
+    parser.add_argument("--output", type=Path, default=Path("docs"))
+    parser.add_argument("--realtime", nargs="*", metavar="NAME", help="default: all")
+    args = parser.parse_args(arguments)
+    files = suite.scenario_files(["pack"])
+    if args.realtime is not None:
+        chosen = [each for each in files if not args.realtime or each.stem in args.realtime]
+        print(page.differences(_on(chosen, "free"), _on(chosen, "realtime")))
+        return 0
+    jobs = len(os.sched_getaffinity(0))
+    cases = suite.cases_of(files, _job("free"))
+    suite.run_case(cases[0])  # compiled
+    began = time.monotonic()
+    done = {each.case.file: each for each in suite.run_suite(cases, jobs)}
+    seconds = time.monotonic() - began
+    outcomes = [done[case.file] for case in cases]
+    matrix = mutate(outcomes, jobs)
+    text = page.pack_page(outcomes, matrix, seconds, jobs)
+    (args.output / "pack.md").write_text(text, encoding="utf-8")
+    return 0
+
+
+def _job(clock: str) -> runs.Job:
+    options = RunOptions(clock=clock, realtime=clock == "realtime")
+    return runs.Job(scenario=None, ecu="reference", options=options)
+
+
+def _on(files: Sequence[Path], clock: str) -> list[suite.Outcome]:
+    return [suite.run_case(case) for case in suite.cases_of(files, _job(clock))]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

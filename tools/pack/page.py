@@ -1,0 +1,94 @@
+"""docs/pack.md: each scenario with its reason and what was left of it, and each mutant with what finds it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from liftgate_hil.ecu.mutants import MUTANTS
+from liftgate_hil.testing.mutation import Matrix
+from liftgate_hil.testing.suite import Outcome
+from tools.docs.markdown import MADE, code, page, table
+
+_INTRO = """\
+Scenarios that any gate ECU should pass, `liftgate-hil test pack --ecu …`: each is a file of
+[`configs/scenarios/pack`](../configs/scenarios/pack) with its reason on top. They speak of what the gate does,
+not of how an ECU does it, and most wait for the gate instead of a time, so that they fit any travel time. An
+ECU that learns its gate goes through a few motions first (`precondition`). Made by `make pack`, with the
+reference ECU."""
+
+_MUTANTS = """\
+Who tests the tests? Each mutant is the reference ECU with one defect, by other data, nothing is compiled anew
+([`mutants.py`](../hil/liftgate_hil/ecu/mutants.py)). A scenario finds it where an expectation fails that the
+sound ECU passes. `liftgate-hil test MY_SCENARIOS --mutants` does the same for your own."""
+
+_MOST = 4  # scenarios that are named
+
+
+def pack_page(outcomes: Sequence[Outcome], matrix: Matrix, seconds: float, jobs: int) -> str:
+    """The page."""
+    rows = [(code(_name(each)), each.verdict, _least(each), _reason(each)) for each in outcomes]
+    found = [
+        (code(each.name), each.meaning, _finders(matrix, each.name)) for each in MUTANTS.values()
+    ]
+    idle = [f"* {code(Path(file).stem)}: {name}" for file, name in matrix.prove_nothing]
+    made = page(
+        "The pack",
+        _INTRO,
+        f"{len(outcomes)} scenarios took {seconds:.1f} s with {jobs} at a time.",
+        table(("scenario", "verdict", "smallest margin", "reason"), rows),
+        "## Mutants",
+        _MUTANTS,
+        f"{len(matrix.killed)} of {len(MUTANTS)} are found.",
+        table(("mutant", "defect", "found by"), found),
+        "\n".join(["Expectations that hold with every mutant, and with no ECU at all:", "", *idle])
+        if idle
+        else "No expectation holds with every mutant and with no ECU at all.",
+    )
+    return made.replace(MADE, MADE.replace("make docs", "make pack"), 1)
+
+
+def _name(outcome: Outcome) -> str:
+    return Path(outcome.case.file).stem
+
+
+def _least(outcome: Outcome) -> str:
+    """The margins of an outcome, the smallest one of each unit."""
+    least: dict[str, float] = {}
+    for each in outcome.expectations:
+        if each.margin is not None:
+            unit = each.margin_unit
+            least[unit] = min(each.margin, least.get(unit, math.inf))
+    return ", ".join(f"{margin:.3g} {unit}".strip() for unit, margin in least.items())
+
+
+def _reason(outcome: Outcome) -> str:
+    """What the file says on top."""
+    text = Path(outcome.case.file).read_text(encoding="utf-8").split("\n\n")[0]
+    return " ".join(line.removeprefix("#").strip() for line in text.splitlines())
+
+
+def _finders(matrix: Matrix, mutant: str) -> str:
+    names = list(dict.fromkeys(code(Path(file).stem) for file, _ in matrix.kills(mutant)))
+    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return f"{', '.join(names[:_MOST])}{more}" if names else "**nothing**"
+
+
+def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
+    """Verdicts and margins of both clocks side by side."""
+    rows, same = [], 0
+    for ours, theirs in zip(free, realtime, strict=True):
+        for one, other in zip(ours.expectations, theirs.expectations, strict=True):
+            if one.verdict == other.verdict:
+                same += 1
+            apart = (
+                f"{other.margin - one.margin:+.3g} {one.margin_unit}"
+                if one.margin is not None and other.margin is not None
+                else ""
+            )
+            rows.append(
+                (code(_name(ours)), one.name, one.verdict, other.verdict, apart, other.reason)
+            )
+    heads = ("scenario", "expectation", "free", "real time", "margin", "why")
+    return f"{same} of {len(rows)} verdicts are the same\n\n{table(heads, rows)}"
