@@ -316,9 +316,8 @@ class Gate:
         """
         self._check_open()
         fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
-        injections_of(
-            [fault], self._vehicle, self.rig
-        )  # what is wrong with it is told before it counts
+        # What is wrong with it is told before it counts.
+        injections_of([fault], self._vehicle, self.rig)
         made = InjectedFault(self, fault)
         self._faults.append(made)
         self._break_and_mend()

@@ -61,7 +61,7 @@ from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
-    from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.loop.tick import LoopConfig, LoopState
     from liftgate_hil.stimuli.scene import Scene
 
 
@@ -435,7 +435,7 @@ def _free(
         if recorders:
             takers = [*takers, recording]
         try:
-            scene, start = _begin(job, parts, adapter, stopped, memory)
+            scene, start = _begin(parts, config, adapter, stopped, memory)
         except PreconditionError as error:
             return result_of(takers, adapter, Summary(clock="free"), "", str(error))
         except LiftgateError as error:
@@ -469,15 +469,14 @@ def _free(
 
 
 def _begin(
-    job: Job,
     parts: Parts,
+    config: LoopConfig,
     adapter: Adapter,
     stopped: Callable[[], bool],
     memory: Memory | None,
 ) -> tuple[Scene, LoopState]:
     """The scene at its time 0, and the loop there. Raises what `gone_through` raises."""
     setup = parts.setup
-    config = session.loop_config_of(setup.vehicle, parts.rig, parts.options.rate, setup.seed)
     scene, state = staged(setup, parts.rig), session.start_of(config, setup.start_angle)
     actions, guard = setup.scenario.precondition, functools.partial(_foreign_code, memory)
     return scene, gone_through(config, state, scene, adapter, actions, stopped, guard)
@@ -497,7 +496,10 @@ def _on_bus(
     with contextlib.ExitStack() as stack:
         peers = []
         try:
-            scene, start = _begin(job, parts, adapter, stopped, memory)
+            config = session.loop_config_of(
+                parts.setup.vehicle, parts.rig, parts.options.rate, parts.setup.seed
+            )
+            scene, start = _begin(parts, config, adapter, stopped, memory)
         except PreconditionError as error:
             return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
         except LiftgateError as error:

@@ -65,8 +65,7 @@ def _identifier(fault: Fault, rig: Rig, direction: int, issues: ConfigIssues) ->
         issues.take([f"{fault.key}.where: {said}"])
         return EVERY
     assert fault.where is not None
-    message = rig.messages[fault.where]
-    return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
+    return rig.identifier(fault.where)
 
 
 def _of(rig: Rig, message: str, what: str) -> str | None:

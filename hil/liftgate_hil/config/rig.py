@@ -71,8 +71,12 @@ class Rig:
 
     def command_identifier(self) -> int:
         """Its identifier, with SocketCAN's flag where it is extended."""
-        message = self.messages[self.command_message()]
-        return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+        return self.identifier(self.command_message())
+
+    def identifier(self, name: str) -> int:
+        """Of a message, with SocketCAN's flag where it is extended."""
+        message = self.messages[name]
+        return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
 
     def command_cycle_ms(self) -> float:
         """Its cycle."""

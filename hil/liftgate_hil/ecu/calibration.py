@@ -61,16 +61,12 @@ class Calibration(NamedTuple):
     learning_excess: float = 3.5  # A over this run's own recent load: the stop that is looked for
 
     learning_time: float = 0.025  # s for which that is to last
-    most_squeezed: float = (
-        100.0  # counts from where the load begins to rise to where the drives stand in the stop
-    )
+    most_squeezed: float = 100.0  # counts from where the load rises to where the drives stand
 
     # What cannot be. Sound drives of a production were seen 15 counts from their mean.
     feedback_timeout: float = 0.05  # s without a drive's feedback
     counts_apart: float = 40.0  # of a drive from the mean of both
-    frozen_time: float = (
-        0.5  # s in which the current's reading is the same to the bit, though the drive moves
-    )
+    frozen_time: float = 0.5  # s of one and the same reading of a current, though the drive moves
     frozen_counts: float = 20.0
     over_current: float = 45.0  # A
     over_current_time: float = 0.1  # s
@@ -80,9 +76,7 @@ class Calibration(NamedTuple):
     fall_counts: float = 20.0  # that a gate which stands may come down before it is held
     fall_hold_time: float = 10.0  # s
     settling_time: float = 1.0  # s after a stop
-    travel_change: float = (
-        20.0  # counts that the open end is to be further than before, to be another
-    )
+    travel_change: float = 20.0  # counts that another open end is to be further
     latch_zone: float = 100.0  # counts above closed in which the latch may say that it holds
     hot: float = 110.0  # °C of a motor, above which no motion begins
     cool: float = 90.0  # °C, below which one does again

@@ -108,9 +108,8 @@ def _without_counter(config: EcuConfig) -> EcuConfig:
 
 def _without_checksum(config: EcuConfig) -> EcuConfig:
     messages = config.inputs.messages.copy()
-    is_simple = np.isin(
-        messages.kind, list(checksum.KINDS.values())
-    )  # a profile's goes with its counter
+    # A profile's goes with its counter.
+    is_simple = np.isin(messages.kind, list(checksum.KINDS.values()))
     messages.kind[is_simple] = checksum.NONE
     return config._replace(inputs=config.inputs._replace(messages=messages))
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
@@ -49,8 +48,7 @@ def feedback_identifiers(rig: Rig) -> list[int]:
     """The messages that show what a command did: those with a motor current, else all."""
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
-    messages = [rig.messages[name] for name in names]
-    return [each.frame_id | (EXTENDED if each.is_extended_frame else 0) for each in messages]
+    return [rig.identifier(name) for name in names]
 
 
 @dataclass

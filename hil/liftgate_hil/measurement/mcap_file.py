@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,6 +24,7 @@ from liftgate_hil.codec.frames import (
 )
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.foreign_reader import foreign_reader
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_hil.measurement.recorded import column_signal
 from liftgate_hil.measurement.series import FRAME, Series
@@ -167,7 +167,7 @@ class McapFile:
 
         if not channels:
             return
-        with _guarded(self.path), self.path.open("rb") as stream:
+        with foreign_reader(self.path, "MCAP", "mcap"), self.path.open("rb") as stream:
             for record in StreamReader(
                 stream, emit_chunks=True, record_size_limit=_LARGEST
             ).records:
@@ -190,7 +190,7 @@ class McapFile:
 def open_mcap(path: Path) -> McapFile:
     """What a recording holds. Raises ConfigError where it cannot be read, or is none of ours."""
     check_file(path)
-    with _guarded(path):
+    with foreign_reader(path, "MCAP", "mcap"):
         from mcap.reader import make_reader
 
         with path.open("rb") as stream:
@@ -208,7 +208,7 @@ def open_mcap(path: Path) -> McapFile:
             )
     if summary is None or layout.RECORD not in records:
         raise ConfigError(f"{path}: no recording of this program; allowed: one that it wrote")
-    with _guarded(path):
+    with foreign_reader(path, "MCAP", "mcap"):
         signals, topics = _topics(summary)
     start = records[layout.RECORD].get(layout.START, "")
     buses = {
@@ -257,21 +257,3 @@ def _check_ends(path: Path, stream: Any) -> None:
     if size < 2 * len(_MAGIC) or stream.read() != _MAGIC:
         raise ConfigError(f"{path}: cannot be read: it was not completed, its end is missing")
     stream.seek(0)
-
-
-@contextmanager
-def _guarded(path: Path) -> Iterator[None]:
-    """What goes wrong in here is told as ConfigError."""
-    try:
-        yield
-    except ConfigError:
-        raise
-    except ImportError as error:
-        raise ConfigError(
-            f"{path}: MCAP needs mcap; allowed after: pip install 'liftgate-hil[mcap]'"
-        ) from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # mcap raises what its parsers raise
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: cannot be read: {said}") from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.mcap_layout import ABOUT_PARQUET
+from liftgate_hil.measurement.foreign_reader import foreign_reader
 from liftgate_hil.measurement.log_frames import CUT, is_cut
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_hil.measurement.recorded import column_signal
@@ -52,7 +52,7 @@ class RecordedCsv(_Table):
         """See Recorded."""
         order = list(self.signals)
         places = [order.index(name) for name in wanted]
-        with _told(self.path), self.path.open("rb") as stream:
+        with foreign_reader(self.path, "Parquet", "pyarrow"), self.path.open("rb") as stream:
             stream.seek(self.head)
             rest, number = b"", 1
             while text := stream.read(_BLOCK):
@@ -99,7 +99,7 @@ class RecordedCsv(_Table):
 
 def open_csv_recording(path: Path) -> RecordedCsv:
     """A CSV file: a header, and rows of numbers. Raises ConfigError."""
-    with _told(path), path.open("rb") as stream:
+    with foreign_reader(path, "Parquet", "pyarrow"), path.open("rb") as stream:
         line = stream.readline(1 << 20)
         head = stream.tell()
         text = line.decode("utf-8-sig").strip()
@@ -130,7 +130,7 @@ class RecordedParquet(_Table):
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
         """See Recorded."""
-        with _told(self.path):
+        with foreign_reader(self.path, "Parquet", "pyarrow"):
             from pyarrow import parquet
 
             with parquet.ParquetFile(self.path) as file:
@@ -150,7 +150,7 @@ class RecordedParquet(_Table):
 
 def open_parquet_recording(path: Path) -> RecordedParquet:
     """A Parquet file of columns of numbers. Raises ConfigError."""
-    with _told(path):
+    with foreign_reader(path, "Parquet", "pyarrow"):
         from pyarrow import parquet, types
 
         schema = parquet.read_schema(path)
@@ -175,20 +175,3 @@ def open_parquet_recording(path: Path) -> RecordedParquet:
         )
     about = (schema.metadata or {}).get(ABOUT_PARQUET.encode(), b"").decode(errors="replace")
     return RecordedParquet(path, signals, about)
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """What goes wrong in here is told as ConfigError."""
-    try:
-        yield
-    except ConfigError:
-        raise
-    except ImportError as error:
-        raise ConfigError(
-            f"{path}: Parquet needs pyarrow; allowed after: pip install 'liftgate-hil[parquet]'"
-        ) from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:  # pyarrow's readers raise errors of their own
-        raise ConfigError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
