@@ -20,6 +20,8 @@ _CALLED = {
     "walk": "reading of bus logs",
     "note_wakeups": "measurement of lateness",
     "put_lines": "CSV text",
+    "play": "replay",
+    "note_truths": "trigger of the recording",
 }
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
-from liftgate_hil.origin import origin_of
+from liftgate_hil.origin import ON_THE_BUS, origin_of
 from liftgate_hil.recording.content import Content
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
 from liftgate_hil.signals import columns_of
-from liftgate_hil.staging import staged
+from liftgate_hil.staging import staged, trigger_in
+from liftgate_hil.stimuli.restbus import going_on
 from liftgate_hil.stimuli.scene import Scene
 
 if TYPE_CHECKING:
@@ -24,11 +25,15 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
     from liftgate_hil.loop.recorder import Taker
+    from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.preparation import Phase
     from liftgate_hil.transport.base import Line, Transport
     from liftgate_hil.transport.find import Way
 
     Wire = TypeVar("Wire", Line, Transport)
+    # Goes on from a state until it is stopped: the state then.
+    Going = Callable[[LoopState, Callable[[], bool]], LoopState]
 
 
 def _never() -> bool:
@@ -52,8 +57,10 @@ class Emulator:
     options: RunOptions = field(default_factory=RunOptions)
     scene: Scene | None = None  # None: the setup's
     start: LoopState | None = None  # where the scene begins; None: where the setup says
+    phases: Iterable[Phase] = ()  # that go before the scene, on the wire
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
+    ecu: Mapping[str, Any] = field(default_factory=ON_THE_BUS.copy)  # see ecu.identity
     channel: str = ""  # what recordings call the wire, where not by its own name
     listener: Listener = field(default_factory=Listener)
     events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
@@ -66,7 +73,9 @@ class Emulator:
         self.options.check()
         options, setup = self.options, self.setup
         self.config = loop_config_of(setup.vehicle, self.rig, options.rate, setup.seed)
-        self.stage = self.scene or staged(setup, self.rig)
+        # Without buttons in the rig its ECU is asked by somebody else.
+        is_asked = not self.peers and bool(self.rig.driver.buttons)
+        self.stage = self.scene or staged(setup, self.rig, is_on_bus=is_asked)
         self.state = self.start or start_of(self.config, setup.start_angle)
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
@@ -97,36 +106,55 @@ class Emulator:
             with contextlib.ExitStack() as stack:
                 line = self._opened(open_line, stack)
                 name = self.channel or line.name
-                memory = memory_for(options.rate)
-                stack.callback(memory.close)
+
+                realtime = Realtime(options.cpu) if options.realtime else None
+
+                def made(scene: Scene, memory: Memory) -> RealtimeRun:
+                    stack.callback(memory.close)
+                    return RealtimeRun(
+                        config=self.config,
+                        state=self.state,
+                        scene=scene,
+                        line=line,
+                        memory=memory,
+                        rig=self.rig,
+                        bitrate=self.way.bitrate(self.rig),
+                        limit_ns=round(options.overrun_limit * NS),
+                        say=self.listener.say,
+                        realtime=realtime,
+                    )
+
+                def begun(phase: Phase) -> Going:
+                    before = made(phase.scene, memory_for(options.rate))
+                    before.takers, before.is_last = [phase.end], False
+                    before.begin()
+
+                    def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
+                        before.state = state
+                        before.run(None, stopped)
+                        return before.state
+
+                    return go
+
+                loop = made(self.stage, memory_for(options.rate))
+                loop.peers, loop.takers = self.peers, self.takers
                 if options.records:
+                    content, limit = self._content(name), options.limit()
                     recorder = RecorderProcess(
                         options.records,
-                        self._content(name),
-                        options.limit(),
-                        memory,
+                        content,
+                        limit,
+                        loop.memory,
                         self.listener.say,
+                        trigger_in(self.setup, self.rig, options),
                     )
                     stack.callback(recorder.close)
-                loop = RealtimeRun(
-                    config=self.config,
-                    state=self.state,
-                    scene=self.stage,
-                    line=line,
-                    memory=memory,
-                    rig=self.rig,
-                    bitrate=self.way.bitrate(self.rig),
-                    limit_ns=round(options.overrun_limit * NS),
-                    say=self.listener.say,
-                    lookout=self._lookout(),
-                    peers=self.peers,
-                    takers=self.takers,
-                    realtime=Realtime(options.cpu) if options.realtime else None,
-                )
                 self.listener.starts(f"{self.setup.vehicle_name} on {name}")
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
+                self._prepare(begun)
+                loop.state, loop.lookout = self.state, self._lookout()
                 loop.run(self.ticks, self.stopped)
         finally:
             # The counts of the line and the recorder are whole only when they are closed.
@@ -135,6 +163,7 @@ class Emulator:
             if recorder is not None:
                 self.summary.recording_lost_rows = recorder.lost_rows
                 self.summary.recordings = recorder.files
+                self.summary.recording_windows = recorder.windows
 
     def _in_python(self) -> None:
         """On a clock that waits for nobody, or where the real-time loop cannot be."""
@@ -144,6 +173,7 @@ class Emulator:
         from liftgate_hil.loop.recorder import RecordingTaker
         from liftgate_hil.recording.guarded import raise_failures
         from liftgate_hil.recording.open import open_recorders
+        from liftgate_hil.recording.trigger import Triggered
         from liftgate_hil.transport.find import open_transport
 
         options, rig = self.options, self.rig
@@ -155,7 +185,25 @@ class Emulator:
             recorders = open_recorders(
                 options.records, self._content(name), options.limit(), self.listener.say, stack
             )
-            recording = RecordingTaker(recorders, epoch_ns)
+            trigger = trigger_in(self.setup, rig, options)
+            triggered = None if trigger is None else Triggered(trigger)
+            recording = RecordingTaker(recorders, epoch_ns, triggered)
+
+            def pace() -> RealtimeClock:
+                return RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
+
+            def begun(phase: Phase) -> Going:
+                before = Loop(self.config, self.state, phase.scene, transport, takers=[phase.end])
+                before.begin()
+
+                def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
+                    before.state = state
+                    self._clocked(before, pace(), None, stopped)
+                    return before.state
+
+                return go
+
+            self._prepare(begun)
             loop = Loop(
                 config=self.config,
                 state=self.state,
@@ -168,9 +216,9 @@ class Emulator:
             )
             self.listener.starts(f"{self.setup.vehicle_name} on {name}")
             loop.begin()
-            clock = RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
+            clock = pace()
             try:
-                self._clocked(loop, clock)
+                self._clocked(loop, clock, self.ticks, self.stopped)
             finally:
                 try:
                     loop.finish()
@@ -178,12 +226,14 @@ class Emulator:
                     recording.flush()
                     timing = Timing(distribution(clock.lateness))
                     self.summary = loop.summary(options.clock, timing)
+                    if triggered is not None:
+                        self.summary.recording_windows = triggered.count
         self.summary.recordings = [file for each in recorders for file in each.files]
         raise_failures(recorders)
 
     def _content(self, channel: str) -> Content:
         """What recordings hold."""
-        about = origin_of(self.setup, self.rig, self.options)
+        about = origin_of(self.setup, self.rig, self.options, self.ecu)
         return Content(columns_of(self.setup.vehicle.drives), channel, about=about)
 
     def _lookout(self) -> Lookout:
@@ -199,17 +249,39 @@ class Emulator:
             ticks_before=before,
         )
 
-    def _clocked(self, loop: Loop, clock: RealtimeClock) -> None:
+    def _prepare(self, begun: Callable[[Phase], Going]) -> None:
+        """The phases before the scene, which begins where they end. All are ready before the first one runs, so
+        that the bus is silent for no longer than it takes to go on. Raises PreconditionError.
+        """
+        restbus = None
+        for phase, go in [(each, begun(each)) for each in self.phases]:
+            self.listener.say(f"before the scenario: {phase.end.what}")
+            phase.scene.origin[0] = self.state.tick
+            if restbus is not None:
+                going_on(restbus, phase.scene.restbus)
+            restbus = phase.scene.restbus
+            self.state = go(self.state, lambda end=phase.end: self.stopped() or end.is_over())  # type: ignore[misc]
+        if restbus is not None:
+            going_on(restbus, self.stage.restbus)
+            self.stage.origin[0] = self.state.tick
+
+    def _clocked(
+        self,
+        loop: Loop,
+        clock: RealtimeClock,
+        ticks: int | None,
+        stopped: Callable[[], bool],
+    ) -> None:
         """Run the Python loop on the clock that was asked for."""
         from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
         from liftgate_hil.loop.python_loop import run_clocked, run_free
 
         options, rig = self.options, self.rig
         if options.clock == "realtime":
-            run_clocked(loop, clock, self.ticks, self.stopped)
+            run_clocked(loop, clock, ticks, stopped)
         elif options.clock == "free" or self.peers:
             # Peers in this process are in step by themselves, those that are silent, too.
-            run_free(loop, self.ticks, self.stopped)
+            run_free(loop, ticks, stopped)
         else:
             lockstep = Lockstep(
                 command=rig.command_identifier(),
@@ -217,4 +289,4 @@ class Emulator:
                 wall_timeout=options.wall_timeout,
                 say=self.listener.say,
             )
-            run_lockstep(loop, lockstep, self.ticks, self.stopped)
+            run_lockstep(loop, lockstep, ticks, stopped)

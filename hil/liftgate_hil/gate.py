@@ -23,6 +23,7 @@ from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.arguments import number_of, seed_of
 from liftgate_hil.config.enumerations import missing_values
+from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Fault, fault_of
 from liftgate_hil.config.toml import show
@@ -30,6 +31,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.reference import message_rows
 from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
@@ -47,9 +49,12 @@ from liftgate_hil.signals import (
     columns_of,
 )
 from liftgate_hil.staging import injections_of
+from liftgate_hil.stimuli import restbus
 from liftgate_hil.stimuli.bus_faults import going_on
+from liftgate_hil.stimuli.faults import Injection
 from liftgate_hil.stimuli.mailbox import HELD
-from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.moments import START, Instant
+from liftgate_hil.stimuli.restbus import SignalChange
 from liftgate_hil.stimuli.scene import scene_of
 from liftgate_plant.compiler import compiled
 from liftgate_plant.hall import RING_SIZE
@@ -89,6 +94,7 @@ class Gate:
         self._drives = vehicle.drives
         self._vehicle = vehicle
         self._faults: list[InjectedFault] = []
+        self._signals: dict[str, float] = {}  # of the restbus
         self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
         state = initial_state(self._config.plant, angle)
@@ -99,7 +105,7 @@ class Gate:
         self._bus = Adapter(rig, vehicle.drives)
         self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
         self._script = Script(
-            scene=scene_of(constants_in(self._config)),
+            scene=scene_of(constants_in(self._config), tables=rig.tables),
             ticks=0,
             is_last=0,
             is_recorded=1,
@@ -305,6 +311,28 @@ class Gate:
         for name, value in values.items():
             self._script.scene.held[getattr(HELD, name)] = value
 
+    def signal(self, name: str, value: float | str | None) -> None:
+        """What another control unit sends (`MESSAGE.SIGNAL` of the rig's database, in its unit or by its label),
+        from now on in its message's cycle, with counter and protection; the message's other signals have their
+        start values. None: this one has its start value again.
+
+        Raises ConfigError.
+        """
+        self._check_open()
+        issues = ConfigIssues("`signal`")
+        tables, taken = self.rig.tables, self.rig.mapped
+        if value is None and name in self._signals:
+            value = restbus.start_value(tables.messages, name)
+        number = value_in("", str(name), value, tables, taken, issues)
+        issues.raise_if_any()
+        assert number is not None
+        is_new = name not in self._signals
+        self._signals[name] = number
+        if is_new:
+            self._change_scene()
+        place = list(self._signals).index(name)
+        self._script.scene.restbus.transmission.values[place] = number
+
     def fault(
         self, kind: str, where: str | None = None, *, seed: int = 0, **values: Any
     ) -> InjectedFault:
@@ -317,23 +345,30 @@ class Gate:
         self._check_open()
         fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
         # What is wrong with it is told before it counts.
-        injections_of([fault], self._vehicle, self.rig)
+        self._injections([fault])
         made = InjectedFault(self, fault)
         self._faults.append(made)
-        self._break_and_mend()
+        self._change_scene()
         return made
+
+    def _injections(self, faults: Sequence[Fault]) -> list[Injection]:
+        sent = {name.partition(".")[0] for name in self._signals}
+        return injections_of(faults, self._vehicle, self.rig, sent)
 
     def _clear(self, fault: InjectedFault) -> None:
         self._faults = [each for each in self._faults if each is not fault]
-        self._break_and_mend()
+        self._change_scene()
 
-    def _break_and_mend(self) -> None:
-        """A scene with the faults that there are now; those that ramp go on where they are."""
+    def _change_scene(self) -> None:
+        """A scene with the faults and the restbus that there are now; what has begun goes on where it is."""
         before = self._script.scene
-        injections = injections_of([each.fault for each in self._faults], self._vehicle, self.rig)
         scene = scene_of(
-            constants_in(self._config), injections=injections, messages=self.rig.messages
+            constants_in(self._config),
+            injections=self._injections([each.fault for each in self._faults]),
+            tables=self.rig.tables,
+            changes=[SignalChange(START, *each) for each in self._signals.items()],
         )
+        restbus.going_on(before.restbus, scene.restbus)
         on_its_way = going_on(before.bus_faults, scene.bus_faults)
         scene = scene._replace(held=before.held, bus_faults=on_its_way)
         self._script = self._script._replace(scene=scene)

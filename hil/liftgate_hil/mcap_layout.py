@@ -23,6 +23,10 @@ ABOUT = (
     "liftgate-hil-run.json"  # the attachment with what the recording says of its run, in MF4, too
 )
 ABOUT_PARQUET = "liftgate-hil run"  # the same among Parquet's metadata
+START_PARQUET = "liftgate-hil start_ns"  # what START is, there
+START_COLUMN = (
+    "run_start_s"  # the same in CSV, which has no other place for it, where a wall clock counts
+)
 FRAMES = "/can"
 ENCODING = "json"
 SCHEMA_ENCODING = "jsonschema"

@@ -22,31 +22,47 @@ from liftgate_hil.session import RunOptions, Setup
 from liftgate_hil.version import versions
 from liftgate_plant import compiler
 
+ON_THE_BUS = {"kind": "bus"}  # an ECU of which no more is known
 _MOST_TEXT = 4_000_000  # bytes of a file that goes in; of a larger one its SHA-256
 
 
-def origin_of(setup: Setup, rig: Rig, options: RunOptions) -> str:
-    """JSON: versions and machine, seed, clock, rate, the files with their content and SHA-256, and the vehicle as
-    it was in the end, in SI units. Empty where nothing is recorded.
+def origin_of(
+    setup: Setup, rig: Rig, options: RunOptions, ecu: Mapping[str, Any] = ON_THE_BUS
+) -> str:
+    """JSON: versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
+    was in the end, in SI units, the ECU (`ecu.identity`), and around what it was recorded, where not all was.
+    Empty where nothing is recorded.
     """
     if not options.records:
         return ""
     duration = setup.scenario.duration if options.duration is None else options.duration
     files = {"rig": Path(rig.source), "dbc": rig.database}
-    return _origin(setup, options.clock, options.rate, duration, files)
+    more: dict[str, Any] = {"ecu": _plain(ecu)}
+    if options.record_when:
+        before, after = options.around()
+        more["recorded"] = {
+            "when": list(options.record_when), "before_s": before, "after_s": after,
+        }  # fmt: skip
+    return _origin(setup, options.clock, options.rate, duration, files, more)
 
 
 def origin_offline(setup: Setup, step: float, duration: float, files: Mapping[str, Path]) -> str:
     """The same of a simulation of the plant alone, in steps [s], from these files."""
-    return _origin(setup, "offline", 1.0 / step, duration, files)
+    return _origin(setup, "offline", 1.0 / step, duration, files, {})
 
 
 def _origin(
-    setup: Setup, clock: str, rate: float, duration: float | None, files: Mapping[str, Path]
+    setup: Setup,
+    clock: str,
+    rate: float,
+    duration: float | None,
+    files: Mapping[str, Path],
+    more: Mapping[str, Any],
 ) -> str:
     scenario = setup.scenario
     processor, features = compiler.processor()
     found = {**files, "scenario": Path(scenario.source)}
+    found |= {f"included {k}": Path(name) for k, name in enumerate(scenario.included, 1)}
     with contextlib.suppress(ConfigError):  # one that a program has made
         found["vehicle"] = find_config("vehicles", setup.vehicle_name)
     told = {
@@ -61,6 +77,7 @@ def _origin(
         "duration_s": duration,
         "initial_deg": math.degrees(setup.start_angle),
         "parameters": dict(scenario.parameters),
+        **more,
         "files": {
             name: _file(name, path)
             for name, path in found.items()

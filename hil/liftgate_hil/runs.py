@@ -37,10 +37,19 @@ from liftgate_hil.config.variant import AS_FILED, Variant
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.ecu.find import ON_A_BUS, adapter_for, check_ecu, is_library
+from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.ecu.mutants import mutant_ecu
+from liftgate_hil.ecu.node import NO_ECU
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, PreconditionError, causes
+from liftgate_hil.errors import (
+    ConfigError,
+    EcuError,
+    LiftgateError,
+    OverrunError,
+    PreconditionError,
+    causes,
+)
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
 from liftgate_hil.judging.verdict import Verdict, worst
@@ -51,9 +60,11 @@ from liftgate_hil.loop.precondition import gone_through
 from liftgate_hil.loop.recorder import RecordingTaker, Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.origin import origin_of
+from liftgate_hil.preparation import phases_of
 from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.trigger import Triggered
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, columns_of
-from liftgate_hil.staging import expected_in, staged
+from liftgate_hil.staging import expected_in, staged, trigger_in
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import Way, find_way, open_transport
 from liftgate_plant.compiler import GivenUpError
@@ -105,6 +116,7 @@ class Job:
     wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
     options: session.RunOptions = field(default_factory=session.RunOptions)
     trace: int = 0  # keep every so many rows; 0: none
+    ecu_elsewhere: Any = None  # what `ecu` bus is, where this program runs it in another process
     mutant: str = ""  # of the reference ECU, see ecu/mutants.py
     is_isolated: bool = False  # in a process of its own, as C libraries always are
     listener: Listener = field(default_factory=Listener)
@@ -129,6 +141,9 @@ def run(
     record: str | Path | Sequence[str | Path] = (),
     record_limit: int | str | None = None,
     record_keep: int | None = None,
+    record_when: str | Sequence[str] = (),
+    record_before: float | None = None,
+    record_after: float | None = None,
     bus: str | None = None,
     wall_timeout: float | None = None,
     trace: bool = False,
@@ -142,7 +157,8 @@ def run(
     ("closed", "open" or degrees) and `seed` win over the scenario's. `draw` and `ideal` say which car of the
     vehicle's file, see `load_vehicle`. `rate` [Hz], `duration` [s of model time],
     files to `record`, each in parts of at most `record_limit` (bytes, "500MB"), of which the last `record_keep`
-    stay, `trace`: keep every row. A C library runs in a process of its own.
+    stay; with `record_when`, conditions, only from `record_before` to `record_after` [s] around the ticks in which
+    one is true. `trace`: keep every row. A C library runs in a process of its own.
 
     Raises ConfigError for what cannot be meant. What goes wrong in the run itself is the result's verdict.
     """
@@ -158,6 +174,11 @@ def run(
         records=tuple(check_file("record", name) for name in paths_of("record", record)),
         record_limit=size_of("record_limit", record_limit),
         record_keep=record_keep,
+        record_when=(record_when,)
+        if isinstance(record_when, str)
+        else texts_of("record_when", record_when),
+        record_before=record_before,
+        record_after=record_after,
         wall_timeout=wall_timeout,
     )
     job = Job(
@@ -259,12 +280,7 @@ def resolve(job: Job) -> Parts:
         raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
     if job.options.clock == "free" and way is not None and not way.is_interface("virtual"):
         raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
-    is_here = way is None or way.is_interface("virtual")
-    if setup.scenario.precondition and (job.ecu == ON_A_BUS or not is_here):
-        raise ConfigError(
-            f"{setup.scenario.source}: precondition: allowed with an ECU in this process, not on a bus"
-        )
-    _check_stage(setup, rig, job.options.rate)
+    _check_stage(setup, rig, job.options, job.ecu == ON_A_BUS)
     return Parts(setup, rig, job.options, way, sources_of(_files_of(job, setup, rig)))
 
 
@@ -281,10 +297,16 @@ def _periods(scenario: Scenario, rate: float) -> list[str]:
     return found
 
 
-def _check_stage(setup: session.Setup, rig: Rig, rate: float) -> None:
-    """Raise ConfigError with all of the scenario that does not fit vehicle, rig or rate [Hz]."""
-    issues = _periods(setup.scenario, rate)
-    for fit in (lambda: staged(setup, rig), lambda: expected_in(setup, rig)):
+def _check_stage(
+    setup: session.Setup, rig: Rig, options: session.RunOptions, is_on_bus: bool
+) -> None:
+    """Raise ConfigError with all of scenario and trigger that does not fit vehicle, rig or rate."""
+    issues = _periods(setup.scenario, options.rate)
+    for fit in (
+        lambda: staged(setup, rig, is_on_bus),
+        lambda: expected_in(setup, rig),
+        lambda: trigger_in(setup, rig, options),
+    ):
         try:
             fit()
         except ConfigError as error:
@@ -425,12 +447,14 @@ def _free(
     if ticks is None:
         raise ConfigError("`duration`: missing; allowed: in the scenario, or given")
     reason = ""
-    about = origin_of(setup, parts.rig, options)
+    about = origin_of(setup, parts.rig, options, _identity(job, setup))
     content = Content(columns_of(setup.vehicle.drives), _PRIVATE, about=about)
     with contextlib.ExitStack() as stack:
         say = job.listener.say
         recorders = open_recorders(options.records, content, options.limit(), say, stack)
-        recording = RecordingTaker(recorders)
+        trigger = trigger_in(setup, parts.rig, options)
+        triggered = None if trigger is None else Triggered(trigger)
+        recording = RecordingTaker(recorders, sieve=triggered)
         stack.callback(recording.flush)
         if recorders:
             takers = [*takers, recording]
@@ -464,8 +488,16 @@ def _free(
             reason = "; ".join(causes(error))
         summary = episode.summary(parts.rig.bitrate)
     summary.recordings = [file for each in recorders for file in each.files]
+    if triggered is not None:
+        summary.recording_windows = triggered.count
     reason = "; ".join([*([reason] if reason else []), *failures_of(recorders)])
     return result_of(takers, adapter, summary, reason)
+
+
+def _identity(job: Job, setup: session.Setup) -> Mapping[str, Any]:
+    """What recordings say of the ECU."""
+    ecu = job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
+    return identity_of(ecu, setup.vehicle.coding, job.mutant)
 
 
 def _begin(
@@ -476,8 +508,11 @@ def _begin(
     memory: Memory | None,
 ) -> tuple[Scene, LoopState]:
     """The scene at its time 0, and the loop there. Raises what `gone_through` raises."""
-    setup = parts.setup
-    scene, state = staged(setup, parts.rig), session.start_of(config, setup.start_angle)
+    setup, is_on_bus = parts.setup, adapter.kind == NO_ECU
+    scene = staged(setup, parts.rig, is_on_bus)
+    state = session.start_of(config, setup.start_angle)
+    if is_on_bus:  # what goes before is on the wire
+        return scene, state
     actions, guard = setup.scenario.precondition, functools.partial(_foreign_code, memory)
     return scene, gone_through(config, state, scene, adapter, actions, stopped, guard)
 
@@ -517,7 +552,9 @@ def _on_bus(
             options=parts.options,
             scene=scene,
             start=start,
+            phases=[] if peers else phases_of(parts.setup, parts.rig, 1.0 / parts.options.rate),
             peers=peers,
+            ecu=_identity(job, parts.setup),
             channel="" if parts.way else _PRIVATE,
             takers=takers if memory is None else [*takers, _Progress(memory)],
             listener=job.listener,
@@ -528,8 +565,13 @@ def _on_bus(
             emulator.run()
         except ConfigError:
             raise
+        except PreconditionError as error:
+            return result_of(takers, adapter, emulator.summary, "", str(error))
         except LiftgateError as error:
             reason = "; ".join(causes(error))
+            if isinstance(error, OverrunError) and job.options.clock == "realtime":
+                late = f"the bench was late: {reason}"
+                return result_of(takers, adapter, emulator.summary, "", late)
     return result_of(takers, adapter, emulator.summary, reason, _not_made(parts))
 
 

@@ -34,6 +34,7 @@ NS = 1_000_000_000
 CLOCKS = ("realtime", "free", "lockstep")
 RATES = (200.0, 10_000.0)  # Hz
 LEAST_LIMIT = 1_000_000  # bytes of a recording's file
+AROUND, LONGEST_AROUND = 1.0, 600.0  # s that are recorded before and after a condition
 
 
 def vehicle_from(
@@ -253,6 +254,9 @@ class RunOptions:
     records: tuple[Path, ...] = ()
     record_limit: int | None = None  # bytes of a recording's file; None: any
     record_keep: int | None = None  # files of a recording that stay, the last ones; None: all
+    record_when: tuple[str, ...] = ()  # conditions: record only around them; none: record all
+    record_before: float | None = None  # s before one of them is true; None: AROUND
+    record_after: float | None = None  # s after it
     realtime: bool = False  # ask for FIFO scheduling, locked memory, a CPU
     cpu: int | None = None  # which
 
@@ -260,6 +264,22 @@ class RunOptions:
         """Of a recording's files."""
         size = self.record_limit
         return None if size is None else Limit(size, self.record_keep)
+
+    def around(self) -> tuple[float, float]:
+        """What is recorded before and after a condition [s], where only that is."""
+        before, after = self.record_before, self.record_after
+        return AROUND if before is None else before, AROUND if after is None else after
+
+    def _check_trigger(self) -> None:
+        if self.record_when and not self.records:
+            raise ConfigError(
+                f"`record_when` {', '.join(self.record_when)}: allowed: together with `record`"
+            )
+        for name in ("record_before", "record_after"):
+            if (value := getattr(self, name)) is not None:
+                number_of(name, value, 0.0, LONGEST_AROUND, "s")
+                if not self.record_when:
+                    raise ConfigError(f"`{name}` {value:g}: allowed: together with `record_when`")
 
     def check(self) -> None:
         """Raises ConfigError where one cannot be, or they cannot be had together."""
@@ -278,6 +298,7 @@ class RunOptions:
             raise ConfigError(
                 f"`record_keep` {self.record_keep}: allowed: together with `record_limit`"
             )
+        self._check_trigger()
         if len({os.path.realpath(path) for path in self.records}) < len(self.records):
             names = ", ".join(str(path) for path in self.records)
             raise ConfigError(f"`record` {names}: allowed: a file once")

@@ -217,6 +217,12 @@ COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
 ROW_WIDTH = len(COLUMNS)
 COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}
 
+# Of what a rig can wire the column that it is in recordings; of loop and edges there is none.
+OUTPUT_COLUMNS: dict[str, str] = {
+    **{bus_name(name, signal): SENSED_PREFIX + name for name, signal in _SENSED.items()},
+    **{_true_name(name, signal): name for name, signal in _TRUTH.items()},
+}
+
 
 # What `simulate`, measured files and identification may be given.
 INPUT_SIGNALS: dict[str, Signal] = {

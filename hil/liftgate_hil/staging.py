@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,18 +12,23 @@ from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions import Condition, parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, SIDES
+from liftgate_hil.config.restbus import changes_in, pressed
 from liftgate_hil.config.scenario import Fault, Scenario
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import faults_with
+from liftgate_hil.diagnostics import services
+from liftgate_hil.diagnostics.tester import Tester, tester_of
 from liftgate_hil.identify.parameters import find_parameter, value_of, with_value
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.judging.judge import Expected, expected_of
+from liftgate_hil.judging.judge import Expected, codes_of, expected_of
 from liftgate_hil.loop.simulation import Offline
 from liftgate_hil.loop.tick import no_frames
+from liftgate_hil.recording.trigger import Trigger, trigger_of
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
 from liftgate_hil.stimuli.moments import Instant, Moments
 from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
+from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
 from liftgate_hil.stimuli.scene import Scene, scene_of
 from liftgate_plant.constants import constants_of, numbers_of
 from liftgate_plant.friction_profile import friction_profile
@@ -33,7 +38,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
     from liftgate_hil.config.rig import Rig
-    from liftgate_hil.session import Setup
+    from liftgate_hil.session import RunOptions, Setup
 
 
 # Keys that a running gate cannot change.
@@ -43,9 +48,38 @@ _FIXED = {
 }
 
 
-def staged(setup: Setup, rig: Rig) -> Scene:
-    """A run's scene before its first tick. Raises ConfigError with all that does not fit vehicle or rig."""
-    return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig)
+def staged(
+    setup: Setup, rig: Rig, is_on_bus: bool = False, awaited: Sequence[Request] = ()
+) -> Scene:
+    """A run's scene before its first tick; an ECU on a bus is asked by the rig's buttons, and what is `awaited` is
+    asked of nobody. Raises ConfigError with all that does not fit vehicle or rig.
+    """
+    if not is_on_bus:
+        return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig)
+    return _scene(setup.scenario, setup.vehicle, awaited, rig, presses_of(setup.scenario, rig))
+
+
+def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
+    """A scenario's requests as presses of the rig's buttons, which rest before. Raises ConfigError for one that
+    the rig has no button for.
+    """
+    issues, found = ConfigIssues(scenario.source), []
+    buttons = dict(rig.driver.buttons)
+    if rig.driver.reset is not None and rig.driver.reset.press is not None:
+        buttons["reset"] = rig.driver.reset.press
+    if scenario.requests or scenario.precondition:
+        found = [SignalChange(Instant(), each.signal, each.rest) for each in buttons.values()]
+    actions = [each.action for each in scenario.requests]
+    for action in dict.fromkeys((*scenario.precondition, *actions)):
+        if action not in buttons:
+            where = "[reset] signal" if action == "reset" else f"[requests] {action}"
+            issues.add(
+                "request", f"{action}: allowed on a bus with {where} in the rig {rig.source}"
+            )
+    issues.raise_if_any()
+    for each in scenario.requests:
+        found += pressed(buttons[each.action], each.when)
+    return found
 
 
 def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
@@ -79,6 +113,21 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         setup.vehicle.drives,
         scenario.source,
         scenario.awaited(),
+        rig.diagnostics,
+    )
+
+
+def trigger_in(setup: Setup, rig: Rig, options: RunOptions) -> Trigger | None:
+    """What of that run is recorded; None: all of it. Raises ConfigError with all that does not fit."""
+    if not options.record_when:
+        return None
+    return trigger_of(
+        options.record_when,
+        *options.around(),
+        options.rate,
+        setup.scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
     )
 
 
@@ -98,20 +147,35 @@ def _scene(
     vehicle: Vehicle,
     requests: Sequence[Request],
     rig: Rig | None,
+    presses: Sequence[SignalChange] = (),
 ) -> Scene:
     issues = ConfigIssues(scenario.source)
-    injections = _injections(scenario.faults, vehicle, rig, issues)
+    restbus = dict.fromkeys(each.signal.partition(".")[0] for each in scenario.signals)
+    injections = _injections(scenario.faults, vehicle, rig, issues, restbus)
     messages = None if rig is None else rig.messages
+    changes = [] if rig is None else changes_in(scenario.signals, rig.tables, rig.mapped, issues)
+    issues.raise_if_any()
     scene = scene_of(
         constants_of(vehicle),
         scenario.stimuli,
         requests,
         injections,
         _conditions(scenario, vehicle, messages, issues),
-        messages,
+        NO_BUS if rig is None else rig.tables,
+        [*changes, *presses],
+        _tester(scenario, rig, issues),
     )
     issues.raise_if_any()
     return scene
+
+
+def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues) -> Tester | None:
+    """Who reads the trouble codes, where there is a bus and the scenario expects something of them."""
+    own, before = None if rig is None else rig.diagnostics, issues.count
+    if rig is None or not codes_of(scenario.expectations, own, issues) or issues.count > before:
+        return None
+    assert own is not None
+    return tester_of(own, services.clear_request(), services.read_request(own.status_mask))
 
 
 def _conditions(
@@ -139,16 +203,22 @@ def _conditions(
     return made
 
 
-def injections_of(faults: Sequence[Fault], vehicle: Vehicle, rig: Rig) -> list[Injection]:
-    """Faults in a vehicle and on its bus. Raises ConfigError."""
+def injections_of(
+    faults: Sequence[Fault], vehicle: Vehicle, rig: Rig, restbus: Collection[str] = ()
+) -> list[Injection]:
+    """Faults in a vehicle and on its bus, with these messages of the restbus. Raises ConfigError."""
     issues = ConfigIssues("")
-    found = _injections(faults, vehicle, rig, issues)
+    found = _injections(faults, vehicle, rig, issues, restbus)
     issues.raise_if_any()
     return found
 
 
 def _injections(
-    faults: Sequence[Fault], vehicle: Vehicle, rig: Rig | None, issues: ConfigIssues
+    faults: Sequence[Fault],
+    vehicle: Vehicle,
+    rig: Rig | None,
+    issues: ConfigIssues,
+    restbus: Collection[str] = (),
 ) -> list[Injection]:
     """The same, without those that there are issues with."""
     changed = [_changed_by(each, vehicle, issues) for each in faults]
@@ -160,7 +230,7 @@ def _injections(
             if other.values.get("key") != fault.values.get("key")
             for name in names
         ]
-        edits, on_bus = _edits(fault, vehicle, issues), bus_faults_in(fault, rig, issues)
+        edits, on_bus = _edits(fault, vehicle, issues), bus_faults_in(fault, rig, restbus, issues)
         for name, (before, after) in own.items():
             # Of several keys that one constant follows from each has its part; of one key the last value counts.
             is_shared = name in others

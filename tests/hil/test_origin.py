@@ -9,11 +9,13 @@ from typing import Any
 
 import can
 import pytest
+from c_library import build, needs_compiler
 
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.convert import convert
+from liftgate_hil.ecu.calibration import CALIBRATED
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.recorded import open_recorded
 
@@ -22,6 +24,14 @@ pytest.importorskip("mcap")
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.filterwarnings("ignore")  # asammdf's own
 
+SILENT = """
+#include "liftgate_ecu.h"
+LIFTGATE_ECU_EXPORT void *liftgate_ecu_create(void) { static int one; return &one; }
+LIFTGATE_ECU_EXPORT void liftgate_ecu_destroy(void *ecu) { (void)ecu; }
+LIFTGATE_ECU_EXPORT int liftgate_ecu_step(void *ecu, int64_t now_ns, const struct liftgate_frame *in, int count,
+                      struct liftgate_frame *out, int capacity)
+{ (void)ecu; (void)now_ns; (void)in; (void)count; (void)out; (void)capacity; return 0; }
+"""
 HOLDING = (".mf4", ".mcap", ".parquet")
 SCENARIO = """
 duration = 0.3
@@ -177,3 +187,65 @@ def test_a_vehicle_of_a_file_or_of_a_program_is_told(tmp_path: Path) -> None:
     told = json.loads(open_recorded(tmp_path / "run.mcap").about)
     assert "vehicle" not in told["files"]  # it was made by a program: only its values are known
     assert told["vehicle"]["drives"] == 2
+
+
+def test_a_scenarios_includes_are_told_with_their_content(tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text("[parameters]\nrod = 5_000\n")
+    (tmp_path / "bench.toml").write_text('include = ["deep.toml"]\nseed = 4\n')
+    (tmp_path / "s.toml").write_text('include = ["bench.toml"]\nduration = 0.1\n')
+    lh.run(tmp_path / "s.toml", record=[tmp_path / "run.mcap", tmp_path / "run.asc"])
+    told = json.loads(open_recorded(tmp_path / "run.mcap").about)["files"]
+    included = {name: Path(each["path"]).name for name, each in told.items() if "incl" in name}
+    assert included == {"included 1": "deep.toml", "included 2": "bench.toml"}
+    for name, file in included.items():
+        assert told[name]["text"] == (tmp_path / file).read_text()
+        digest = hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
+        assert told[name]["sha256"] == digest
+        assert f"{name} = {tmp_path / file}, SHA-256 {digest}" in (tmp_path / "run.asc").read_text()
+
+
+class Silent:
+    """An ECU that says nothing."""
+
+    def step(self, now_s: float, frames: list[can.Message]) -> list[can.Message]:
+        return []
+
+
+def ecu_of(path: Path, **how: Any) -> dict[str, Any]:
+    lh.run("demo", duration=0.05, record=[path], **how)
+    told: dict[str, Any] = json.loads(open_recorded(path).about)["ecu"]
+    return told
+
+
+def test_the_ecu_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.mcap"
+    reference = ecu_of(path)
+    assert (reference["kind"], reference["version"]) == ("reference", lh.__version__)
+    assert reference["calibration"]["blank_time"] == 0.5
+    paced = ecu_of(path, settings=["coding.anti_trap_limits=2"])
+    assert paced["calibration"]["excess_learned"] == 2 * CALIBRATED.excess_learned
+    mine = tmp_path / "my_silent_ecu.py"
+    mine.write_text("class Ecu:\n    def step(self, now_s, frames):\n        return []\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert ecu_of(path, ecu="my_silent_ecu:Ecu") == {
+        "kind": "python", "class": "my_silent_ecu:Ecu", "path": str(mine),
+        "sha256": hashlib.sha256(mine.read_bytes()).hexdigest(),
+    }  # fmt: skip
+    own = ecu_of(path, ecu=Silent(), clock="lockstep")
+    assert (own["kind"], own["path"]) == ("python", __file__)
+
+
+@needs_compiler
+def test_a_librarys_file_is_told(tmp_path: Path) -> None:
+    library = build(tmp_path, SILENT)
+    assert ecu_of(tmp_path / "run.mcap", ecu=str(library)) == {
+        "kind": "library", "path": str(library),
+        "sha256": hashlib.sha256(library.read_bytes()).hexdigest(),
+    }  # fmt: skip
+
+
+def test_an_ecu_on_a_bus_is_told_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "run.asc"
+    line = ["--bus", "virtual:nobody", "--duration", "0.1", "--clock", "free", "--quiet"]
+    assert main([*line, "--record", str(path)]) == 0
+    assert "// ecu = bus" in path.read_text().splitlines()

@@ -58,11 +58,15 @@ HERE = (
     "make -C tools/ecu build/liftgate-ecu.so",
     "liftgate-hil convert run.blf run.mf4",
     "liftgate-hil convert run.blf run.csv",
+    "liftgate-hil --bus socketcan:can0 --record trapped.mf4",
+    "liftgate-hil replay run.blf",
+    "liftgate-hil replay their.asc",
     "liftgate-hil plot run.mf4",
     "liftgate-hil plot before.csv",
     "liftgate-hil compare before.csv",
     "liftgate-hil test scenarios",
-    "liftgate-hil judge",
+    "liftgate-hil judge out/",
+    "liftgate-hil judge docs/",
     "liftgate-hil simulate --vehicle suv",
     "liftgate-hil simulate --input",
     "liftgate-hil simulate --voltage -12",
@@ -138,9 +142,14 @@ def test_the_scenario_of_the_readme_passes_and_is_judged_again(folder: Path) -> 
     assert "reverses: pass" in out
     assert (folder / "results.xml").is_file()
     assert "</html>" in (folder / "results.html").read_text(encoding="utf-8")
-    again = run(command("liftgate-hil judge"), folder)
+    again = run(command("liftgate-hil judge out/"), folder)
     line = next(each.strip() for each in out.splitlines() if "reverses: pass" in each)
     assert line in again
+
+
+def test_a_recording_of_somebody_elses_car_is_judged(folder: Path) -> None:
+    out = run(command("liftgate-hil judge docs/"), folder, codes=(3,))
+    assert readme.block("turns back on the box").strip() in out
 
 
 # Closed loop, and a folder to start from.
@@ -237,6 +246,27 @@ def test_recordings_are_drawn_and_compared(folder: Path) -> None:
     told = run(command("liftgate-hil compare before.csv"), folder, codes=(1,))
     assert re.search(r"^left_voltage_v +0\.5 ", told, re.MULTILINE)
     assert (folder / "both.png").is_file()
+
+
+@pytest.mark.realtime
+def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> None:
+    run("liftgate-hil --bus virtual:any --clock free --duration 0.5 --record run.blf", folder)
+    told = run(command("liftgate-hil replay run.blf"), folder, bus)
+    assert re.match(r"frames sent \d{3} of those sent in the recording, in 0\.", told)
+    assert "\nlateness p50 " in told
+    run("liftgate-hil --bus virtual:any --clock free --duration 21 --record their.asc", folder)
+    once = {**bus, "--loop": "--speed 10"}
+    told = run(command("liftgate-hil replay their.asc"), folder, once)
+    assert re.match(r"frames sent 9\d{3} of those sent in the recording, in 0\.7\d\d s", told)
+
+
+@pytest.mark.realtime
+def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -> None:
+    told = run(
+        command("liftgate-hil --bus socketcan:can0 --record trapped.mf4"), folder, bus, SHORT
+    )
+    assert "recorded only around the trigger, which never came" in told
+    assert (folder / "trapped.mf4").is_file()
 
 
 # An own database.

@@ -24,12 +24,24 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
-    flags = ("--files", "120", "--measurements", "80", "--signals", "0", "--seed", "7")
+    flags = (
+        "--files",
+        "110",
+        "--measurements",
+        "70",
+        "--recordings",
+        "20",
+        "--signals",
+        "0",
+        "--seed",
+        "7",
+    )
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "200 cases, 0 with a fault" in done.stdout
     assert "config exit 0: " in done.stdout
     assert "measurement exit 2: " in done.stdout
+    assert "recording exit 2: " in done.stdout
     # What is done is not done again.
     again = campaign(tmp_path, *flags)
     assert "200 cases, 0 with a fault" in again.stdout
@@ -38,7 +50,9 @@ def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_signals_at_any_moment_end_every_command_in_order(tmp_path: Path) -> None:
-    done = campaign(tmp_path, "--files", "0", "--measurements", "0", "--signals", "14")
+    done = campaign(
+        tmp_path, "--files", "0", "--measurements", "0", "--recordings", "0", "--signals", "14"
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "14 cases, 0 with a fault" in done.stdout
 

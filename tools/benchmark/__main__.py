@@ -13,7 +13,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from liftgate_hil.loop.statistics import told
-from tools.benchmark import costs, episodes, identification, lateness, parts, processes, tables
+from tools.benchmark import (
+    costs,
+    episodes,
+    identification,
+    inactive,
+    lateness,
+    parts,
+    processes,
+    replays,
+    tables,
+)
 from tools.benchmark.checkouts import HERE, name_of
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import load_line, machine_lines
@@ -138,6 +148,47 @@ def episode_section() -> list[str]:
         for name, pace in processes.paces().items()
     ]
     return [*lines, ""]
+
+
+def inactive_section() -> list[str]:
+    """What is in the file, and does nothing."""
+    return [
+        "## Faults and expectations that do nothing",
+        "",
+        paragraph(
+            """An episode of the demo with faults that never come and with expectations, against the same without,
+            in turns; CPU time of a tick, its judge's included: medians of the rounds, and the ratio of the minima.
+            A fault that waits for a condition has it evaluated in each tick."""
+        ),
+        "",
+        *inactive.table(inactive.measure()),
+        "",
+    ]
+
+
+def replay_section() -> list[str]:
+    """Against other players."""
+    lines = [
+        "## Lateness of a replay",
+        "",
+        paragraph(
+            f"""The same log of {replays.SECONDS:g} s, 1000 frames a second at no period, played in turns by
+            `liftgate-hil replay`, python-can's `can.player` and can-utils' `canplayer` ({replays.ROUNDS} rounds,
+            medians); stamps are the kernel's, of what arrives. Of each run the frame that is earliest against the
+            log counts as on time. Ours also tells its lateness itself, from when each frame was due."""
+        ),
+        "",
+    ]
+    found = {
+        "a real vcan0, in a User-Mode Linux machine of one CPU where this kernel has none": replays.on_vcan()
+    }
+    found["udp_multicast, python-can's own bus on this machine"] = replays.measure(
+        f"udp_multicast:{replays.GROUP}"
+    )
+    for bus, figures in found.items():
+        if figures is not None:
+            lines += [f"On {bus}:", "", *replays.table(figures), ""]
+    return lines
 
 
 def parts_section() -> list[str]:
@@ -266,10 +317,16 @@ def main() -> None:
         metavar="CHECKOUT",
         help="another one, for starts, files and identify",
     )
+    parser.add_argument(
+        "--only-replays", action="store_true", help="print these two sections, and no more"
+    )
     parser.add_argument("--only-files", action="store_true", help="print these three, and no more")
     args = parser.parse_args()
     against = args.against and args.against.resolve()
     roots = [HERE] if against is None else [against, HERE]
+    if args.only_replays:
+        print("\n".join(inactive_section() + replay_section()))
+        return
     if args.only_files:
         print(
             "\n".join(start_section(roots) + table_section(roots) + identification_section(against))
@@ -277,7 +334,7 @@ def main() -> None:
         return
     args.output.mkdir(parents=True, exist_ok=True)
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
-    text += episode_section() + step_section()
+    text += episode_section() + inactive_section() + step_section()
     text += ["## Cost", "", "| | |", "|---|---|"]
     figures = costs.measure()
     for name, value in figures.items():
@@ -292,6 +349,7 @@ def main() -> None:
         + table_section(roots)
         + identification_section(against)
     )
+    text += replay_section()
     if lateness.available():
         text += lateness_section(args.output, args.rounds, args.seconds)
     else:

@@ -171,6 +171,7 @@ def hot_tick(sent: int | None) -> float:
             command=0x120,
             feedback=np.array([0x210], dtype=np.int64),
             scene=nothing_around(config),
+            is_last=1,
         )
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)

@@ -200,6 +200,7 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
         config=config,
         state=session.start_of(config),
         scene=scene_of(constants_in(config)),
+        is_last=1,
         line=line,
         memory=memory,
         rig=rig,

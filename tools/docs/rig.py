@@ -6,11 +6,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from liftgate_hil.codec.checksum import PROFILES
+from liftgate_hil.config.diagnostics import KEYS
+from liftgate_hil.config.driver import BUTTON, RESET
 from liftgate_hil.config.rig import load_rig
+from liftgate_hil.diagnostics.trouble_code import number_of
+from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, TroubleCode
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant.signals import Signal
 from tools.docs.checker import UNKNOWN, WRONG, a_range, allowed, keys_of
 from tools.docs.markdown import code, number, page, table
+from tools.docs.schema import key_table
 
 _INTRO = """\
 A rig file is TOML: it says which signal of which database carries which quantity, for `--rig`, a scenario's
@@ -28,6 +33,9 @@ _TOP = {
     "inputs": ("", "table: what the gate receives, below"),
     "outputs": ("", "table: what the gate sends, below"),
     "messages": ("", "a table for each message: cycle, time-out and protection, below"),
+    "requests": ("", "a table for each button: how the driver asks an ECU on a bus, below"),
+    "reset": ("", "table: how an ECU on a bus is started anew, below"),
+    "diagnostics": ("", "table: how the ECU is asked for its trouble codes, below"),
 }
 _MAPPING = {
     "signal": ("required", "MESSAGE.SIGNAL of the database"),
@@ -80,6 +88,29 @@ _ANYWAY = {
     **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
 }
 
+_DIAGNOSTICS = """\
+Where a scenario expects a trouble code (`[[expect]] dtc`), the bench's tester asks the ECU under test for its
+codes: UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) with normal addressing and classic frames, on every clock in
+model time, beside the frames that the gate sends. Its requests are ClearDiagnosticInformation of all groups (`14
+FF FF FF`) until that is answered, then ReadDTCInformation by status mask (`19 02`), one at a time; after a
+negative response it asks again a cycle later. No other request is made: codes must be readable in the default
+session. What is read so late is known so late: a window (`within_s`) is to leave room for a `cycle_ms`.
+Identifiers may be those that cars use for diagnostics (0x7E0 to 0x7EF), which no message of the gate may have;
+none of them may carry quantities of this rig."""
+
+_ECU = """\
+With `[diagnostics]` the reference ECU answers such requests, and any other tester's: sessions default and extended
+(`10 01`, `10 03`), hard reset (`11 01`), clear all codes or one (`14`), count and read them by status mask (`19
+01`, `19 02`), tester present (`3E 00`). All else is refused as the standard says. Its codes are those of SAE J2012
+with the failure type, in manufacturers' ranges:"""
+
+_STATUS = """\
+An event fails its test: testFailed, testFailedThisOperationCycle, pendingDTC, confirmedDTC and
+testFailedSinceLastClear are set at once. testFailed goes with the next motion that comes to its end without that
+event; a motion back after it does not count. confirmedDTC and testFailedSinceLastClear stay until codes are
+cleared, pendingDTC until an operation cycle in which the test passed is over. A reset begins an operation cycle;
+the codes outlast it, as they do in an ECU's non-volatile memory."""
+
 
 def rig_page() -> str:
     """The page."""
@@ -111,6 +142,23 @@ def rig_page() -> str:
         "## `state_machine` of a message",
         "AUTOSAR's E2E state machine. Its defaults let no frame with an error through.",
         _table(answers, f"{where}.state_machine", STATES),
+        "## `[requests.open]`, `[requests.close]`, `[requests.stop]`",
+        "With an ECU on a bus (`--ecu bus`) a scenario's requests and its precondition press these buttons: "
+        "signals that the bench sends beside the gate's, cyclically, with the counter and the protection of their "
+        "message. They rest before and after. The reference ECU listens to them, too.",
+        key_table(BUTTON),
+        "## `[reset]`",
+        "What goes before each scenario with an ECU on a bus, in this order: the signal, the command, the "
+        "condition. Without `ready` the ECU's first command is waited for. Whatever does not come makes the "
+        "scenario inconclusive. The request `reset` in the middle of a scenario is the signal alone.",
+        key_table(RESET),
+        "## `[diagnostics]`",
+        _DIAGNOSTICS,
+        key_table(KEYS),
+        "## The reference ECU's trouble codes",
+        _ECU,
+        table(("code", "number", "meaning"), map(_trouble_code, TROUBLE_CODES.values())),
+        _STATUS,
     )
 
 
@@ -146,6 +194,10 @@ def _rows(
         default, meaning = told[key]
         answer = answers.get(f"{prefix}.{key}" if prefix else key, "")
         yield code(key), _ANYWAY.get(key) or a_range(answer), default, meaning
+
+
+def _trouble_code(each: TroubleCode) -> Iterable[str]:
+    return code(each.code), f"0x{number_of(each.code)[0]:06X}", each.meaning
 
 
 def _quantities(signals: Mapping[str, Signal]) -> str:

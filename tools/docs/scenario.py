@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-
 from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.fault_kinds import FAULT_KINDS, FaultKind
 from liftgate_hil.config.schema import Key
 from liftgate_hil.signals import PROFILES
 from tools.docs.checker import a_range
 from tools.docs.markdown import code, number, page, table
+from tools.docs.schema import default_of, key_table
 
 _INTRO = """\
 A scenario file is TOML: what happens over time around the gate, what the driver asks of the ECU, what breaks, and
@@ -47,13 +46,22 @@ _VERDICTS = (
 )  # fmt: skip
 
 _MARGINS = """\
-Of several verdicts the worst counts, in this order. Each has a margin, in the unit of the comparison that decides
-it: how much was left before the truth would have changed, negative where it failed. It is `b − a` for `a < b` and
-`a <= b`, `a − b` for `a > b` and `a >= b`, `−|a − b|` for `a == b`, `|a − b|` for `a != b`; `and` has the smaller
-one of its two, `or` the larger one, `not` the negated one. Of a window it is the smallest of all ticks (`always`,
-`never`) or the largest (`eventually`); with `for_s` the largest of the smallest in any stretch of that length."""
+Of several verdicts the worst counts, in this order. Each but that of a trouble code has a margin, in the unit of
+the comparison that decides it: how much was left before the truth would have changed, negative where it failed. It
+is `b − a` for `a < b` and `a <= b`, `a − b` for `a > b` and `a >= b`, `−|a − b|` for `a == b`, `|a − b|` for
+`a != b`; `and` has the smaller one of its two, `or` the larger one, `not` the negated one. Of a window it is
+the smallest of all ticks (`always`, `never`) or the largest (`eventually`); with `for_s` the largest of the
+smallest in any stretch of that length."""
 
-_HEADS = ("key", "allowed", "default", "meaning")
+_CODES = """\
+`dtc` names a trouble code as SAE J2012 writes it: five characters, which any failure type fits, or with one
+(`B1A01-62`). The bench reads the ECU's codes over its diagnostics, as the rig's [`[diagnostics]`](rig.md) says,
+again and again, after it has cleared all of them at time 0. `present`: an answer that came in the window reports
+the code; `absent`: none does. A code is reported whose status has a bit of the rig's `status_mask`: by default
+testFailed (it fails now) or confirmedDTC (it did, and is stored), so that a fault that has gone again is reported,
+too, and one that is only pending is not. Without an answer in the window nothing can be said, nor of an absent
+code where the ECU has fallen silent before the window's end. There is no margin, and no `for_s`. `judge` reads the
+same from a recording with the frames. It needs the extra `uds`."""
 
 
 def scenario_page() -> str:
@@ -67,50 +75,43 @@ def scenario_page() -> str:
         _INTRO,
         "## The file",
         "`vehicle`, `rig`, `seed`, `initial` and `set` are defaults: flags and arguments win.",
-        _table(keys.TOP),
+        key_table(keys.TOP),
         "## `[[profile]]`",
         "Either `points` or `csv`.",
-        _table(keys.PROFILE),
+        key_table(keys.PROFILE),
         "Quantities, also of `Gate.set`, of input columns, and of a test bench's panel (there without the unit):",
         table(("quantity", "unit", "range", "meaning"), quantities),
         "## `[[obstacle]]`",
         "A body that gives way as a spring, such as a test rod of 10, 20 or 65 N/mm. Of several at a time the "
         "first in the file counts; a panel's goes before all of them.",
-        _table(keys.OBSTACLE),
+        key_table(keys.OBSTACLE),
         "## `[[request]]`",
-        "For an ECU that has a button: the reference ECU, a C library, a Python object with `request`.",
-        _table(keys.REQUEST),
+        "For an ECU that has a button: the reference ECU, a C library, a Python object with `request`; for one on "
+        "a bus by the signals that the rig's `[requests]` and `[reset]` name.",
+        key_table(keys.REQUEST),
+        "## `[[signal]]`",
+        "The restbus: what other control units send, in the cycle of each signal's message, with its counter, "
+        "checksum or E2E protection, as the rig's `[messages]` have them. A message is sent from the beginning "
+        "on, its other signals with the database's start values. Of several tables for a signal each counts from "
+        "its time on.",
+        key_table(keys.SIGNAL),
         "## `[[fault]]`",
         "Several may be there at a time: they change the gate one after the other, in the order of the file.",
-        _table(keys.FAULT, {"kind": "a kind"}),
+        key_table(keys.FAULT, {"kind": "a kind"}),
         "The kinds, with the keys that each has beside these:",
         table(("kind", "keys", "is", "meaning"), map(_kind, FAULT_KINDS.values())),
         "## `[[expect]]`",
-        "Exactly one of `always`, `eventually` and `never`.",
-        _table(keys.EXPECT),
+        "Exactly one of `always`, `eventually`, `never` and `dtc`.",
+        key_table(keys.EXPECT),
         "### Conditions",
         table(("written", "is"), _CONDITIONS),
+        "### Trouble codes",
+        _CODES,
         "### Windows and verdicts",
         _WINDOWS,
         table(("verdict", "when"), _VERDICTS),
         _MARGINS,
     )
-
-
-def _table(of: Sequence[Key], allowed: Mapping[str, str] | None = None) -> str:
-    """The keys of a table; `allowed` where that is not what the key's kind says."""
-    return table(_HEADS, _rows(of, allowed or {}))
-
-
-def _rows(of: Sequence[Key], allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    for key in of:
-        what = allowed.get(key.name) or a_range(key.kind.allowed)
-        yield code(key.name), what, _default(key), key.meaning
-
-
-def _default(key: Key) -> str:
-    """In words; nothing where it is empty."""
-    return "" if key.default == () else key.default_told
 
 
 def _kind(kind: FaultKind) -> tuple[str, ...]:
@@ -120,5 +121,5 @@ def _kind(kind: FaultKind) -> tuple[str, ...]:
 
 def _own(key: Key) -> str:
     """A key of a kind's own, in a cell."""
-    default = "" if _default(key) == "required" else f", default {_default(key)}"
+    default = "" if default_of(key) == "required" else f", default {default_of(key)}"
     return f"{code(key.name)}: {a_range(key.kind.allowed)}{default}, {key.meaning}"

@@ -19,6 +19,9 @@ from pathlib import Path
 
 from tools.hostile.case import Case, Outcome, keep
 
+_MAKERS = {
+    "config": "config_case", "measurement": "measurement_case", "recording": "recording_case",
+}  # fmt: skip
 _EVERY = 40  # one case in so many runs as a process of its own
 
 
@@ -33,6 +36,9 @@ def main() -> int:
     )
     parser.add_argument(
         "--measurements", type=int, default=3000, metavar="N", help="mangled measurements"
+    )
+    parser.add_argument(
+        "--recordings", type=int, default=3000, metavar="N", help="mangled recordings"
     )
     parser.add_argument(
         "--signals", type=int, default=300, metavar="N", help="signals at random moments"
@@ -117,7 +123,8 @@ def _files(args: argparse.Namespace, bases: object, campaign: Campaign) -> None:
     from tools.hostile.running import run_all
 
     def cases() -> Iterator[tuple[Case, Path]]:
-        for kind, count in (("config", args.files), ("measurement", args.measurements)):
+        counts = (args.files, args.measurements, args.recordings)
+        for kind, count in zip(_MAKERS, counts, strict=True):
             for number in range(count):
                 if not campaign.is_done(f"{kind}-{number}"):
                     yield _file_case(args, bases, kind, number)
@@ -137,8 +144,8 @@ def _file_case(
     folder = args.work / f"{kind}-{number}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    make = files.config_case if kind == "config" else files.measurement_case
-    return make(bases, args.seed, number, folder), folder  # type: ignore[arg-type]
+    make = getattr(files, _MAKERS[kind])
+    return make(bases, args.seed, number, folder), folder
 
 
 def _signals(args: argparse.Namespace, bases: object, campaign: Campaign) -> None:

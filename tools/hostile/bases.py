@@ -22,6 +22,7 @@ class Bases:
         self.folder = folder
         configs = data_root() / "configs"
         self.vehicles = _texts(sorted((configs / "vehicles").glob("*.toml")))
+        self.judged = configs / "scenarios/pack/falling.toml"
         self.scenarios = [*_texts([configs / "scenarios/demo.toml"]), _SCENARIO]
         # Each with its database.
         self.rigs = _texts([configs / "rigs/liftgate.toml", FOREIGN / "foreign.toml"])
@@ -57,14 +58,25 @@ class Bases:
             "--output",
             str(self.folder),
         ]
-        for suffix in ("asc", "blf", "trc"):
+        for suffix in ("asc", "blf", "trc", "mf4", "mcap", "parquet"):
             demo += ["--record", str(self.folder / f"bus.{suffix}")]
+        own = str(self.folder / "demo.csv")
         calls = [
             [*simulated, "--step", "0.001", "--every", "5", "--output", str(kept)],
             [*simulated, "--step", "0.001", "--every", "5", "--output", str(self.folder / "m.mf4")],
             demo,
             ["validate", str(kept), "--quiet"],
             ["identify", str(kept), "--estimate", "motor.resistance", "--quiet"],
+            ["compare", own, own, "--output", str(self.folder / "warm.png"), "--quiet"],
+            [
+                "replay",
+                str(self.folder / "demo.log"),
+                "--bus",
+                "virtual:warm",
+                "--to",
+                "0.1",
+                "--quiet",
+            ],
             ["run", "--bus", "virtual:warm", "--clock", "free", "--duration", "0.05", "--quiet"],
             ["demo", "--duration", "0.05", "--no-record", "--quiet"],
         ]
@@ -82,6 +94,14 @@ class Bases:
     def logs(self) -> list[Path]:
         """Bus logs as texts."""
         return [self.folder / name for name in ("demo.log", "bus.asc", "bus.trc")]
+
+    @property
+    def recordings(self) -> list[Path]:
+        """What `convert` and its like take: a table, logs, and what is no text."""
+        names = ("demo.csv", "m.csv", "demo.log", "bus.asc", "bus.trc")
+        return [self.folder / name for name in names] + [
+            self.folder / f"bus.{suffix}" for suffix in ("blf", "mf4", "mcap", "parquet")
+        ]
 
     @property
     def binaries(self) -> list[Path]:
@@ -139,4 +159,35 @@ action = "open"
 [[request]]
 time = 0.15
 action = "stop"
+[[signal]]
+signal = "Body.Ignition"
+value = "on"
+[[signal]]
+time = "gate_angle_deg > 5"
+delay_s = 0.01
+signal = "Body.VehicleSpeed"
+value = 12.5
+[[fault]]
+kind = "current_offset"
+where = "left"
+start = 0.05
+end = "left_current_a > 3"
+period_s = 0.01
+share = 0.5
+value = 2.5
+[[fault]]
+kind = "frame_lost"
+where = "LeftDrive"
+direction = "sent"
+probability = 0.5
+seed = 3
+[[expect]]
+name = "opens"
+eventually = "gate_angle_deg > 20.001 and not Gate.LatchState == 1"
+after = "sensed.left_current_a > 0.5"
+within_s = 0.1
+for_s = 0.01
+[[expect]]
+name = "stays"
+always = "abs(gate_rate_degps) < $rod"
 """

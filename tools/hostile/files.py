@@ -165,6 +165,55 @@ def measurement_case(bases: Bases, seed: int, number: int, folder: Path) -> Case
     return Case(f"measurement-{number}", arguments, f"{source.name}: {kind}", outputs)
 
 
+def recording_case(bases: Bases, seed: int, number: int, folder: Path) -> Case:
+    """A recording of any format, to be converted, drawn, compared, judged or played."""
+    chance = random.Random(f"{seed}/recording/{number}")
+    source = chance.choice(bases.recordings)
+    path = folder / f"data{source.suffix}"
+    name, kind = path.name, "bytes"
+    how, is_text = chance.random(), source.suffix in (".csv", ".log", ".asc", ".trc")
+    if how < 0.05:
+        name, kind = mangling.no_file(chance, path)
+    elif how < 0.1:
+        kind = "another suffix"
+        shutil.copy(source, folder / f"data{chance.choice(_SUFFIXES)}")
+        name = next(each.name for each in folder.iterdir())
+    elif source.suffix == ".csv" and how < 0.8:
+        kind = "cells"
+        path.write_text(_table(chance, source.read_text()), encoding="utf-8")
+    elif is_text and how < 0.9:
+        kind = "lines"
+        text = mangling.lines(chance, source.read_text(), ["time_s", "123#11", "x", "Rx", "d"])
+        path.write_text(text, encoding="utf-8", errors="replace")
+    else:
+        path.write_bytes(mangling.content(chance, source.read_bytes()))
+    rig = [[], [], ["--rig", "liftgate"], ["--rig", "liftgate"]]
+    sound = str(source)
+    calls = [
+        ["convert", name, f"out{chance.choice(_SUFFIXES)}", *chance.choice(rig)],
+        ["compare", *chance.sample([name, sound], 2), *chance.choice([[], ["--json"]])],
+        ["replay", name, *_PLAYED, *chance.choice(_PLAY_FLAGS)],
+        [
+            "plot",
+            name,
+            "--output",
+            chance.choice(["p.png", "p.svg", "p.html"]),
+            *chance.choice(rig),
+        ],
+        ["judge", name, "--scenario", str(bases.judged), "--rig", "liftgate"],
+    ]
+    arguments = chance.choices(calls, [4, 3, 4, 1, 1])[0]
+    return Case(f"recording-{number}", arguments, f"{source.name}: {kind}")
+
+
+_SUFFIXES = [".csv", ".parquet", ".log", ".asc", ".blf", ".trc", ".mf4", ".mcap"]
+# What a spoilt stamp says to be hours away is not waited for.
+_PLAYED = ["--bus", "virtual:x", "--from", "0", "--to", "2", "--speed", "50"]
+_PLAY_FLAGS: list[list[str]] = [
+    [], ["--json"], ["--direction", "both"], ["--only", "0x200-0x2FF"], ["--except", "Gate,0x120"],
+    ["--times", "2"], ["--quiet"],
+]  # fmt: skip
+
 _FLAGS: list[list[str]] = [
     [], [], [], [], ["--map", "voltage_v=left_voltage_v"], ["--map", "left_voltage_v=left_voltage_v"],
     ["--map", "time_s=time_s[ms]"], ["--from", "0.2"], ["--to", "1e9"], ["--vehicle", "compact"],

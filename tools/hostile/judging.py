@@ -17,14 +17,22 @@ _FOREIGN = re.compile(
 )
 # Of exit code 1: the last is the tool's own limit to what a case may write.
 _FAILURES = ("diverged", "error", "File too large")
+# What is no failure but an answer: unlike, a verdict, frames that a bus did not take.
+_ANSWERS = {"compare": (1,), "judge": (1, 3), "replay": (1,)}
 _LONGEST = 4000  # characters of a line; a list of what is allowed takes some
 _MOST_LINES = 150
+
+
+def _command(case: Case) -> str:
+    return case.arguments[0] if case.arguments else ""
 
 
 def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
     """What is wrong with the outcome of a call with a mangled file; empty: nothing."""
     faults = common_faults(outcome)
     said = [line for line in outcome.stderr.splitlines() if line.startswith("liftgate-hil")]
+    if outcome.code and outcome.code in _ANSWERS.get(_command(case), ()) and outcome.stdout:
+        return faults + (["it took too long"] if outcome.is_late else [])
     if outcome.is_late:
         faults.append("it took too long")
     elif outcome.code not in (0, 1, 2):
@@ -39,6 +47,10 @@ def faults_of_file(case: Case, folder: Path, outcome: Outcome) -> list[str]:
         faults.append("messages that nobody can read")
     if outcome.code == 0 and not outcome.is_late:
         faults += whole_outputs(folder, case.outputs)
+    if _command(case) == "convert" and not outcome.is_late:
+        there = [each.name for each in folder.iterdir() if each.name.startswith("out.")]
+        if len(there) != (outcome.code == 0):
+            faults.append(f"exit code {outcome.code}, and written: {', '.join(there) or 'nothing'}")
     return faults
 
 

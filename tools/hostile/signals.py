@@ -49,6 +49,8 @@ def commands(bases: Bases) -> dict[str, Command]:
              "--result", "r.json", "--json"], 5.0,
         ),
         "validate": Command(["validate", kept, "--result", "r.json", "--json"], 2.0),
+        "replay": Command(["replay", str(bases.folder / "demo.log"), "--bus", "virtual:signals"], 2.5),
+        "convert": Command(["convert", kept, "out.mf4"], 1.5),
         "ecu": Command(["ecu", "--bus", "virtual:signals"], 3.0, True),
     }  # fmt: skip
 

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         )
     try:
         with told_of_compiling(teller, stopped):
-            for use in (_loops, _offline, _measurements):
+            for use in (_loops, _offline, _measurements, _replay):
                 use(teller, stopped)
     except compiler.GivenUpError:
         return stopped.exit_code
@@ -65,13 +65,14 @@ class _Compiling(Listener):
 
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Those of a run: each clock, with an ECU in the process, and a recording."""
+    """Those of a run: each clock, with an ECU in the process, and a recording around a trigger."""
     from liftgate_hil import runs
     from liftgate_hil.session import CLOCKS, RunOptions
 
     with tempfile.TemporaryDirectory() as folder:
         for clock in CLOCKS:
-            options = RunOptions(clock=clock, duration=0.001, records=(Path(folder) / "run.csv",))
+            records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
+            options = RunOptions(clock=clock, duration=0.001, records=records, record_when=when)
             job = runs.Job(
                 scenario=None, ecu="reference", options=options, listener=_Compiling(teller)
             )
@@ -113,3 +114,10 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
     events_in(layout, empty_frames(0), np.zeros(0, dtype=np.int64), len(BUS_OUTPUTS))
     measure_wakeups(1_000_000, 1)
+
+
+def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:
+    """A recording's way onto a bus."""
+    from liftgate_hil.replay.player import machine_code
+
+    machine_code()

@@ -42,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead of the scenario's: seconds after the gate is first heard, and open, close or "
         "stop (repeatable)",
     )
+    parser.add_argument(
+        "--no-requests",
+        action="store_true",
+        help="nothing but what the bus asks for (a rig's [requests]), until stopped",
+    )
     parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
     parser.add_argument(
         "--coding",
@@ -118,8 +123,10 @@ def _drive(
         if args.realtime:
             _ask_for_priority(args)
         requests = _requests(args.request) if args.request else list(scenario.requests)
-        peer = Peer(adapter, transport, alone(requests))
         duration = args.duration if args.duration is not None else scenario.duration
+        if args.no_requests:
+            requests, duration = [], args.duration
+        peer = Peer(adapter, transport, alone(requests))
         _take_turns(peer, adapter, rig, duration, args.duration is not None, stop, teller)
     finally:
         transport.close()

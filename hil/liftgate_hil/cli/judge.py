@@ -1,55 +1,142 @@
-"""The verdicts and margins of a scenario again, from a run's recordings: a table (CSV, Parquet, MF4, MCAP), a bus
-log, or both. Exit codes as of `liftgate-hil test`.
+"""The verdicts and margins of a scenario again, from recordings: tables (CSV, Parquet, MF4, MCAP), bus logs (ASC,
+BLF, candump, TRC, MF4, MCAP), or both. Files of one name but for the suffix (run.csv, run.log) are of one run;
+each run is judged, all of them in one report. Exit codes as of `liftgate-hil test`. Which ECU it was and how fast
+its clock went is past: there is neither --ecu nor --clock.
+
+Recordings that are not ours have columns of their own (--map) and a bus of their own (--rig, a rig's file or a
+database): what the rig's outputs stand for is taken from a log's frames where no table has it. They are judged in
+ticks of --rate, each column as of its last sample:
+
+  liftgate-hil judge drive.log --scenario close.toml --rig their.dbc --map 'gate_angle_deg=Tailgate.Position'
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
-from liftgate_hil.cli.test import EXIT_CODES, add_set_parameter, naming_the_flag, parameters_of
+from liftgate_hil.cli.measurements import add_map
+from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.cli.suite_reports import EXIT_CODES, add_reports, summarise, targets_of, write
+from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from liftgate_hil.testing.rejudge import Expectations
+    from liftgate_hil.testing.suite import Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="of one run")
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="of one run, or several")
     parser.add_argument("--scenario", required=True, metavar="NAME|FILE", help="what is expected")
+    parser.add_argument(
+        "--one-run", action="store_true", help="all files are of one run, whatever they are called"
+    )
+    add_map(parser)
     parser.add_argument("--vehicle", metavar="NAME|FILE", help="default: the scenario's, else suv")
-    parser.add_argument("--rig", metavar="NAME|FILE", help="default: the scenario's, else liftgate")
+    parser.add_argument(
+        "--rig",
+        metavar="NAME|FILE",
+        help="what frames mean: a rig, or a database; default: the scenario's, else liftgate",
+    )
     add_set_parameter(parser)
     parser.add_argument(
         "--duration",
         type=options.bounded(1e-3, 1e9, "s"),
         metavar="S",
-        help="the run's end; default: the scenario's",
+        help="the run's end; default: the scenario's, else the recording's",
     )
-    parser.add_argument("--json", action="store_true", help="print the verdicts as JSON")
+    parser.add_argument(
+        "--rate",
+        type=options.bounded(1.0, 10_000.0, "Hz"),
+        default=1000.0,
+        metavar="HZ",
+        help="ticks in which recordings are judged that are not ours; default: 1000",
+    )
+    parser.add_argument(
+        "--longest-gap",
+        type=options.bounded(1e-6, 1e9, "s"),
+        metavar="S",
+        help="between two samples of a column, of recordings that are not ours; a longer one makes windows "
+        "inconclusive; default: three times what is usual in the column",
+    )
+    add_reports(parser, "; the recordings stay where they are")
+    parser.add_argument("--quiet", action="store_true", help="tell only what does not pass")
 
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
-    from liftgate_hil.judging.verdict import worst
-    from liftgate_hil.testing.rejudge import judge
-    from liftgate_hil.testing.reports import expectation_json, line_of
+    stop = StopSignals()
+    from liftgate_hil.report.provenance import provenance_of
+    from liftgate_hil.testing import judged_suite, suite
+    from liftgate_hil.testing.html_report import SuiteReport
+    from liftgate_hil.testing.reports import as_json, as_junit
 
+    targets = targets_of(args)
+    about = _about(args)
+    runs = judged_suite.runs_of(args.recordings, args.one_run)
+    cases = judged_suite.cases_of(runs, about, is_reported=any(targets.values()))
+    report, outcomes = SuiteReport(), []
+    for outcome, notes in judged_suite.judge_suite(cases, about, bool(targets["html"]), stop):
+        outcomes.append(report.take(outcome))
+        _tell(outcome, notes, len(runs) > 1, args)
+    provenance = provenance_of(args.command_line, {})
+    told = as_json(outcomes, provenance.as_dict())
+    for target in targets["json"]:
+        write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
+    for target in targets["junit"]:
+        write(target, as_junit(outcomes))
+    for target in targets["html"]:
+        write(target, report.html(outcomes, provenance).encode())
+    summarise(outcomes, args, "recording" if len(runs) == 1 else "recordings")
+    return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(outcomes)]
+
+
+def _about(args: argparse.Namespace) -> Expectations:
+    """What is expected. Raises ConfigError."""
+    from dataclasses import replace
+
+    from liftgate_hil.measurement.mapping import parse_maps
+    from liftgate_hil.signals import COLUMNS
+    from liftgate_hil.testing.rejudge import expectations_of
+
+    mapping = parse_maps(args.maps, COLUMNS)
     with naming_the_flag():
-        verdicts = judge(
-            args.recordings,
+        about = expectations_of(
             args.scenario,
             parameters=parameters_of(args.set_parameter),
             vehicle=args.vehicle,
             rig=args.rig,
-            duration=args.duration,
         )
-    verdict = worst(each.verdict for each in verdicts.values())
-    if args.json:
-        told = [expectation_json(each) for each in verdicts.values()]
-        print(json.dumps({"verdict": verdict, "expectations": told}, indent=2, allow_nan=False))
-    else:
-        for each in verdicts.values():
-            print(f"{printable(each.name)}: {line_of(each)}")
-        count = sum(each.verdict == "inconclusive" for each in verdicts.values())
-        print(f"{verdict}; {100.0 * count / len(verdicts):.0f} % inconclusive")
-    return EXIT_CODES[verdict]
+    return replace(
+        about,
+        duration=args.duration,
+        mapping=mapping,
+        rate=args.rate,
+        longest_gap=args.longest_gap,
+    )
+
+
+def _tell(outcome: Outcome, notes: Sequence[str], is_named: bool, args: argparse.Namespace) -> None:
+    """What came of a run."""
+    from liftgate_hil.testing.reports import line_of
+
+    for note in notes:
+        print(printable(f"liftgate-hil judge: note: {note}"), file=sys.stderr)
+    if args.json == "-":
+        return
+    indent = "    " if is_named else ""
+    if is_named and not (args.quiet and outcome.verdict == "pass"):
+        print(printable(f"{outcome.verdict:<12} {', '.join(map(str, outcome.case.recordings))}"))
+    if outcome.reason:
+        print(f"{indent}{printable(options.as_flags(outcome.reason))}", flush=True)
+        return
+    for each in outcome.expectations:
+        if not (args.quiet and each.verdict == "pass"):
+            print(f"{indent}{printable(each.name)}: {line_of(each)}", flush=True)

@@ -23,6 +23,7 @@ COMMANDS = {
     "test": "scenario files: run, judge, report",
     "judge": "the same verdicts again, from recordings",
     "convert": "a recording in another format; bus logs decoded into tables",
+    "replay": "a recording's frames onto a bus, with the original timing",
     "plot": "a picture of a recording",
     "compare": "two recordings: the differences of their columns, when they are largest; pictures",
     "simulate": "the plant alone, offline, as fast as it goes",

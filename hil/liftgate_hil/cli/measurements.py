@@ -29,7 +29,7 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
         "files",
         nargs="+" if required else "*",
         metavar="FILE",
-        help="measurements: .csv (.tsv, .txt), .mf4, .mcap, or a bus log .log .asc .blf .trc .mf4 .mcap",
+        help="measurements: .csv (.tsv, .txt), .parquet, .mf4, .mcap, or a bus log .log .asc .blf .trc .mf4 .mcap",
     )
     add_map(parser)
     parser.add_argument(

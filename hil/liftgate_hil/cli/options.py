@@ -104,6 +104,9 @@ def run_options(args: argparse.Namespace) -> RunOptions:
         records=tuple(check_file("record", name) for name in args.record),
         record_limit=size_of("record_limit", args.record_limit),
         record_keep=args.record_keep,
+        record_when=tuple(args.record_when),
+        record_before=args.record_before,
+        record_after=args.record_after,
         realtime=args.realtime,
         cpu=args.cpu,
     )
@@ -270,5 +273,20 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of these files keep the last N; default: all",
     )
+    parser.add_argument(
+        "--record-when",
+        action="append",
+        default=[],
+        metavar="CONDITION",
+        help='record only around the ticks in which this is true, e.g. "pinch_force_n > 5", in the language of '
+        "scenarios (repeatable: any of them)",
+    )
+    for name in ("before", "after"):
+        parser.add_argument(
+            f"--record-{name}",
+            type=bounded(0.0, 600.0, "s"),
+            metavar="S",
+            help=f"and so long {name} that; default: 1",
+        )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")

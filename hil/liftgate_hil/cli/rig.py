@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from liftgate_hil.config.files import is_there, write_text
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.rig_table import MappedMessage, MappedSignal
 
 
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
-    from liftgate_hil.config.rig_table import mapped_messages
+    from liftgate_hil.config.rig_table import asked_by, mapped_messages
     from liftgate_hil.config.shipped import find_config
 
     path = find_config("rigs", args.file, "FILE")
@@ -66,7 +68,7 @@ def _check(args: argparse.Namespace) -> int:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:
         issues.take(error.issues)
-    messages = mapped_messages(rig)
+    messages, asked = mapped_messages(rig), asked_by(rig)
     if args.json:
         answer = {
             "file": str(path),
@@ -77,12 +79,17 @@ def _check(args: argparse.Namespace) -> int:
                 {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]}
                 for each in messages
             ],
+            "requests": asked,
+            "diagnostics": rig.diagnostics and asdict(rig.diagnostics),
             "notes": notes,
             "issues": issues.lines,
         }
         print(json.dumps(answer, indent=1))
     else:
-        for line in [*_lines(messages), *(f"note: {note}" for note in notes)]:
+        lines = [*_lines(messages), *_asked(rig)]
+        lines += [f"request {action} on a bus: {how}" for action, how in asked.items()]
+        lines += [f"note: {note}" for note in notes]
+        for line in lines:
             print(printable(line))
     issues.raise_if_any()
     if not args.json:
@@ -106,6 +113,24 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
         lines += ["    " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
     return lines
+
+
+def _asked(rig: Rig) -> list[str]:
+    """How the ECU is asked for its trouble codes."""
+    from liftgate_hil.codec.frames import EXTENDED
+
+    own = rig.diagnostics
+    if own is None:
+        return []
+    request, response = (
+        f"{name} 0x{number & ~EXTENDED:0{8 if number & EXTENDED else 3}X}".lstrip()
+        for name, number in zip(own.names, (own.request, own.response), strict=True)
+    )
+    cleared = "cleared at time 0, " if own.clears else ""
+    return [
+        f"diagnostics: request {request}, response {response}; {cleared}read every {1e3 * own.period:g} ms by the "
+        f"status mask 0x{own.status_mask:02X}"
+    ]
 
 
 def _cells(signal: MappedSignal) -> tuple[str, ...]:

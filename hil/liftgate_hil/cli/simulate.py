@@ -45,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     source.add_argument(
         "--input",
         metavar="FILE",
-        help=".csv (.tsv, .txt), .mf4 or .mcap with time_s and input columns; its first sample is at time 0 here",
+        help=".csv (.tsv, .txt), .parquet, .mf4 or .mcap with time_s and input columns; its first sample is at "
+        "time 0 here",
     )
     add_map(parser)
     parser.add_argument(

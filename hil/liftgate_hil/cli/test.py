@@ -11,13 +11,13 @@ import contextlib
 import json
 import math
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
+from liftgate_hil.cli.suite_reports import EXIT_CODES, add_reports, summarise, targets_of, write
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from liftgate_hil.runs import Job
     from liftgate_hil.testing.mutation import Matrix
     from liftgate_hil.testing.suite import Case, Outcome
-
-EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3, "error": 2}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,16 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many at a time; default: a CPU each",
     )
-    parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
-    parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
-    parser.add_argument(
-        "--html", metavar="FILE", help="write a report with pictures: one file for any browser"
-    )
-    parser.add_argument(
-        "--results",
-        metavar="FOLDER",
-        help="write all three there, and a recording of each scenario",
-    )
+    add_reports(parser, ", and a recording of each scenario")
     parser.add_argument(
         "--mutants",
         action="store_true",
@@ -88,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.testing.html_report import SuiteReport
     from liftgate_hil.testing.reports import as_json, as_junit
 
-    targets = _targets(args)
+    targets = targets_of(args)
     teller = Teller(args.quiet, is_json=args.json == "-")
     template = _template(args, CompilingOnly(teller))
     files = suite.scenario_files(args.paths)
@@ -114,14 +103,14 @@ def run(args: argparse.Namespace) -> int:
     if matrix is not None:
         told["mutation"] = matrix.as_json()
     for target in targets["json"]:
-        _write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
+        write(target, json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False).encode())
     for target in targets["junit"]:
-        _write(target, as_junit(ordered))
+        write(target, as_junit(ordered))
     for target in targets["html"]:
-        _write(target, report.html(ordered, provenance, matrix).encode())
+        write(target, report.html(ordered, provenance, matrix).encode())
     if matrix is not None and args.json != "-":
         print("\n".join(map(printable, matrix.lines())), flush=True)
-    _summarise(ordered, args)
+    summarise(ordered, args, "scenarios")
     return stop.exit_code if stop.received else EXIT_CODES[suite.verdict_of(ordered)]
 
 
@@ -140,30 +129,6 @@ def _mutated(
     )
     teller.clear()
     return None if stop.received else matrix
-
-
-def _targets(args: argparse.Namespace) -> dict[str, list[str]]:
-    """Where which report goes. Raises ConfigError."""
-    found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
-    if args.results:
-        folder = Path(args.results)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"`results` {folder}: {error.strerror}; allowed: a folder") from error
-        found["json"].append(str(folder / "verdicts.json"))
-        found["junit"].append(str(folder / "junit.xml"))
-        found["html"].append(str(folder / "report.html"))
-    for kind, given in (("json", args.json), ("junit", args.junit), ("html", args.html)):
-        if given is not None:
-            if kind == "html" and given == "-":
-                raise ConfigError("`html` -: allowed: a file")
-            if given != "-" and not Path(given).parent.is_dir():
-                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
-            if given != "-" and Path(given).is_dir():
-                raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
-            found[kind].append(given)
-    return found
 
 
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
@@ -274,26 +239,3 @@ def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> 
         if not args.quiet or each.verdict != "pass"
     ]
     print("\n".join(lines), flush=True)
-
-
-def _summarise(outcomes: Sequence[Outcome], args: argparse.Namespace) -> None:
-    """The last line."""
-    from liftgate_hil.testing.suite import counts_of
-
-    if args.json == "-":
-        return
-    counts: dict[str, Any] = counts_of(outcomes)
-    share = counts.pop("inconclusive_share")
-    said = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
-    print(f"{len(outcomes)} scenarios: {said}; {100.0 * share:.0f} % inconclusive", flush=True)
-
-
-def _write(target: str, content: bytes) -> None:
-    """A report. Raises ConfigError."""
-    if target == "-":
-        sys.stdout.write(content.decode() + "\n")
-        return
-    try:
-        Path(target).write_bytes(content)
-    except OSError as error:
-        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error

@@ -66,7 +66,9 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
 
     with _ecu_process(args, parts.setup.vehicle, job.listener) as child:
         result = runs.execute(
-            replace(job, ecu=ON_A_BUS), lambda: stopped() or child.has_failed(), parts
+            replace(job, ecu=ON_A_BUS, ecu_elsewhere=job.ecu),
+            lambda: stopped() or child.has_failed(),
+            parts,
         )
         events = child.end()
     return result if result.reason else replace(result, events=events)

@@ -55,6 +55,17 @@ class SignalMapping:
         return min(ends), max(ends)
 
 
+def mapping_named(name: str) -> SignalMapping:
+    """A signal (`Message.Signal`) as it is, in the database's unit, as a quantity of that name."""
+    message, _, signal = name.partition(".")
+    return SignalMapping(name, message, signal)
+
+
+def identifier_of(message: Message) -> int:
+    """Of a message, with SocketCAN's flag where it is extended."""
+    return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
+
+
 def raw_range(signal: Signal) -> tuple[float, float]:
     """What the signal's bits can hold."""
     if signal.is_float:
@@ -320,7 +331,7 @@ def _message_row(
 ) -> dict[str, Any]:
     cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
     row = protection_row(message, options, tables.add_place, issues)
-    identifier = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+    identifier = identifier_of(message)
     return {
         "identifier": identifier,
         "fd": FD if needs_fd(message) else 0,

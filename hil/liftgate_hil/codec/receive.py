@@ -59,6 +59,9 @@ class Reception(NamedTuple):
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
     counter: NDArray[np.int64]  # per message; -1: not known
+    cycles: NDArray[
+        np.int64
+    ]  # per message: how many of it there were, with those that its counter says were lost
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
     stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
     read: NDArray[np.float64]  # per signal: of the frame in hand
@@ -72,6 +75,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
         np.full(quantities, np.nan),
         np.full(messages, -1, dtype=np.int64),
         np.full(messages, -1, dtype=np.int64),
+        np.zeros(messages, dtype=np.int64),
         np.zeros((messages, check_state.MEMORY), dtype=np.int64),
         np.full(1, _NEVER, dtype=np.int64),
         np.full(len(bus.signals), np.nan),
@@ -256,6 +260,14 @@ def counted(counts: Counts, cause: int, lost: int) -> Counts:
 
 
 @compilable
+def is_counted(table: Any, cause: int) -> bool:
+    """Whether a frame is one cycle more of its message: not one that its counter will show to be missing."""
+    if table.counter < 0:
+        return bool(cause != REMOTE_FRAME)
+    return cause in (ACCEPTED, UNQUALIFIED, OUT_OF_RANGE)
+
+
+@compilable
 def receive(
     bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int
 ) -> Counts:
@@ -266,6 +278,8 @@ def receive(
         cause, message, lost = judge(bus, reception, frames, frame, now_ns, reception.read)
         counts = counted(counts, cause, lost)
         note_outcome(reception.refusals, cause, message, now_ns)
+        if message >= 0 and is_counted(bus.messages[message], cause):
+            reception.cycles[message] += 1 + lost
         if cause == ACCEPTED:
             take(bus, reception, message, reception.read)
             reception.seen_ns[message] = now_ns

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
+from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.codec.receive import find_message, physical_of, selected
 from liftgate_hil.codec.tables import BusConfig
@@ -28,10 +28,7 @@ def watched(
     """The tables of signals (`Message.Signal`) that the messages have; their places in `names` are those of their
     values.
     """
-    parts = {name: name.partition(".") for name in names}
-    mappings = [
-        SignalMapping(name, message, signal) for name, (message, _, signal) in parts.items()
-    ]
+    mappings = list(map(mapping_named, names))
     return build_bus_config(messages, mappings, {}, dict.fromkeys(names, _ANY), issues, False)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.frames import EXTENDED
@@ -21,8 +22,12 @@ _STANDARD = 0x7FF  # the largest identifier of 11 bits
 _NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
 
 
-def bus_faults_in(fault: Fault, rig: Rig | None, issues: ConfigIssues) -> tuple[BusFault, ...]:
-    """What a fault does on a bus; nothing, where it is none of those kinds."""
+def bus_faults_in(
+    fault: Fault, rig: Rig | None, restbus: Collection[str], issues: ConfigIssues
+) -> tuple[BusFault, ...]:
+    """What a fault does on a bus where these messages of the restbus are sent, too; nothing, where it is none of
+    those kinds.
+    """
     if FAULT_KINDS[fault.kind].of not in (MESSAGE, BUS):
         return ()
     if rig is None:
@@ -36,7 +41,7 @@ def bus_faults_in(fault: Fault, rig: Rig | None, issues: ConfigIssues) -> tuple[
         BusFault(
             kind=KINDS.index(fault.kind),
             direction=direction,
-            identifier=_identifier(fault, rig, direction, issues),
+            identifier=_identifier(fault, rig, restbus, direction, issues),
             probability=float(values.get("probability", 1.0)),
             delay=float(values.get("delay_s") or 0.0),
             rate=float(values.get("rate") or 0.0),
@@ -45,13 +50,16 @@ def bus_faults_in(fault: Fault, rig: Rig | None, issues: ConfigIssues) -> tuple[
     )
 
 
-def _identifier(fault: Fault, rig: Rig, direction: int, issues: ConfigIssues) -> int:
+def _identifier(
+    fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues
+) -> int:
     """Which frames are meant, or which are sent."""
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)
         return identifier | (EXTENDED if identifier > _STANDARD else 0)
     mappings = rig.outputs if direction == SENT else rig.inputs
-    names = list(dict.fromkeys(each.message for each in mappings))
+    own = [each.message for each in mappings]
+    names = list(dict.fromkeys([*own, *(restbus if direction == SENT else ())]))
     needed = _NEEDED.get(fault.kind)
     if needed:
         names = [each for each in names if _of(rig, each, needed) is not None]
@@ -60,7 +68,7 @@ def _identifier(fault: Fault, rig: Rig, direction: int, issues: ConfigIssues) ->
     if fault.where not in names:
         allowed = ", ".join(names) or "none"
         which = f"a message with a {needed}" if needed else "a message"
-        way = "sends" if direction == SENT else "receives"
+        way = {SENT: "or its restbus sends" if restbus else "sends"}.get(direction, "receives")
         said = f"{show(fault.where)}: not {which} that the gate {way}; allowed: {allowed}"
         issues.take([f"{fault.key}.where: {said}"])
         return EVERY

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import logging
 import math
+import re
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -51,6 +52,27 @@ def find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | N
     return None
 
 
+# Where a format says where signals begin and how long they and their messages are [bits, bytes].
+_PLACES = {
+    ".dbc": r"^[ \t]*SG_[ \t][^:\n]*:[ \t]*(\d+)[ \t]*\|[ \t]*(\d+)"
+    r"|^[ \t]*BO_[ \t][^:\n]*:[ \t]*(\d+)",
+    ".kcd": r"\b(?:offset|length)\s*=\s*[\"'](\d+)",
+    ".sym": r"^[ \t]*(?:Var|Mux)[ \t]*=[^\n]*?[ \t](\d+)[ \t]*,[ \t]*(\d+)"
+    r"|^[ \t]*(?:Sig[ \t]*=[^\n]*?[ \t]|(?:DLC|Len)[ \t]*=[ \t]*)(\d+)",
+    ".arxml": r"<(?:[\w-]+:)?START-POSITION>\s*(\d+)",
+}
+_MOST_BITS = 32_768  # the longest messages are those of ISO-TP's first edition, 4095 bytes
+
+
+def _out_of_place(written: str, kind: str) -> str:
+    """Where a number of bits is that no message has; "": there is none. cantools takes time with its square."""
+    for found in re.finditer(_PLACES[kind], written, re.MULTILINE):
+        numbers = [each for each in found.groups() if each]
+        if any(len(each) > 9 or int(each) > _MOST_BITS for each in numbers):
+            return " ".join(found.group().split())
+    return ""
+
+
 def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     """Its messages by name; what is wrong with it is noted under `dbc`."""
     from liftgate_hil.python_can import cantools
@@ -69,9 +91,10 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     logger = logging.getLogger("cantools")
     logger.addHandler(handler)
     try:
-        database = cantools.database.load_string(
-            "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n", kind[1:]
-        )
+        written = "\n".join(raw.decode(_encoding(raw, kind)).splitlines()) + "\n"
+        if wrong := _out_of_place(written, kind):
+            raise ValueError(f"{wrong}: allowed: up to {_MOST_BITS} bits")
+        database = cantools.database.load_string(written, kind[1:])
     except Exception as error:  # cantools passes on what its parsers raise, of any kind
         said = " ".join(str(error).split())[:200] or type(error).__name__
         issues.add("dbc", f"{path}: cannot be read: {said}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,23 +13,30 @@ from liftgate_hil.codec.bus_config import (
     SignalMapping,
     build_bus_config,
     cycle_of,
+    identifier_of,
     needs_fd,
 )
-from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
+from liftgate_hil.config.diagnostics import diagnostics_of
+from liftgate_hil.config.driver import NO_DRIVER, Driver, driver_of
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
+from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
+from liftgate_hil.stimuli.restbus import BusTables
 from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+_SECTIONS = (
+    "dbc", "bitrate", "inputs", "outputs", "messages", "requests", "reset", "diagnostics",
+)  # fmt: skip
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
 
@@ -45,6 +52,18 @@ class Rig:
     options: Mapping[str, MessageOptions]
     is_fd: bool
     source: str
+    diagnostics: Diagnostics | None = None  # how the ECU is asked for its trouble codes
+    driver: Driver = NO_DRIVER
+
+    @property
+    def tables(self) -> BusTables:
+        """What the bench sends by it."""
+        return BusTables(self.messages, self.outputs, self.options)
+
+    @property
+    def mapped(self) -> tuple[str, ...]:
+        """The messages with inputs and outputs."""
+        return tuple(dict.fromkeys(wire.message for wire in (*self.inputs, *self.outputs)))
 
     def input_config(self, sending: bool = False) -> BusConfig:
         """The inputs' tables: received by the emulator, sent by an ECU."""
@@ -75,8 +94,7 @@ class Rig:
 
     def identifier(self, name: str) -> int:
         """Of a message, with SocketCAN's flag where it is extended."""
-        message = self.messages[name]
-        return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
+        return identifier_of(self.messages[name])
 
     def command_cycle_ms(self) -> float:
         """Its cycle."""
@@ -118,7 +136,7 @@ def rig_of_content(
     they were read before.
     """
     issues = ConfigIssues(str(path))
-    known_keys(issues, "", raw, ("dbc", "bitrate", "inputs", "outputs", "messages"))
+    known_keys(issues, "", raw, _SECTIONS)
     database = find_database(issues, raw.get("dbc"), path.parent)
     bitrate = number(issues, "bitrate", raw.get("bitrate", 500_000), 1.0, 1e8, "bit/s")
     before = issues.count
@@ -129,6 +147,8 @@ def rig_of_content(
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
     options = message_options(issues, raw, messages)
+    wires = (*inputs, *outputs)
+    mapped = {identifier_of(messages[wire.message]): wire.message for wire in wires}
     rig = Rig(
         database or Path(),
         bitrate,
@@ -136,10 +156,13 @@ def rig_of_content(
         tuple(inputs),
         tuple(outputs),
         options,
-        any(needs_fd(messages[wire.message]) for wire in (*inputs, *outputs)),
+        any(needs_fd(messages[wire.message]) for wire in wires),
         str(path),
+        diagnostics_of(issues, raw, messages, mapped),
     )
     _check_whole(issues, rig)
+    driver = driver_of(raw, rig.tables, rig.mapped, issues)
+    rig = replace(rig, driver=driver)
     for make in (rig.input_config, rig.output_config):
         with _collecting(issues):
             make()

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, pages_of
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
 from liftgate_plant.signals import Signal
@@ -48,6 +49,22 @@ def mapped_messages(rig: Rig) -> list[MappedMessage]:
         *_messages(rig, "received", rig.inputs, BUS_INPUTS),
         *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS),
     ]
+
+
+def asked_by(rig: Rig) -> dict[str, str]:
+    """How an ECU on a bus is asked, and started anew: what stands for each request, in words."""
+    found = {action: _press(press) for action, press in rig.driver.buttons.items()}
+    reset = rig.driver.reset
+    if reset is not None:
+        parts = [_press(reset.press)] if reset.press is not None else []
+        parts += [f"runs {' '.join(reset.command)}"] if reset.command else []
+        parts.append(f"then waits for {reset.ready or 'its first command'}")
+        found["reset"] = ", ".join(parts)
+    return found
+
+
+def _press(press: Press) -> str:
+    return f"{press.signal} = {press.value:g} for {press.hold:g} s, else {press.rest:g}"
 
 
 def _messages(

@@ -16,12 +16,13 @@ from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
 from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.profile_csv import read_points
+from liftgate_hil.config.restbus import SignalValue
 from liftgate_hil.config.schema import read_table
 from liftgate_hil.config.settings import Setting, settings_in
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.judging.expectation import KINDS, Expectation
+from liftgate_hil.judging.expectation import KINDS, STATES, Expectation
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import Instant, moved
 from liftgate_hil.stimuli.requests import Request
@@ -67,6 +68,7 @@ class Scenario:
     settings: tuple[Setting, ...] = ()  # of the vehicle file
     parameters: Mapping[str, float] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
+    signals: tuple[SignalValue, ...] = ()  # of the restbus
     expectations: tuple[Expectation, ...] = ()
     description: str = ""
     requirement: tuple[str, ...] = ()
@@ -77,7 +79,8 @@ class Scenario:
         """The conditions that its stimuli wait for, as expectations."""
         spans = [(each.start, each.end) for each in self.stimuli.obstacles]
         spans += [(each.start, each.end) for each in self.faults]
-        found = [_comes(each.when, Instant()) for each in self.requests]
+        whens = [each.when for each in self.requests] + [each.when for each in self.signals]
+        found = [_comes(each, Instant()) for each in whens]
         for start, end in spans:
             found += [_comes(start, Instant()), _comes(end, start)]
         return [each for each in found if each is not None]
@@ -104,7 +107,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
     parameters = _parameters(parts, replaced or {})
     top: dict[str, Any] = {}
     settings: dict[tuple[str, ...], Setting] = {}
-    found = _Found([], [], [], [], [])
+    found = _Found([], [], [], [], [], [])
     for part in parts:
         raw = {
             key: value if key in _FREE else _filled_in(part.issues, key, value, parameters)
@@ -134,6 +137,7 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
         settings=tuple(settings.values()),
         parameters=parameters,
         faults=tuple(found.faults),
+        signals=tuple(found.signals),
         expectations=tuple(found.expectations),
         description=str(top["description"]),
         requirement=top["requirement"],
@@ -251,6 +255,7 @@ class _Found:
     profiles: list[tuple[str, Profile]]
     obstacles: list[TimedObstacle]
     requests: list[Request]
+    signals: list[SignalValue]
     faults: list[Fault]
     expectations: list[Expectation]
 
@@ -267,6 +272,7 @@ class _Reader:
         found.profiles += self._tables(raw, "profile", self._profile)
         found.obstacles += self._tables(raw, "obstacle", self._obstacle)
         found.requests += self._tables(raw, "request", self._request)
+        found.signals += self._tables(raw, "signal", self._signal)
         found.faults += self._tables(raw, "fault", self.fault)
         own = self._tables(raw, "expect", self._expect)
         _check_once(self.issues, "expect", [each.name for each in own if each.name])
@@ -377,6 +383,13 @@ class _Reader:
             self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or ""
         )
 
+    def _signal(self, key: str, given: Table) -> SignalValue:
+        values = read_table(self.issues, key, given, keys.SIGNAL)
+        when = self._instant(values["time"], values["delay_s"], f"{key}.time")
+        return SignalValue(
+            when, values["signal"] or "", values["value"] or 0.0, str(self.path), key
+        )
+
     def fault(self, key: str, given: Table) -> Fault:
         kind = FAULT_KINDS.get(str(given.get("kind")))
         own = kind.keys if kind is not None else ()
@@ -421,8 +434,13 @@ class _Reader:
             )
             return Expectation("", "always", "")
         kind = said[0]
-        if values[kind]:
+        if kind == "dtc":
+            if "state" not in given:
+                issues.add(f"{key}.state", f"missing; allowed: one of {', '.join(STATES)}")
+        elif values[kind]:
             self._condition(f"{key}.{kind}", values[kind])
+        if kind != "dtc" and "state" in given:
+            issues.add(f"{key}.state", f"{show(given['state'])}; allowed: with dtc")
         after = values["after"]
         if after.condition:
             self._condition(f"{key}.after", after.condition, "; or a time, 0 to 1e+06 s")
@@ -435,7 +453,8 @@ class _Reader:
             )
         opener = after.condition or after.time
         name = str(values["name"] or "")
-        return Expectation(name, kind, values[kind], opener, within, values["for_s"], key)
+        state = values["state"] or ""
+        return Expectation(name, kind, values[kind], opener, within, values["for_s"], key, state)
 
 
 def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:

@@ -11,6 +11,7 @@ from liftgate_hil.config.schema import (
     Choice,
     Choices,
     Key,
+    Label,
     Number,
     Raw,
     Text,
@@ -18,8 +19,10 @@ from liftgate_hil.config.schema import (
     When,
     Whole,
 )
-from liftgate_hil.config.toml import number
+from liftgate_hil.config.toml import number, show
+from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.judging.expectation import STATES
 from liftgate_hil.signals import OBSTACLE as OBSTACLE_SIGNALS
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import NEVER, START
@@ -27,6 +30,23 @@ from liftgate_hil.stimuli.requests import BUTTONS, REQUESTS
 
 _SECONDS = Number(0.0, LATEST, "s")
 SEED = Whole(0, 2**32 - 1)
+
+
+class TroubleCode:
+    """What an ECU stores of a fault."""
+
+    allowed = ALLOWED
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
+        """See Kind."""
+        try:
+            number_of(value if isinstance(value, str) else show(value))
+        except ValueError as error:
+            issues.add(
+                key, str(error) if isinstance(value, str) else f"{show(value)}; allowed: {ALLOWED}"
+            )
+            return ""
+        return str(value)
 
 
 class _Initial:
@@ -64,6 +84,7 @@ TOP = (
     Key("profile", Raw("[[profile]] tables"), "a quantity over time, below", None),
     Key("obstacle", Raw("[[obstacle]] tables"), "something in the gate's way, below", None),
     Key("request", Raw("[[request]] tables"), "what is asked of the ECU, below", None),
+    Key("signal", Raw("[[signal]] tables"), "what other control units send, below", None),
     Key("fault", Raw("[[fault]] tables"), "what breaks, below", None),
     Key("expect", Raw("[[expect]] tables"), "what is expected, below", None),
 )  # fmt: skip
@@ -100,6 +121,13 @@ REQUEST = (
     ),
 )
 
+SIGNAL = (
+    Key("time", When(), "from when on; 0: it is the signal's start value, also in the precondition", START, "0"),
+    _DELAY,
+    Key("signal", Text("MESSAGE.SIGNAL"), "of the rig's database, in a message that neither gate nor ECU sends"),
+    Key("value", Label(), "in the database's unit, or its label"),
+)  # fmt: skip
+
 FAULT = (
     Key("kind", Choice(list(FAULT_KINDS)), "one of those below, each with keys of its own"),
     Key("where", Text("left, right, both, or a message's name"), "which drive's, or which message's, of a kind "
@@ -114,10 +142,12 @@ FAULT = (
 
 EXPECT = (
     Key("name", Text(), "what reports call it; each once"),
-    Key("always", Text("a condition"), "one of always, eventually, never: it is true in every tick of the window",
-        None),
+    Key("always", Text("a condition"), "one of always, eventually, never, dtc: it is true in every tick of the "
+        "window", None),
     Key("eventually", Text("a condition"), "it is true in at least one", None),
     Key("never", Text("a condition"), "it is true in none", None),
+    Key("dtc", TroubleCode(), "a trouble code of the ECU, read over its diagnostics; see below", None),
+    Key("state", Choice(STATES), "of dtc, required: reported in an answer of the window, or in none", None),
     Key("after", When(), "where the window begins: a time, or the first time that a condition is true", START,
         "0"),
     Key("within_s", _SECONDS, "the window's length, both ends in", None, "to the end"),

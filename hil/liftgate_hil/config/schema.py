@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -122,6 +123,24 @@ class Level:
         if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
             return float(value)
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return math.nan
+
+
+@dataclass(frozen=True)
+class Label:
+    """A signal's value: a number in the database's unit, or a label of its value table."""
+
+    allowed: str = "a number, or a label of the signal"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
+        """See Kind."""
+        if isinstance(value, str) and value:
+            return value
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and abs(value) <= sys.float_info.max:  # which a whole number may be beyond
+            return float(value)
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        issues.settle(key)
         return math.nan
 
 

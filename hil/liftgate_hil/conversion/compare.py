@@ -13,6 +13,8 @@ from liftgate_hil.conversion.compare_frames import FramesCompared
 from liftgate_hil.conversion.table import Floats, Table, Window, chosen
 from liftgate_hil.errors import ConfigError
 
+_LONGEST_S = 1e9  # of any recording
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -122,7 +124,8 @@ class _Sums:
         is_larger = sizes[places, columns] > before
         self._largest = np.where(is_larger, differences[places, columns], self._largest)
         self._times = np.where(is_larger, pair.first[places, 0], self._times)
-        self._squares += np.sum(np.where(known, differences, 0.0) ** 2, axis=0)
+        with np.errstate(over="ignore"):
+            self._squares += np.sum(np.where(known, differences, 0.0) ** 2, axis=0)
         self._counts += known.sum(axis=0)
 
     def result(self) -> tuple[Difference, ...]:
@@ -174,6 +177,9 @@ class _Rising:
         self._rows = next(self._blocks, None)
         if self._rows is None:
             return
+        if (none := np.flatnonzero(~(np.abs(self._rows[:, 0]) < _LONGEST_S))).size:
+            at = self._rows[none[0], 0]
+            raise ConfigError(f"{self._path}: a row at {at:g} s; allowed: up to {_LONGEST_S:g} s")
         steps = np.diff(_ns(self._rows), prepend=self._before)
         if (steps <= 0).any():
             at = self._rows[int(np.flatnonzero(steps <= 0)[0]), 0]

@@ -72,6 +72,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
         command=0,
         feedback=np.zeros(0, dtype=np.int64),
         scene=scene_of(constants_in(config)),
+        is_last=1,
     )
     code(config, copied(state), nothing, shared, room)  # reads the cache before time counts
     shared.control[:] = np.zeros(1, shared.control.dtype)

@@ -15,6 +15,7 @@ from liftgate_hil.ecu.events import Event, events_since
 from liftgate_hil.ecu.needs import check_rig
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, Node, NodeState
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
+from liftgate_hil.ecu.status import begin_cycle
 
 if TYPE_CHECKING:
     from liftgate_hil.codec.frames import Frames
@@ -103,7 +104,8 @@ class ReferenceEcu(Adapter):
     def begins_anew(self, time: float) -> None:
         """See Adapter."""
         super().begins_anew(time)
-        self.state.reference.memory.control.events[:] = 0
+        control = self.state.reference.memory.control
+        control.events[:] = control.noted[:] = 0
 
     def events(self, told: int = 0) -> list[Event]:
         """See Adapter."""
@@ -111,13 +113,15 @@ class ReferenceEcu(Adapter):
         return [each._replace(time=each.time - self._began) for each in found]
 
     def reset(self) -> None:
-        """See Adapter; what it has told stays told."""
+        """See Adapter; what it has told stays told, and its trouble codes are kept without supply."""
         before = self.state.reference.memory
         super().reset()
         after = self.state.reference.memory
         after.events[:] = before.events
-        after.control.events[:] = before.control.events
+        after.control.events[:] = after.control.noted[:] = before.control.events
         after.control.began_ns[:] = before.control.began_ns
+        after.statuses[:] = before.statuses
+        begin_cycle(after.statuses)
 
     def last_frames(self) -> Frames | None:
         """See Adapter."""

@@ -58,6 +58,8 @@ class Feedback(NamedTuple):
     caught: bool  # by the latch, half or fully
     voltage: float  # V
     temperature: float  # °C, of the hotter motor; NaN: the bus does not say
+    left_time: float  # s, when these samples of a drive were made, by a clock of their own
+    right_time: float
 
 
 class DriveCommand(NamedTuple):
@@ -175,6 +177,7 @@ def enter(constants: Constants, memory: Memory, state: int, event: int, verdict:
         control.brake_until = control.now + constants.calibration.hold_time
     control.came_from, control.state = control.state, state
     control.entered = control.now
+    control.is_latch_told = 0
     if event != _SILENT:
         note_event(memory, event, verdict)
     if state == REVERSING:
@@ -219,6 +222,7 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
     take_feedback(
         constants,
         memory.drives[0],
+        feedback.left_time,
         feedback.left_count,
         feedback.left_turning,
         feedback.left_current,
@@ -227,6 +231,7 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
         take_feedback(
             constants,
             memory.drives[1],
+            feedback.right_time,
             feedback.right_count,
             feedback.right_turning,
             feedback.right_current,
@@ -251,12 +256,16 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
 
 @compilable
 def take_feedback(
-    constants: Constants, drive: Any, count: float, turning: float, current: float
+    constants: Constants, drive: Any, time: float, count: float, turning: float, current: float
 ) -> None:
-    """What the bus says of one drive."""
-    measure_speed(constants, drive, count, turning)
-    measure_load(constants, drive, current)
-    measure_reading(constants, drive, current)
+    """What the bus says of one drive. Samples come late, or two in one cycle: it counts when they were made."""
+    elapsed = constants.cycle if np.isnan(drive.taken) else time - drive.taken
+    if not elapsed > 0.0:
+        return
+    drive.taken = time
+    measure_speed(constants, drive, count, turning, elapsed)
+    measure_load(constants, drive, current, elapsed)
+    measure_reading(drive, current, elapsed)
 
 
 @compilable
@@ -301,6 +310,9 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     latched = feedback.latched and defects.latch_unseen == 0
     if latched and defects.latch_believed == 0:  # a position that is not known is no reason not to
         latched = not position_of(memory) > constants.calibration.latch_zone
+        if not latched and control.is_latch_told == 0:
+            control.is_latch_told = 1
+            note_event(memory, events.LATCH_IMPLAUSIBLE, NO_VERDICT)
     if control.state == CLOSING and latched:
         if (
             not control.is_zero_known

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.ecu.memory import EVENTS, Memory
-from liftgate_plant.compiler import compilable
+from liftgate_hil.ecu.status import begin_tests, end_tests, fail, has_failed
+from liftgate_plant.compiler import compilable, outlined
 
 (
     STOPPED_BY_DRIVER,
@@ -28,7 +29,8 @@ from liftgate_plant.compiler import compilable
     OVER_CURRENT,
     FALLS,
     TOO_HOT,
-) = range(18)
+    LATCH_IMPLAUSIBLE,
+) = range(19)
 IN_WORDS = -1  # told by an ECU in another process
 _WHY = "(load {load:.2f} A, expected {expected:.2f} A, allowed {limit:.2f} A more)"
 TEXTS = (
@@ -50,6 +52,7 @@ TEXTS = (
     "over-current: motors off",
     "the gate comes down: held",
     "motors too hot: not started",
+    "the latch says closed far from there: not believed",
 )
 
 
@@ -85,6 +88,25 @@ def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
     event.limit = verdict.limit
     event.travel = 0.0 if np.isnan(control.travel) else control.travel
     control.events += 1
+
+
+@outlined
+def note_statuses(memory: Memory) -> None:
+    """Take what has happened since the last time into the status of the trouble codes."""
+    control, statuses = memory.control[0], memory.statuses
+    for i in range(max(control.noted, control.events - EVENTS), control.events):
+        code = memory.events[i % EVENTS].code
+        fail(statuses, code)
+        if code in (STARTS_OPENING, STARTS_CLOSING):
+            begin_tests(statuses)
+        elif code in (IS_OPEN, IS_CLOSED, TRAVEL_LEARNED):
+            # A motion back proves nothing.
+            has_turned = has_failed(statuses, TRAPPED_CLOSING) or has_failed(
+                statuses, BLOCKED_CLOSING
+            )
+            if not has_turned:
+                end_tests(statuses)
+    control.noted = control.events
 
 
 def events_since(memory: Memory, told: int) -> list[Event]:

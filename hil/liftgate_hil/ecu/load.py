@@ -12,20 +12,29 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.ecu.memory import Constants
+from liftgate_hil.ecu.memory import MAX_WINDOW, Constants
 from liftgate_plant.compiler import compilable
 
 
 @compilable
-def measure_load(constants: Constants, drive: Any, current: float) -> None:
-    """Take the current [A] of this cycle into a record of DRIVE. What accelerates the drive is not told from
-    counts, which are too coarse.
+def measure_load(constants: Constants, drive: Any, current: float, elapsed: float) -> None:
+    """Take a sample of the current [A] into a record of DRIVE, so long [s] after the last one; samples that are
+    missing were on a straight line between the two. What accelerates the drive is not told from counts, which are
+    too coarse.
     """
     c = constants.calibration
-    share = 1.0 - math.exp(-constants.cycle / c.load_filter)
-    drive.current += (current - drive.current) * share
-    drive.load = drive.current
-    if not np.isnan(drive.turning):
-        gained = (drive.turning - drive.settled) * share
-        drive.settled += gained
-        drive.load -= c.inertia * gained / constants.cycle
+    cycles = max(1, round(elapsed / constants.cycle))
+    cycle = elapsed / cycles
+    share = 1.0 - math.exp(-cycle / c.load_filter)
+    before = drive.turned_before
+    if np.isnan(before):
+        before = drive.turning
+    gained = 0.0
+    for left in range(min(cycles, MAX_WINDOW) - 1, -1, -1):
+        part = left / cycles
+        drive.current += (current + (drive.reading - current) * part - drive.current) * share
+        if not np.isnan(drive.turning):
+            gained = (drive.turning + (before - drive.turning) * part - drive.settled) * share
+            drive.settled += gained
+    drive.turned_before = drive.turning
+    drive.load = drive.current - c.inertia * gained / cycle

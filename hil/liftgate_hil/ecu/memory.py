@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.ecu.calibration import BINS, Calibration
+from liftgate_hil.ecu.status import new_statuses
 
 # Where the gate is in its life.
 UNKNOWN, CLOSED, OPENING, OPEN, CLOSING, STOPPED, REVERSING = range(7)
@@ -16,12 +18,14 @@ NO_REQUEST, STOP, REQUEST_OPEN, REQUEST_CLOSE = -1, 0, 1, 2
 
 MAX_WINDOW = 64  # control cycles over which counts may be differenced
 EVENTS = 64  # that are kept
+CODES = 32  # of events, at most
 
 DRIVE = np.dtype(
     [
         ("current", "f8"),  # A, filtered
         ("load", "f8"),  # A that the load takes: filtered current less what accelerates the drive
         ("turning", "f8"),  # rev/s; NaN: the bus does not say
+        ("turned_before", "f8"),  # that in the sample before
         ("settled", "f8"),  # that behind the same filter
         ("counted", "f8"),  # counts so far, either way,
         ("turned", "f8"),  # and revolutions
@@ -33,6 +37,8 @@ DRIVE = np.dtype(
         ("reading", "f8"),  # A, the current's last one
         ("same", "f8"),  # s for which it has been the same
         ("same_from", "f8"),  # count when that began
+        ("taken", "f8"),  # s, when the last sample was made; NaN: there was none
+        ("due", "f8"),  # cycles for which there is no count in the history yet
         ("held", "i8"),  # counts in the history
         ("history", "f8", (MAX_WINDOW + 1,)),  # counts of the last cycles
     ]
@@ -70,13 +76,15 @@ CONTROL = np.dtype(
         ("over", "f8"),  # s of over-current
         ("unlike", "f8"),  # s in which one drive carries all
         ("is_hot", "i8"),
+        ("is_latch_told", "i8"),  # 1: that it is implausible, since the state was entered
         ("is_blind", "i8"),  # 1: this run is not watched, by a defect
         ("is_zero_known", "i8"),
         ("request", "i8"),  # waiting to be obeyed
         ("next_ns", "i8"),  # the next control cycle
         ("command_ns", "i8"),  # the next command of the message's cycle
         ("sent", "i8"),  # commands
-        ("events", "i8"),  # that have happened
+        ("events", "i8"),  # that have happened,
+        ("noted", "i8"),  # and of them those that the trouble codes know
     ]
 )
 EVENT = np.dtype(
@@ -99,6 +107,7 @@ class Memory(NamedTuple):
     drives: Any  # (drives,) DRIVE
     guards: Any  # (2,) GUARD: opening, closing
     events: Any  # (EVENTS,) EVENT, a ring
+    statuses: NDArray[np.int64]  # (CODES,) of the trouble code of each event, see `status.py`
 
 
 class Constants(NamedTuple):
@@ -130,9 +139,12 @@ def new_memory(drives: int, shares_clock: bool = True) -> Memory:
     guards = np.zeros(2, dtype=GUARD).view(np.recarray)
     guards.offset = np.nan
     guards["reference"][:] = np.nan
+    each = np.zeros(drives, dtype=DRIVE).view(np.recarray)
+    each.taken = np.nan
     return Memory(
         control=control,
-        drives=np.zeros(drives, dtype=DRIVE).view(np.recarray),
+        drives=each,
         guards=guards,
         events=np.zeros(EVENTS, dtype=EVENT).view(np.recarray),
+        statuses=new_statuses(CODES),
     )

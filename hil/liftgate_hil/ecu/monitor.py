@@ -18,10 +18,10 @@ SOUND = -1  # no event
 
 
 @compilable
-def measure_reading(constants: Constants, drive: Any, current: float) -> None:
+def measure_reading(drive: Any, current: float, elapsed: float) -> None:
     """Note for how long and how far the current [A] of a drive has had one and the same reading."""
     if current == drive.reading:
-        drive.same += constants.cycle
+        drive.same += elapsed
     else:
         drive.reading, drive.same, drive.same_from = current, 0.0, drive.count
 

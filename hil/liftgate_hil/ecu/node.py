@@ -38,6 +38,8 @@ def ask(
     """Make the requests whose time has come, by the ECU's clock, or whose moment has, by the gate's. Whether the
     ECU is to start anew first: then it is asked again after that.
     """
+    if node.kind == REFERENCE and state.reference.server.head[0].is_resetting != 0:
+        return True
     place = first_open(requests, now_ns)
     while place < len(requests.rows):
         if is_due(requests, place, moments, now_ns, gate_ns):

@@ -24,6 +24,8 @@ from liftgate_hil.codec.receive import (
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import encode
 from liftgate_hil.config.rig import COMMANDS, Rig
+from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
+from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.controller import (
     COASTING,
@@ -33,7 +35,16 @@ from liftgate_hil.ecu.controller import (
     lose_feedback,
     update,
 )
-from liftgate_hil.ecu.memory import Constants, Memory, constants_of, new_memory
+from liftgate_hil.ecu.diagnostics import (
+    Server,
+    ServerState,
+    has_work,
+    new_server,
+    serve,
+    server_of,
+)
+from liftgate_hil.ecu.events import note_statuses
+from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory
 from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable
@@ -49,15 +60,18 @@ class EcuConfig(NamedTuple):
     drives: int
     inputs: BusConfig  # what it receives: the rig's outputs
     outputs: BusConfig  # what it sends: the rig's inputs
+    buttons: Buttons
     commands: NDArray[np.int64]  # rows of `outputs` that are its own
     pages: int  # of the one with the most
     needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves,
     patience_ns: NDArray[np.int64]  # and for how long
+    drives_rows: NDArray[np.int64]  # (2,) rows of `inputs` with the drives' currents
     has_latch: int  # 0: the angle says when the gate is home,
     has_angle: int  # 0: nothing does
     signed: int  # 1: the duty's sign is the direction
     cycle_ns: int  # of the control
     command_ns: int  # of the command
+    server: Server
     nothing: Frames
 
 
@@ -65,9 +79,11 @@ class EcuState(NamedTuple):
     """All that does; its arrays are written in place."""
 
     reception: Reception
+    buttons: ButtonState
     counts: Counts
     memory: Memory
     values: NDArray[np.float64]  # of all quantities, in hand
+    server: ServerState
     frames: Frames  # what it sends in this cycle
 
 
@@ -84,6 +100,7 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
         drives=drives,
         inputs=inputs,
         outputs=outputs,
+        buttons=buttons_of(rig),
         commands=np.array(commands, dtype=np.int64),
         pages=max((int(outputs.messages[each].pages) for each in commands), default=1),
         needed=np.array(needed, dtype=np.int64),
@@ -91,11 +108,13 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
             [max(timeout_ns, int(inputs.messages[row].timeout_ns)) for row in needed],
             dtype=np.int64,
         ),
+        drives_rows=np.array(_current_rows(rig), dtype=np.int64),
         has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
         has_angle=int("gate_angle" in {mapping.quantity for mapping in rig.outputs}),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
         cycle_ns=round(cycle_ms * 1e6),
         command_ns=round(command_ms * 1e6),
+        server=server_of(rig.diagnostics),
         nothing=empty_frames(0),
     )
 
@@ -104,10 +123,12 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
     """Just switched on; see `memory.new_memory`."""
     return EcuState(
         reception=nothing_received(config.inputs, OUTPUT_COUNT),
+        buttons=nothing_pressed(config.buttons),
         counts=NO_COUNTS,
         memory=new_memory(config.drives, shares_clock),
         values=np.full(INPUT_COUNT, np.nan),
-        frames=empty_frames(len(config.commands) * config.pages),
+        server=new_server(config.server),
+        frames=empty_frames(len(config.commands) * config.pages + MOST_SPOKEN),
     )
 
 
@@ -121,6 +142,14 @@ def _needed(rig: Rig, drives: int) -> list[int]:
     return [row for row, name in enumerate(names) if name in carrying and rig.cycle_ms(name) > 0.0]
 
 
+def _current_rows(rig: Rig) -> tuple[int, int]:
+    """The messages with the drives' currents; of a drive that has none the other's."""
+    names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
+    of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
+    left = of.get("left_current", 0)
+    return left, of.get("right_current", left)
+
+
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
     """The messages with these inputs; those of the test bench are none of an ECU's."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
@@ -129,8 +158,19 @@ def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
 
 
 @compilable
-def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, Feedback]:
+def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
+    """When a drive's feedback was sampled [s]: its message's cycles so far, or where it has none when it came."""
+    row = config.drives_rows[drive]
+    cycle_ns = config.inputs.messages[row].cycle_ns
+    if cycle_ns > 0:
+        return float(reception.cycles[row] * cycle_ns * 1e-9)
+    return float(reception.seen_ns[row] * 1e-9)
+
+
+@compilable
+def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback]:
     """(whether all that is needed has been heard, what it says)."""
+    values = reception.values
     left, right = values[OUT.left_current], values[OUT.right_current]
     left_count, right_count = values[OUT.left_hall_count], values[OUT.right_hall_count]
     # A rig without a latch switch has the angle say when the gate is home; without either it never is.
@@ -157,6 +197,8 @@ def feedback_of(config: EcuConfig, values: NDArray[np.float64]) -> tuple[bool, F
         temperature=hotter_of(
             values[OUT.left_motor_temperature], values[OUT.right_motor_temperature]
         ),
+        left_time=sample_time(config, reception, 0),
+        right_time=sample_time(config, reception, 1),
     )
 
 
@@ -220,20 +262,39 @@ def command_frames(
 def step(
     config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
 ) -> tuple[EcuState, Frames]:
-    """Take the frames that have come by a time [ns]; give a command where one is due."""
+    """Take the frames that have come by a time [ns]; give a command where one is due, and answer a tester."""
     counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
     after = EcuState(
         reception=state.reception,
+        buttons=state.buttons,
         counts=counts,
         memory=state.memory,
         values=state.values,
+        server=state.server,
         frames=state.frames,
     )
     control = state.memory.control[0]
+    asked = pressed_in(config.buttons, state.buttons, frames, now_ns)
+    if asked != NO_REQUEST:
+        control.request = asked
+    sent = controlled(config, after, now_ns)
+    if control.noted != control.events:
+        note_statuses(state.memory)
+    if config.server.is_on == 0 or not has_work(state.server, frames):
+        return after, sent
+    room, statuses = state.frames, state.memory.statuses
+    count = serve(config.server, state.server, statuses, frames, room, sent.count, now_ns)
+    return after, Frames(count, room.identifiers, room.lengths, room.data)
+
+
+@compilable
+def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
+    """The command at a time [ns], where one is due."""
+    control = state.memory.control[0]
     if now_ns < control.next_ns:
-        return after, config.nothing
+        return config.nothing
     control.next_ns = next_time(control.next_ns, config.cycle_ns, now_ns)
-    heard, feedback = feedback_of(config, state.reception.values)
+    heard, feedback = feedback_of(config, state.reception)
     command, before = COASTING, control.state
     if heard:
         if control.began_ns < 0:
@@ -245,10 +306,10 @@ def step(
             command = update(config.constants, state.memory, now, feedback)
     ends = is_moving(before) and control.state != before
     if now_ns < control.command_ns and not ends:
-        return after, config.nothing
+        return config.nothing
     if now_ns >= control.command_ns:
         control.command_ns = next_time(control.command_ns, config.command_ns, now_ns)
-    return after, command_frames(config, state, command, False)
+    return command_frames(config, state, command, False)
 
 
 @compilable

@@ -12,29 +12,41 @@ from liftgate_plant.compiler import compilable
 
 
 @compilable
-def measure_speed(constants: Constants, drive: Any, count: float, turning: float) -> None:
-    """Take the count of this cycle and the motor's speed [rev/s]; without the latter (NaN) the speed is the
-    count's difference over a few cycles. `drive` is a record of DRIVE.
+def measure_speed(
+    constants: Constants, drive: Any, count: float, turning: float, elapsed: float
+) -> None:
+    """Take a sample of the count and of the motor's speed [rev/s], so long [s] after the last one; without the
+    latter (NaN) the speed is the count's difference over a few cycles. `drive` is a record of DRIVE.
     """
     moved, is_first = abs(count - drive.count), drive.held == 0 or np.isnan(drive.turning)
+    note_counts(constants, drive, count, elapsed)
     drive.count = count
-    if drive.held > constants.window:
-        for i in range(constants.window):
-            drive.history[i] = drive.history[i + 1]
-        drive.held -= 1
-    drive.history[drive.held] = count
-    drive.held += 1
     spans = drive.held - 1
     if not np.isnan(turning):
         if is_first:  # what went before was not heard
             drive.settled = turning
         else:
             drive.counted += moved
-            drive.turned += abs(turning) * constants.cycle
+            drive.turned += abs(turning) * elapsed
         drive.speed = counts_a_turn(constants, drive) * turning
     elif spans > 0:
         drive.speed = (count - drive.history[0]) / (spans * constants.cycle)
     drive.turning = turning
+
+
+@compilable
+def note_counts(constants: Constants, drive: Any, count: float, elapsed: float) -> None:
+    """Keep the count of each cycle since the last sample, on a straight line between the two."""
+    drive.due += elapsed / constants.cycle
+    cycles = math.floor(drive.due + 0.5) if drive.held > 0 else 1
+    drive.due -= cycles
+    for left in range(min(cycles, constants.window + 1) - 1, -1, -1):
+        if drive.held > constants.window:
+            for i in range(constants.window):
+                drive.history[i] = drive.history[i + 1]
+            drive.held -= 1
+        drive.history[drive.held] = count - (count - drive.count) * left / cycles
+        drive.held += 1
 
 
 @compilable

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-KINDS = ("always", "eventually", "never")
+KINDS = ("always", "eventually", "never", "dtc")
+PRESENT, ABSENT = STATES = ("present", "absent")  # of a trouble code
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """A condition that holds always, eventually or never in a window.
+    """A condition that holds always, eventually or never in a window; or a trouble code (`condition`) that the ECU
+    reports in an answer of the window, or in none (`state`).
 
     `after` opens it: a time [s], or the first time that a condition is true; `within` [s] is its length, to the
     run's end where it is infinite. What holds eventually holds for `hold` [s] without interruption.
@@ -23,3 +25,9 @@ class Expectation:
     within: float = math.inf
     hold: float = 0.0
     key: str = ""  # of the file: expect[0]
+    state: str = ""  # of a trouble code: one of STATES
+
+    @property
+    def is_always(self) -> bool:
+        """Whether one tick can be enough to break it, not to fulfil it."""
+        return self.kind in ("always", "never") or self.state == ABSENT

@@ -12,10 +12,23 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit, watched
-from liftgate_hil.conditions import NOT, SIGNAL, Condition, parsed, table_of, work_for
+from liftgate_hil.conditions import (
+    COLUMN,
+    CONST,
+    EQ,
+    NOT,
+    SIGNAL,
+    Condition,
+    parsed,
+    table_of,
+    work_for,
+)
+from liftgate_hil.diagnostics import services
+from liftgate_hil.diagnostics.answers import MOST_CODES, Answers
+from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.comparisons import comparisons_of
-from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.expectation import PRESENT, Expectation
 from liftgate_hil.judging.table import (
     ALWAYS,
     BLOCK,
@@ -36,6 +49,17 @@ from liftgate_plant.compiler import compiled
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+_NO_MARKS = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """From when to when [s] nothing is known of some columns; none: of all."""
+
+    begin: float
+    end: float
+    names: frozenset[str] = frozenset()
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -47,6 +71,15 @@ class Expected:
     signals: tuple[str, ...]  # of the bus, that they speak of
     messages: Mapping[str, Message]
     awaited: int = 0  # the last so many are what stimuli wait for
+    codes: tuple[str, ...] = ()  # trouble codes, that they speak of
+    diagnostics: Diagnostics | None = None  # how the ECU is asked for them
+
+    def names(self, place: int) -> list[str]:
+        """The columns and signals that an expectation speaks of, and what opens it, each once."""
+        opener = self.openers[place]
+        those = [self.conditions[place], *([self.conditions[opener]] if opener >= 0 else [])]
+        found = [name for each in those for kind in (COLUMN, SIGNAL) for name in each.names(kind)]
+        return list(dict.fromkeys(found))
 
 
 def expected_of(
@@ -56,9 +89,11 @@ def expected_of(
     drives: int,
     source: str,
     awaited: Sequence[Expectation] = (),
+    diagnostics: Diagnostics | None = None,
 ) -> Expected:
     """Fit expectations to a database and to a gate. Raises ConfigError with all that does not fit; `source` is the
     file. `awaited` are conditions that stimuli wait for, as expectations: where one never comes nothing passes.
+    `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
@@ -73,11 +108,16 @@ def expected_of(
             issues.add(key, said)
         return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
 
-    own, openers, judged = [], [], len(expectations) - len(awaited)
+    own: list[Condition | None] = []
+    openers, judged = [], len(expectations) - len(awaited)
+    codes = codes_of(expectations, diagnostics, issues)
     for place, each in enumerate(expectations):
         is_own = place < judged
         key = f"{each.key}.{each.kind}" if is_own else each.key
-        own.append(condition_of(key, each.condition, each.kind == "never"))
+        if each.kind == "dtc":
+            own.append(_reported(each))
+        else:
+            own.append(condition_of(key, each.condition, each.kind == "never"))
         if isinstance(each.after, str):
             openers.append(condition_of(f"{each.key}.after" if is_own else each.key, each.after))
     issues.raise_if_any()
@@ -87,11 +127,40 @@ def expected_of(
         is_opened = isinstance(each.after, str)
         opener_of.append(count if is_opened else -1)
         count += is_opened
-    signals = tuple(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
+    names = dict.fromkeys(name for each in conditions for name in each.names(SIGNAL))
+    signals = tuple(name for name in names if name not in codes)
     watched(messages, signals, issues)
     issues.raise_if_any()
     found = tuple(expectations), tuple(conditions), tuple(opener_of)
-    return Expected(*found, signals, messages, len(awaited))
+    return Expected(*found, signals, messages, len(awaited), codes, diagnostics if codes else None)
+
+
+def codes_of(
+    expectations: Sequence[Expectation], diagnostics: Diagnostics | None, issues: ConfigIssues
+) -> tuple[str, ...]:
+    """The trouble codes that expectations speak of; why they cannot be read is noted."""
+    asking = [each for each in expectations if each.kind == "dtc"]
+    codes = tuple(dict.fromkeys(each.condition for each in asking))
+    if not asking:
+        return ()
+    key = f"{asking[0].key}.dtc"
+    if diagnostics is None:
+        said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
+        issues.add(key, f"{asking[0].condition}: {said}")
+    if not services.is_there():
+        issues.add(key, f"{asking[0].condition}: {services.MISSING}")
+    if len(codes) > MOST_CODES:
+        issues.add(key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
+    return codes
+
+
+def _reported(expectation: Expectation) -> Condition:
+    """That a trouble code is reported, or is not: its value is 1 in a tick with an answer that reports it, 0 in
+    one with another answer, and none in all others.
+    """
+    code = expectation.condition
+    ops = ((SIGNAL, code), (CONST, 1.0), (EQ, 0.0))
+    return Condition(code, ops if expectation.state == PRESENT else (*ops, (NOT, 0.0)), ("",))
 
 
 class Judge:
@@ -107,36 +176,43 @@ class Judge:
         self._end = end
         self._last = -math.inf
         self._frames = no_logged()
+        self._marks = _NO_MARKS
+        self._answers = (
+            Answers(expected.diagnostics, expected.codes) if expected.diagnostics else None
+        )
         self._run = compiled(judge_block)
         self._tables, self._judged = tables_of(expected, rate, end)
 
     @property
     def reads_the_bus(self) -> bool:
         """Whether it needs frames."""
-        return bool(self.expected.signals)
+        return bool(self.expected.signals or self.expected.codes)
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""
         if not self.reads_the_bus:
             frames = no_logged()
+        marks = _NO_MARKS
+        if self._answers is not None:
+            marks = np.concatenate([self._marks, self._answers.marks(frames)])
         if len(self._frames):
             frames = np.concatenate([self._frames, frames])
         if not len(rows):
-            self._frames = np.array(frames)
+            self._frames, self._marks = np.array(frames), marks
             return
+        if (np.diff(frames["time_ns"]) < 0).any():  # what came while the gate was sending
+            frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         self._timeliness.take(rows)
         self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
         frames = frames.view(np.recarray)
         payloads = np.ascontiguousarray(frames["payload"])
-        seen = self._run(self._tables, self._judged, rows, frames, payloads, self._end)
+        seen = self._run(self._tables, self._judged, rows, frames, payloads, marks, self._end)
         self._frames = np.array(frames[seen:]) if seen < len(frames) else no_logged()
+        self._marks = marks[seen:]
 
-    def verdicts(
-        self, error: str = "", late: str = "", gaps: Sequence[tuple[float, float]] = ()
-    ) -> list[Verdict]:
+    def verdicts(self, error: str = "", late: str = "", gaps: Sequence[Gap] = ()) -> list[Verdict]:
         """What came of them, in the order of the file; `error` is why the run has not come to its end, `late` how
-        late the bench itself was, so that nothing can be said of the ECU, `gaps` from when to when [s] rows are
-        missing.
+        late the bench itself was, so that nothing can be said of the ECU, `gaps` what was not recorded.
         """
         count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
@@ -195,18 +271,23 @@ class Judge:
 
     def closest(self, place: int) -> float:
         """When the margin of an expectation was [s], so far; NaN: there is none."""
+        if self.expected.expectations[place].kind == "dtc":
+            return math.nan
         return float(self._judged.progress[place].margin_at)
 
     def _verdict(self, place: int, error: str) -> Verdict:
         expectation, progress = self.expected.expectations[place], self._judged.progress[place]
-        name, is_always = expectation.name, expectation.kind != "eventually"
+        name = expectation.name
         if error:
             return Verdict(name, ERROR, reason=error)
         reason = self._undecided(place)
         if reason:
             return Verdict(name, INCONCLUSIVE, reason=reason)
         is_decided = bool(progress.is_decided)
-        verdict = PASS if is_decided != is_always else FAIL
+        verdict = PASS if is_decided != expectation.is_always else FAIL
+        if expectation.kind == "dtc":
+            time = float(progress.decided_at) if is_decided else None
+            return Verdict(name, verdict, time_s=time, reason=self._told(place, verdict))
         condition, decider = self.expected.conditions[place], int(progress.decider)
         time = progress.decided_at if is_decided else progress.margin_at
         return Verdict(
@@ -220,16 +301,19 @@ class Judge:
             decided_by=comparisons_of(condition)[decider].text,
         )
 
-    def _in_gaps(
-        self, place: int, verdict: Verdict, gaps: Sequence[tuple[float, float]]
-    ) -> Verdict:
-        """A verdict that no missing row of its window, or before what opens it, could have changed."""
+    def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
+        """A verdict that nothing missing in its window, or before what opens it, could have changed."""
         progress = self._judged.progress[place]
         is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
-        for gone, back in gaps:
-            if back > begin + SLACK and not gone > progress.end + SLACK:
-                reason = f"rows are missing from {gone:g} to {back:g} s"
+        for gap in gaps:
+            hit = gap.names & set(self.expected.names(place))
+            if gap.names and not hit:
+                continue
+            if gap.end > begin + SLACK and not gap.begin > progress.end + SLACK:
+                what = f"there is no sample of {', '.join(sorted(hit))}"
+                what = what if hit else "rows are missing"
+                reason = f"{what} from {gap.begin:g} to {gap.end:g} s"
                 return Verdict(verdict.name, INCONCLUSIVE, reason=reason)
         return verdict
 
@@ -249,10 +333,23 @@ class Judge:
             return f"its window, to {end:g} s, was cut off where the run ended, at {self._last:g} s"
         if progress.ticks == 0:
             return f"no tick lies in its window, {progress.begin:g} to {end:g} s"
+        if self._answers is not None and expectation.kind == "dtc":
+            return self._unanswered(self._answers, progress, expectation, min(end, self._last))
         if progress.counted == 0:
             return "a column or a signal of it has no value in its window"
         if np.isnan(progress.margin):
             return f"no stretch of {expectation.hold:g} s in its window in which all has a value"
+        return ""
+
+    @staticmethod
+    def _unanswered(answers: Answers, progress: Any, expectation: Expectation, end: float) -> str:
+        """Why nothing can be said of a trouble code in a window up to a time [s]; "": something can."""
+        if progress.counted == 0:
+            why = f"; the ECU refused {answers.refused}" if answers.refused else ""
+            return f"no answer to reading the trouble codes in its window, {progress.begin:g} to {end:g} s{why}"
+        last = answers.last_before(end + SLACK)
+        if expectation.is_always and end - last > answers.longest_wait + SLACK:
+            return f"the last answer to reading the trouble codes came at {last:g} s, its window ends at {end:g} s"
         return ""
 
     def _told(self, place: int, verdict: str) -> str:
@@ -260,12 +357,16 @@ class Judge:
         if verdict == PASS:
             return ""
         text, since = expectation.condition, f"from {progress.begin:g} s"
+        if expectation.kind == "dtc" and expectation.is_always:
+            return f"{text}: reported at {progress.decided_at:g} s"
         if expectation.kind == "always":
             return f"{text}: not at {progress.decided_at:g} s"
         if expectation.kind == "never":
             return f"{text}: at {progress.decided_at:g} s"
         held = f" for {expectation.hold:g} s" if expectation.hold else ""
         within = f" within {expectation.within:g} s" if math.isfinite(expectation.within) else ""
+        if expectation.kind == "dtc":
+            return f"{text}: not reported {since}{within}, in {progress.counted} answers"
         return f"{text}{held}: not {since}{within}"
 
 
@@ -276,7 +377,7 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
     progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
     room = 0
     for place, (row, each) in enumerate(zip(rows, expected.expectations, strict=True)):
-        row.kind = EVENTUALLY if each.kind == "eventually" else ALWAYS
+        row.kind = ALWAYS if each.is_always else EVENTUALLY
         row.condition, row.opener = place, expected.openers[place]
         row.after = math.nan if isinstance(each.after, str) else each.after
         row.within, row.hold = each.within, each.hold
@@ -287,10 +388,11 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
     issues = ConfigIssues("")
     tables = Expectations(
         rows,
-        table_of(expected.conditions, expected.signals),
+        table_of(expected.conditions, (*expected.signals, *expected.codes)),
         watched(expected.messages, expected.signals, issues),
+        len(expected.codes),
     )
-    signals = len(expected.signals)
+    signals = len(expected.signals) + len(expected.codes)
     judged = Judged(
         progress,
         np.zeros(room, dtype=STRETCH).view(np.recarray),

@@ -35,6 +35,7 @@ _AROUND = 0.25  # of a window's length that is shown before it and after it,
 _LEAST, _MOST = 0.02, 1.0  # s, within these
 _NEAR = 0.25  # s, before and after the margin that are shown closely
 _TIME = COLUMN_PLACE["time_s"]
+_NO_MARKS = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,8 @@ class _Part:
     @classmethod
     def of(cls, expected: Expected, place: int) -> _Part:
         """The one at a place."""
-        condition = tuple(comparisons_of(expected.conditions[place]))
+        is_drawn = expected.expectations[place].kind != "dtc"  # but for what opens its window
+        condition = tuple(comparisons_of(expected.conditions[place]) if is_drawn else ())
         opener = expected.openers[place]
         opening = tuple(comparisons_of(expected.conditions[opener])) if opener >= 0 else ()
         sides = _with_parts(sides_of([*condition, *opening]), expected)
@@ -227,7 +229,9 @@ class _Bus:
         for first in range(0, len(rows), BLOCK):
             block = rows[first : first + BLOCK]
             payloads = np.ascontiguousarray(frames["payload"])
-            seen = self._run(self._tables, self._judged, block, frames, payloads, math.inf)
+            seen = self._run(
+                self._tables, self._judged, block, frames, payloads, _NO_MARKS, math.inf
+            )
             found[first : first + BLOCK] = self._judged.signals[: len(block)]
             frames = frames[seen:]
         self._frames = np.array(frames)

@@ -70,6 +70,7 @@ class Expectations(NamedTuple):
     rows: Any  # (n,) EXPECTATION
     conditions: Conditions
     bus: BusConfig
+    codes: int  # trouble codes, whose values are behind those of the signals
 
 
 class Judged(NamedTuple):
@@ -77,9 +78,28 @@ class Judged(NamedTuple):
 
     progress: Any  # (n,) PROGRESS
     stretches: Any  # STRETCH, the rings
-    values: NDArray[np.float64]  # (signals,) on the bus as they stand
-    signals: NDArray[np.float64]  # (BLOCK, signals) in each tick of a block
+    values: NDArray[np.float64]  # (signals + codes,) on the bus as they stand
+    signals: NDArray[np.float64]  # (BLOCK, signals + codes) in each tick of a block
     work: Work
+
+
+@compilable
+def forget_codes(expectations: Expectations, judged: Judged) -> None:
+    """A trouble code has a value in the ticks with an answer alone."""
+    first = len(judged.values) - expectations.codes
+    for place in range(first, len(judged.values)):
+        judged.values[place] = np.nan
+
+
+@compilable
+def take_codes(expectations: Expectations, judged: Judged, mark: int) -> None:
+    """What a frame says of the trouble codes, as in `diagnostics/answers.py`. Of two answers in a tick either may
+    report one.
+    """
+    first = len(judged.values) - expectations.codes
+    for bit in range(expectations.codes if mark >= 0 else 0):
+        if judged.values[first + bit] != 1.0:
+            judged.values[first + bit] = float(mark >> bit & 1)
 
 
 @compilable
@@ -89,6 +109,7 @@ def signals_in(
     rows: NDArray[np.float64],
     frames: Any,
     payloads: NDArray[np.uint8],
+    marks: NDArray[np.int64],
     seen: int,
 ) -> int:
     """The bus's signals in each tick of a block, from the frames after so many: how many are behind it then. A
@@ -98,9 +119,12 @@ def signals_in(
         return len(frames)
     for i in range(len(rows)):
         now = round(rows[i, _TIME] * 1e6)
+        forget_codes(expectations, judged)
         while seen < len(frames) and (frames[seen].time_ns + 500) // 1000 <= now:
             frame = frames[seen]
             watch(expectations.bus, judged.values, frame.identifier, frame.length, payloads, seen)
+            if expectations.codes > 0:
+                take_codes(expectations, judged, int(marks[seen]))
             seen += 1
         for place in range(len(judged.values)):
             judged.signals[i, place] = judged.values[place]
@@ -204,10 +228,11 @@ def judge_block(
     rows: NDArray[np.float64],
     frames: Any,
     payloads: NDArray[np.uint8],
+    marks: NDArray[np.int64],
     last: float,
 ) -> int:
-    """Take rows (n, ROW_WIDTH) up to a time [s] and frames (m,) LOGGED with their payloads (m, 64): how many of
-    the frames are behind the last row.
+    """Take rows (n, ROW_WIDTH) up to a time [s] and frames (m,) LOGGED with their payloads (m, 64), and where
+    there are trouble codes what each says of them (m,): how many of the frames are behind the last row.
     """
     seen = 0
     for first in range(0, len(rows), BLOCK):
@@ -215,7 +240,7 @@ def judge_block(
         while len(block) > 0 and block[len(block) - 1, _TIME] > last + SLACK:
             block = block[: len(block) - 1]
         if len(block) > 0:
-            seen = signals_in(expectations, judged, block, frames, payloads, seen)
+            seen = signals_in(expectations, judged, block, frames, payloads, marks, seen)
             for which in range(len(expectations.rows)):
                 judge_one(expectations, judged, which, block)
     return seen

@@ -1,6 +1,7 @@
 """Was the bench itself on time? From the columns that say so, live and from a recording alike.
 
-Memory does not grow with the rows: what is kept stands for a second of the run each.
+Memory does not grow with the rows: what is kept stands for a second of the run each. What is told does not depend
+on how many rows come at a time: live they come by a few, from a recording by thousands.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from liftgate_hil.signals import COLUMN_PLACE
 _TIME, _FORCE = COLUMN_PLACE["time_s"], COLUMN_PLACE["pinch_force_n"]
 _MISSED, _DROPPED = COLUMN_PLACE["ticks_missed"], COLUMN_PLACE["frames_dropped"]
 _DELAY = COLUMN_PLACE["command_delay_s"]
+_PLACES = [_TIME, _MISSED, _DROPPED, _DELAY, _FORCE]
+_ROWS = 512  # that wait until they are looked at together
 
 
 @dataclass
@@ -37,22 +40,32 @@ class Timeliness:
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
         self._seconds: dict[int, _Second] = {}
-        self._last: NDArray[np.float64] | None = None
-        self.is_told = False  # whether any row says how it went
+        self._last = np.zeros(len(_PLACES))
+        self._waiting: list[NDArray[np.float64]] = []
+        self._is_told = False
+
+    @property
+    def is_told(self) -> bool:
+        """Whether any row says how it went."""
+        self._look()
+        return self._is_told
 
     def take(self, rows: NDArray[np.float64]) -> None:
         """Rows (n, ROW_WIDTH); those without these columns (NaN) say nothing."""
-        if not len(rows):
+        self._waiting.append(rows[:, _PLACES])
+        if sum(map(len, self._waiting)) >= _ROWS:
+            self._look()
+
+    def _look(self) -> None:
+        """At the rows that have come."""
+        waiting, self._waiting = self._waiting, []
+        own = np.concatenate([np.empty((0, len(_PLACES))), *waiting])
+        own = own[~np.isnan(own[:, 1:4]).any(axis=1)]
+        if not len(own):
             return
-        own = rows[:, [_TIME, _MISSED, _DROPPED, _DELAY, _FORCE]]
-        before, self._last = self._last, own[-1].copy()
-        if np.isnan(own[-1, 1:4]).any():
-            return
-        self.is_told = True
-        first = np.zeros(5) if before is None else before
-        if not (own[-1, 1:3] != first[1:3]).any() and not own[:, 3].any():
-            return  # nothing but rows of a bench that is never late
-        steps = np.diff(np.concatenate([first[np.newaxis], own]), axis=0)
+        self._is_told = True
+        steps = np.diff(np.concatenate([self._last[np.newaxis], own]), axis=0)
+        self._last = own[-1].copy()
         for row in np.flatnonzero((steps[:, 1:3] > 0).any(axis=1)).tolist():
             what = "ticks were missed" if steps[row, 1] > 0 else "frames were dropped"
             self._note(float(own[row, 0]), what)
@@ -60,10 +73,12 @@ class Timeliness:
             self._note(float(own[row, 0]), f"a frame waited for {1e3 * own[row, 3]:.3g} ms")
         rates = np.abs(steps[:, 4]) / np.maximum(steps[:, 0], 1e-9)
         whole = np.floor(own[:, 0]).astype(np.int64)
-        for number in np.unique(whole).tolist():
-            second, here = self._second(number), whole == number
-            second.delay = max(second.delay, float(own[here, 3].max()))
-            second.force_rate = max(second.force_rate, float(rates[here].max()))
+        starts = np.flatnonzero(np.diff(whole, prepend=whole[0] - 1))
+        delay, rate = np.maximum.reduceat(own[:, 3], starts), np.fmax.reduceat(rates, starts)
+        for place, number in enumerate(whole[starts].tolist()):
+            second = self._second(number)
+            second.delay = max(second.delay, float(delay[place]))
+            second.force_rate = max(second.force_rate, float(rate[place]))
 
     def _second(self, number: int) -> _Second:
         return self._seconds.setdefault(number, _Second())
@@ -75,6 +90,7 @@ class Timeliness:
         second.late_last = max(second.late_last, time)
 
     def _within(self, begin: float, end: float) -> Iterator[_Second]:
+        self._look()
         for number, second in self._seconds.items():
             if number + 1.0 > begin - SLACK and number <= end + SLACK:
                 yield second

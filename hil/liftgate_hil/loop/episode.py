@@ -90,7 +90,7 @@ def run_stretch(  # noqa: PLR0915
                 loop, heard, truth, sensed = tick(gate, loop, given, outside)
                 now_ns = loop.tick * config.step_ns
                 if not stopping:
-                    heard = sent(scene, config.outputs, heard, now_ns, config.seed)
+                    heard = sent(scene, heard, loop.tick, config.step_ns, config.seed)
                 place = note_row(shared, truth, sensed, ON_TIME)
                 note_tick(scene, shared.rows[place : place + 1], given, heard)
                 if given.count + heard.count > 0:

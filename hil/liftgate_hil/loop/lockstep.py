@@ -17,6 +17,7 @@ from liftgate_hil.transport.base import Transport
 _PATIENCE = 2.0  # s of silence after which lockstep says that it waits
 _READS = 64  # at once; a flood without an end must not keep it from ticking
 _START = 16  # times as much before the first tick
+_AHEAD = 256  # commands; while more wait nothing is read
 _MOST = 1 << 16  # frames that wait for a command
 
 
@@ -40,9 +41,13 @@ def run_lockstep(
     lockstep.say("ready: waits for the first command")
     waiting = Waiting(lockstep.command)
     heard = time.monotonic()
-    is_told = False
+    is_told = is_whole = False
     while not stopped() and (ticks is None or loop.ticks < ticks):
-        is_whole = _read(loop.transport, waiting, timeout=0.1)
+        if not waiting.commands:
+            is_whole = _read(loop.transport, waiting, timeout=0.1)
+        elif len(waiting.commands) < _AHEAD:
+            # What comes back of what is sent meanwhile must not fill the bus's queue.
+            waiting.add(loop.transport.receive())
         if loop.ticks == 0 and waiting.commands:
             for _ in range(0 if is_whole else _START):
                 if _read(loop.transport, waiting):
@@ -60,14 +65,12 @@ def run_lockstep(
                 f"{loop.time:.3f} s: waits for a command (0x{lockstep.command:X}); `wall_timeout` ends that"
             )
             is_told = True
-        while waiting.commands:
+        if waiting.commands:
             frames = waiting.commands.popleft()
             heard, is_told = time.monotonic(), False
             for step in range(lockstep.ticks_per_command):
                 if ticks is None or loop.ticks < ticks:
                     loop.advance(frames if step == 0 else empty_frames(0), 1)
-            if stopped():
-                break
 
 
 def _read(transport: Transport, waiting: Waiting, timeout: float = 0.0) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.diagnostics.tester import quiet
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import PreconditionError
 from liftgate_hil.loop.closed_loop import Episode
@@ -25,7 +26,7 @@ from liftgate_hil.stimuli.scene import Scene
 _LONG_AGO = 2**36  # ticks before the scenario's time 0, as long as that is not known
 _AGES = 2e9  # s before it, and before that
 _LOOK = 0.5  # s of standing after which a motion is over
-_MOST = 120.0  # s
+LONGEST_MOTION = 120.0  # s
 _STANDS = {  # slower than this is standing
     "gate_rate_degps": 0.02,
     "left_speed_rps": 0.02,
@@ -35,21 +36,26 @@ _STANDS = {  # slower than this is standing
 }
 
 
-class _Standing:
-    """Whether all stood still in the rows since the last question."""
+class Standing:
+    """Whether the motion that was asked for is over: all has stood for a while, and has had time to begin."""
 
-    def __init__(self) -> None:
+    def __init__(self, step: float) -> None:
         self._limits = [(COLUMN_PLACE[name], limit) for name, limit in _STANDS.items()]
-        self._moved = False
+        self._enough = max(1, round(_LOOK / step))
+        self._stood = self._seen = 0  # rows
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""
-        self._moved |= any(bool((abs(rows[:, at]) > limit).any()) for at, limit in self._limits)
+        moves = np.zeros(len(rows), dtype=np.bool_)
+        for at, limit in self._limits:
+            moves |= abs(rows[:, at]) > limit
+        last = np.flatnonzero(moves)
+        self._stood = len(rows) - 1 - int(last[-1]) if len(last) else self._stood + len(rows)
+        self._seen += len(rows)
 
-    def stood(self) -> bool:
-        """Since it was last asked."""
-        moved, self._moved = self._moved, False
-        return not moved
+    def is_over(self) -> bool:
+        """By the rows so far."""
+        return self._stood >= self._enough and self._seen >= 3 * self._enough
 
 
 def gone_through(
@@ -68,23 +74,25 @@ def gone_through(
     """
     if not actions:
         return state
-    standing = _Standing()
     look = max(1, round(_LOOK / config.step))
-    episode = Episode(config, state, scene, adapter, [standing], is_recorded=False)
+    takers: list[Standing] = []
+    episode = Episode(config, state, scene, adapter, takers, is_recorded=False)
     scene.origin[0] = state.tick + _LONG_AGO
     try:
         episode.begin()
         for action in actions:
             asked = requests_of([Request(Instant(-_AGES), action)], Sheet())
-            episode.follow(scene._replace(requests=asked))
-            for count in range(round(_MOST / _LOOK)):
+            episode.follow(scene._replace(requests=asked, tester=quiet(scene.tester)))
+            takers[:] = [Standing(config.step)]
+            for _ in range(round(LONGEST_MOTION / _LOOK)):
                 with guard():
                     episode.advance(look)
-                if stopped() or (standing.stood() and count > 1):
+                if stopped() or takers[0].is_over():
                     break
             else:
                 raise PreconditionError(
-                    f"precondition: {action}: the gate still moves after {_MOST:g} s; allowed: motions that end"
+                    f"precondition: {action}: the gate still moves after {LONGEST_MOTION:g} s; allowed: motions "
+                    "that end"
                 )
     finally:
         episode.close()

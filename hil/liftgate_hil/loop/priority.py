@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 _TIMERSLACK = 29  # PR_SET_TIMERSLACK
@@ -15,6 +17,7 @@ _SCHED_ATTR = struct.Struct("IIQiIQQQ")
 _SLICE_NS = 100_000  # the least that there is
 _CURRENT, _FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
 PRIORITY = 80  # above the threads of interrupts (50), below the kernel's watchdogs (99)
+PRIORITY_BESIDE = 10  # above all that has no such scheduling
 
 
 class Realtime:
@@ -43,6 +46,17 @@ class Realtime:
         refused = ask_for_fifo(PRIORITY)
         if refused:
             self.refused.append(refused)
+
+    @contextlib.contextmanager
+    def beside(self) -> Iterator[None]:
+        """The calling thread goes before all others but the loop: an ECU in this process answers from it. What is
+        refused is told by `enter`.
+        """
+        ask_for_fifo(PRIORITY_BESIDE)
+        try:
+            yield
+        finally:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
     def release(self) -> None:
         """Give back what the process holds."""

@@ -56,7 +56,7 @@ def scheduled_tick(
         given = received(scene, config.inputs, frames, state.tick * config.step_ns, config.seed)
     state, replies, truth, sensed = tick(gate, state, given, outside)
     if not (is_stop or is_silent):
-        replies = sent(scene, config.outputs, replies, state.tick * config.step_ns, config.seed)
+        replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
     bench = Bench(float(ticks_missed), float(frames_dropped), 0.0)
     write_row(rows[0], truth, sensed, bench)
     note_tick(scene, rows, given, replies)

@@ -6,7 +6,7 @@ one that every other loop calls.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,15 @@ class RunParams(NamedTuple):
     command: int  # identifier of the drive command
     feedback: NDArray[np.int64]  # identifiers of the messages that show what a command did
     scene: Scene  # the loop's own
+    is_last: int  # 1: another tick when it ends, with the motors off; 0: somebody goes on
+
+
+class Wired(Protocol):
+    """What says to which wire frames go."""
+
+    @property
+    def descriptor(self) -> int:
+        """Of the wire."""
 
 
 class Room(NamedTuple):
@@ -127,7 +136,7 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
 
 
 @compilable
-def send(shared: Shared, params: RunParams, room: Room, replies: Frames, patience: int) -> int:
+def send(shared: Shared, params: Wired, room: Room, replies: Frames, patience: int) -> int:
     """Send and count; how many the wire did not take, see `write_frames`."""
     written = write_frames(params.descriptor, room.writing, replies, patience)
     control = shared.control[0]
@@ -154,7 +163,7 @@ def note_errors(shared: Shared, frames: Frames) -> None:
 
 
 @compilable
-def receive(shared: Shared, params: RunParams, room: Room) -> Frames:
+def receive(shared: Shared, params: Wired, room: Room) -> Frames:
     """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(params.descriptor, room.reading, frames, room.stamps)
@@ -238,6 +247,9 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                         continue
                     left = min(late // config.step_ns, params.ticks - done - 1)
                     frames = receive(shared, params, room)
+                elif params.is_last == 0:
+                    is_over = True
+                    break
                 accepted, given, is_first = state.counts.accepted, frames, True
                 take_letters(shared.box, scene.held)
             now = done * config.step
@@ -254,9 +266,7 @@ def run_realtime(  # noqa: PLR0912, PLR0915
             outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
             state, replies, truth, sensed = tick(gate, state, given, outside)
             if left == 0 and not stopping:
-                replies = sent(
-                    scene, config.outputs, replies, state.tick * config.step_ns, config.seed
-                )
+                replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
             bench = Bench(float(control.overruns), float(control.dropped), 1e-9 * waited_ns)
             place, waited_ns = note_row(shared, truth, sensed, bench), 0
             note_tick(scene, shared.rows[place : place + 1], given, replies)

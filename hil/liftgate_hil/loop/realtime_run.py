@@ -10,6 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -68,6 +69,8 @@ class RealtimeRun:
     takers: Sequence[Taker] = ()
     lookout: Lookout | None = None
     realtime: Realtime | None = None
+    # False: another one goes on where it ends, which also asks for `realtime`, and gives it back.
+    is_last: bool = True
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
     _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
@@ -80,7 +83,7 @@ class RealtimeRun:
         scratch = Memory(1, 1)  # the recorder already looks at the real one
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
-        if self.realtime is not None:
+        if self.realtime is not None and self.is_last:
             self.realtime.prepare()
         for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
@@ -95,15 +98,16 @@ class RealtimeRun:
         control = self.memory.shared.control[0]
         thread.start()
         try:
-            if self.realtime is not None:
+            if self.realtime is not None and self.is_last:
                 self._entered.wait()
                 for refused in self.realtime.refused:
                     self.say(f"not given: {refused}")
-            self._look_after(thread, stopped)
+            with self.realtime.beside() if self.realtime and self.peers else nullcontext():
+                self._look_after(thread, stopped)
         finally:
             control.stop = 1
             thread.join()
-            if self.realtime is not None:
+            if self.realtime is not None and self.is_last:
                 self.realtime.release()
         if self._failure is not None:
             raise self._failure
@@ -162,6 +166,7 @@ class RealtimeRun:
             self.rig.command_identifier(),
             np.array(feedback_identifiers(self.rig), dtype=np.int64),
             self.scene,
+            int(self.is_last),
         )
 
     def _in_thread(self, ticks: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.signals import ROW_WIDTH
 
 _ROWS = 100  # that may wait for their recorders
 
@@ -36,6 +37,13 @@ class Recorder(Protocol):
         """Complete the file."""
 
 
+def whole_us(epoch_ns: int) -> int:
+    """A run's start on the wall clock [ns], to the microsecond: so a frame's stamp since the start is the same,
+    in whole microseconds, in a log that has the wall clock.
+    """
+    return epoch_ns // 1000 * 1000
+
+
 class Taker(Protocol):
     """Gets what happened, a block at a time."""
 
@@ -43,15 +51,28 @@ class Taker(Protocol):
         """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED; good until it returns."""
 
 
-class RecordingTaker:
-    """Hands on to recorders what it takes, small blocks together."""
+class Sieve(Protocol):
+    """Says what of a run is recorded."""
 
-    def __init__(self, recorders: Sequence[Recorder], epoch_ns: int = 0) -> None:
-        self._recorders = recorders
+    def kept(
+        self, rows: NDArray[np.float64], frames: Any, come: Any
+    ) -> tuple[NDArray[np.float64], Any]:
+        """Rows and frames to be recorded now: of these, which are in the order of time, and of earlier ones.
+        `come` are the frames that the loop has noted meanwhile.
+        """
+
+
+class RecordingTaker:
+    """Hands on to recorders what it takes, small blocks together; with a sieve what that keeps."""
+
+    def __init__(
+        self, recorders: Sequence[Recorder], epoch_ns: int = 0, sieve: Sieve | None = None
+    ) -> None:
+        self._recorders, self._sieve = recorders, sieve
         self._rows: list[NDArray[np.float64]] = []
         self._frames: list[Any] = [no_logged()]
         for recorder in recorders:
-            recorder.begin(epoch_ns)
+            recorder.begin(whole_us(epoch_ns))
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""
@@ -65,6 +86,10 @@ class RecordingTaker:
         rows, frames = self._rows, self._frames
         self._rows, self._frames = [], [no_logged()]
         logged = np.concatenate(frames)
+        if self._sieve is not None:
+            every = np.concatenate([np.zeros((0, ROW_WIDTH)), *rows])
+            every, logged = self._sieve.kept(every, logged, logged)
+            rows = [every] if len(every) else []
         for recorder in self._recorders:
             if rows:
                 recorder.write_rows(rows[0] if len(rows) == 1 else np.concatenate(rows))

@@ -85,6 +85,7 @@ class Summary:
     link: LinkCounts = field(default_factory=LinkCounts)
     link_error: str = ""  # the system's words for the last one
     recordings: list[str] = field(default_factory=list)  # files that were written
+    recording_windows: int | None = None  # around so many triggers it was recorded; None: all of it
     recording_lost_rows: int = 0  # that the recorder was too slow for
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
@@ -162,6 +163,10 @@ class Summary:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:
             lines.append(f"recording: {self.recording_lost_rows} rows lost, the disk was too slow")
+        if self.recording_windows is not None:
+            many = self.recording_windows
+            times = {0: "never came", 1: "came once"}.get(many, f"came {many} times")
+            lines.append(f"recorded only around the trigger, which {times}")
         if self.recordings:
             lines.append(f"written: {', '.join(self.recordings)}")
         return lines

@@ -65,7 +65,8 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         outputs=tuple(wire for wire in rig.outputs if wire.quantity in _SENSED),
     )
     messages = list(dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs)))
-    seconds, frames, cut = read_frames(path, messages, rig)
+    log = read_frames(path, messages, rig)
+    seconds, frames, cut = log.times, log.frames, log.notes
     if frames.count == 0:
         raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
     if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # nor NaN
@@ -75,8 +76,8 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)
-    given, counts = _tracks(rig.input_config(), BUS_INPUTS, frames, times)
-    sensed, sensor_counts = _tracks(rig.output_config(sending=False), BUS_OUTPUTS, frames, times)
+    given, counts = tracks_of(rig.input_config(), BUS_INPUTS, frames, times)
+    sensed, sensor_counts = tracks_of(rig.output_config(sending=False), BUS_OUTPUTS, frames, times)
     sensed = {name: track.without_stale() for name, track in sensed.items()}
     _check_content(path, rig, given, sensed, _add(counts, sensor_counts))
     marks = np.unique(np.concatenate([t.times for t in (*given.values(), *sensed.values())]))
@@ -87,12 +88,12 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
         track, column = sensed[wire.quantity], _SENSED[wire.quantity]
         values = track.values
         if column.endswith("hall_count"):
-            values = unwrapped(values, _wrap(rig, wire))
+            values = unwrapped(values, span_of(rig, wire))
         columns[column] = np.full(len(marks), np.nan)
         columns[column][np.searchsorted(marks, track.times)] = values
     _check_ranges(path, columns)
     ordered = {name: columns[name] for name in (*INPUTS, *OUTPUTS) if name in columns}
-    notes = [*cut, *_refusals(_add(counts, sensor_counts)), *_late_panel(given, before)]
+    notes = [*cut, *refusals_in(_add(counts, sensor_counts)), *_late_panel(given, before)]
     return Measurement(str(path), (marks - marks[0]) / 1e9, ordered, True, tuple(notes))
 
 
@@ -106,7 +107,7 @@ def unwrapped(values: Floats, span: float) -> Floats:
     return result
 
 
-def _wrap(rig: Rig, wire: SignalMapping) -> float:
+def span_of(rig: Rig, wire: SignalMapping) -> float:
     """What a counter's bits hold, in our unit."""
     signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
     if signal.is_float or signal.length > 48:
@@ -131,13 +132,13 @@ def _called(rig: Rig, messages: Sequence[str]) -> str:
     return ", ".join(f"{name} (0x{rig.messages[name].frame_id:X})" for name in messages)
 
 
-def _tracks(
+def tracks_of(
     layout: BusConfig,
     names: Mapping[str, Signal],
     frames: Frames,
     times: NDArray[np.int64],
 ) -> tuple[dict[str, Track], Counts]:
-    """What the frames say of each quantity, and what became of the frames."""
+    """What the frames say of each quantity, and what became of the frames; `times` [ns] are theirs, and rise."""
     at, which, values, counts = events_in(layout, frames, times, len(names))
     tracks = {}
     for index, name in enumerate(names):
@@ -153,7 +154,7 @@ def _add(one: Counts, other: Counts) -> Counts:
     return Counts(*(a + b for a, b in zip(one, other, strict=True)))
 
 
-def _refusals(counts: Counts) -> list[str]:
+def refusals_in(counts: Counts) -> list[str]:
     """What is worth knowing of frames that were not taken."""
     causes = ("remote", "wrong_length", "out_of_range", "checksum", "counter", "unqualified")
     told = [
@@ -187,7 +188,7 @@ def _check_content(
 ) -> None:
     """There must be commands, and something sensed."""
     issues = []
-    why = "; ".join(_refusals(counts))
+    why = "; ".join(refusals_in(counts))
     why = f" ({why})" if why else ""
     for what, found, wires in (
         ("command", any(name in given for name in ("left_duty", "right_duty")), rig.inputs),

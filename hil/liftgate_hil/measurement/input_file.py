@@ -21,7 +21,7 @@ from liftgate_hil.stimuli.samples import Floats, Samples
 
 
 def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
-    """The inputs in a CSV or MF4 file, by our names or as mapped, from time 0 on, and what is worth knowing of it.
+    """The inputs in a table, by our names or as mapped, from time 0 on, and what is worth knowing of it.
     Raises ConfigError with all faults.
     """
     reading, series, shared = read_series(path, open_columns(path), mapping, INPUT_KIND)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from liftgate_hil.config.toml import known_keys, number, read_toml, show, table,
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
+from liftgate_plant.signals import Signal
 
 _FORM = "OURS=THEIRS, OURS=THEIRS[unit], OURS=THEIRS[unit]*scale, or FILE.toml"
 _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<scale>\S+))?")
@@ -36,15 +37,18 @@ class Theirs:
 ColumnMap = dict[str, Theirs]
 
 
-def parse_maps(given: Sequence[str]) -> ColumnMap:
-    """The map that all `map` values make. Raises ConfigError with all faults."""
+def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
+    """The map that all `map` values make; `known` are the columns of ours that there may be. Raises ConfigError
+    with all faults.
+    """
     result: ColumnMap = {}
     lines: list[str] = []
     for value in given:
         is_file = value.endswith(".toml") and ("=" not in value or is_there(Path(value)))
         issues = ConfigIssues(value if is_file else f"`map` {value}")
         try:
-            found = _from_file(Path(value), issues) if is_file else _from_text(value, issues)
+            read = _from_file if is_file else _from_text
+            found = read(value, issues, known)
         except ConfigError as error:
             lines += error.issues
             continue
@@ -58,7 +62,7 @@ def parse_maps(given: Sequence[str]) -> ColumnMap:
     return result
 
 
-def _from_text(value: str, issues: ConfigIssues) -> ColumnMap:
+def _from_text(value: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
     ours, equals, theirs = (part.strip() for part in value.partition("="))
     if not equals or not ours or not theirs:
         raise ConfigError(f"{issues.source}: allowed: {_FORM}")
@@ -72,10 +76,11 @@ def _from_text(value: str, issues: ConfigIssues) -> ColumnMap:
         if not math.isfinite(scale) or scale == 0.0:
             issues.add(ours, f"scale {show(parts['scale'])}; allowed: a number, not 0")
     column = Theirs(parts["name"], parts["unit"], scale) if parts else Theirs(theirs)
-    return _checked(ours, column, issues)
+    return _checked(ours, column, issues, known)
 
 
-def _from_file(path: Path, issues: ConfigIssues) -> ColumnMap:
+def _from_file(name: str, issues: ConfigIssues, known: Mapping[str, Signal]) -> ColumnMap:
+    path = Path(name)
     check_file(path, f"`map` {path}")
     raw = read_toml(path)
     known_keys(issues, "", raw, ("columns",))
@@ -93,14 +98,16 @@ def _from_file(path: Path, issues: ConfigIssues) -> ColumnMap:
         if scale == 0.0:
             issues.add(f"{key}.scale", "0; allowed: anything else")
         offset = number(issues, f"{key}.offset", given.get("offset", 0.0), -1e12, 1e12)
-        result |= _checked(ours, Theirs(name, unit, scale, offset), issues)
+        result |= _checked(ours, Theirs(name, unit, scale, offset), issues, known)
     return result
 
 
-def _checked(ours: str, theirs: Theirs, issues: ConfigIssues) -> ColumnMap:
-    if ours not in KNOWN:
-        issues.add(ours, f"no such column of ours; allowed: {', '.join(KNOWN)}")
+def _checked(
+    ours: str, theirs: Theirs, issues: ConfigIssues, known: Mapping[str, Signal]
+) -> ColumnMap:
+    if ours not in known:
+        issues.add(ours, f"no such column of ours; allowed: {', '.join(known)}")
         return {}
-    if theirs.unit is not None and conversion(ours, theirs.unit) is None:
-        issues.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours)}")
+    if theirs.unit is not None and conversion(ours, theirs.unit, known) is None:
+        issues.add(ours, f"unit {show(theirs.unit)}; allowed: {allowed_units(ours, known)}")
     return {ours: theirs}

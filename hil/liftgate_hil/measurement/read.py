@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BUS_LOGS = (".log", ".asc", ".blf", ".trc")
 MEASURED = (".mf4", ".mcap")  # of columns, of frames, or of both
-TABLES = (".csv", ".tsv", ".txt", *MEASURED)
+TABLES = (".csv", ".tsv", ".txt", ".parquet", *MEASURED)
 SUFFIXES = (*TABLES, *BUS_LOGS)
 
 
@@ -58,6 +58,10 @@ def open_columns(path: Path, allowed: Sequence[str] = TABLES) -> Columns:
         from liftgate_hil.measurement.mcap_file import open_mcap
 
         return open_mcap(path)
+    if kind == ".parquet":
+        from liftgate_hil.measurement.parquet_file import open_parquet
+
+        return open_parquet(path)
     if kind in TABLES:
         return open_csv(path)
     raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")

@@ -62,16 +62,28 @@ def column_signal(name: str, unit: str = "", is_whole: bool = False) -> Signal:
 
 def open_recorded(path: Path) -> Recorded:
     """The recording in a file; its suffix says the format. Raises ConfigError."""
+    found = _opened(path)
+    if not found.signals and found.channel is None:
+        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with some")
+    return found
+
+
+def holds_nothing(path: Path) -> bool:
+    """Whether a recording has neither rows nor frames, as one whose trigger never came. Raises ConfigError."""
+    if path.suffix.lower() == ".log" and path.is_file() and path.stat().st_size == 0:
+        return True  # candump's text has no head
+    found = _opened(path)
+    return next(found.rows(["time_s"]), None) is None if found.signals else found.channel is None
+
+
+def _opened(path: Path) -> Recorded:
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
         raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(SUFFIXES)}")
     check_file(path)
     if path.stat().st_size == 0:
         raise ConfigError(f"{path}: empty; allowed: a recording")
-    found = _OPENERS[kind](path)
-    if not found.signals and found.channel is None:
-        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with some")
-    return found
+    return _OPENERS[kind](path)
 
 
 def _csv(path: Path) -> Recorded:

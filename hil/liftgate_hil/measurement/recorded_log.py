@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import math
 import os
 import re
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD, LOGGED, MAX_BYTES
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.log_frames import CUT, is_cut
+from liftgate_hil.measurement.log_frames import CUT, all_understood, is_cut
 from liftgate_hil.measurement.measurement import Floats
 from liftgate_plant.signals import Signal
 
@@ -146,17 +145,6 @@ class _WholeLines(io.TextIOWrapper):
         return line
 
 
-class _Complaints(logging.Handler):
-    """What python-can only logs: there it has left something out."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
-
-
 @contextmanager
 def _reading(path: Path) -> Iterator[Any]:
     """A reader of a log. What goes wrong in here is told as ConfigError."""
@@ -168,10 +156,8 @@ def _reading(path: Path) -> Iterator[Any]:
         ".trc": can.TRCReader,
     }
     kind = path.suffix.lower()
-    complaints, logger = _Complaints(), logging.getLogger("can")
-    logger.addHandler(complaints)
     try:
-        with path.open("rb") as stream:
+        with all_understood(), path.open("rb") as stream:
             if kind == ".blf":
                 reader: Any = can.BLFReader(stream)
                 if reader.file_size > os.fstat(stream.fileno()).st_size:
@@ -179,8 +165,6 @@ def _reading(path: Path) -> Iterator[Any]:
             else:
                 reader = readers[kind](_WholeLines(stream, encoding="utf-8", errors="replace"))
             yield reader
-            if complaints.texts:
-                raise ValueError(complaints.texts[0])
     except ConfigError:
         raise
     except OSError as error:
@@ -188,5 +172,3 @@ def _reading(path: Path) -> Iterator[Any]:
     except Exception as error:  # python-can's readers raise what their parsers raise
         said = " ".join(str(error).split()) or type(error).__name__
         raise ConfigError(f"{path}: cannot be read: {said}") from error
-    finally:
-        logger.removeHandler(complaints)

@@ -18,16 +18,16 @@ KNOWN: Mapping[str, Signal] = {
 }
 
 
-def conversion(column: str, unit: str) -> Conversion | None:
-    """From a unit to that of our column; None where it measures something else."""
+def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
+    """From a unit to that of our column, one of those that are known; None where it measures something else."""
     if unit.strip() in ("", column.rpartition("_")[2]):  # `simulate` writes the column's own ending
         return SAME
-    return units.conversion(KNOWN[column], unit)
+    return units.conversion(known[column], unit)
 
 
-def allowed_units(column: str) -> str:
+def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
     """The same for a message."""
-    return units.allowed_units(KNOWN[column])
+    return units.allowed_units(known[column])
 
 
 def near_miss(name: str) -> tuple[str, str] | None:

@@ -69,8 +69,20 @@ def lines_about(about: str) -> list[str]:
     lines = [f"liftgate-hil {told['versions']['liftgate-hil']}"]
     lines += [f"{name} = {told[name]}" for name in _TOLD]
     lines += [f"{name} = {value}" for name, value in told["parameters"].items()]
+    lines += [f"ecu = {_ecu_in_words(told['ecu'])}"] if "ecu" in told else []
+    if "recorded" in told:
+        when, before, after = (told["recorded"][name] for name in ("when", "before_s", "after_s"))
+        lines.append(
+            f"recorded only from {before:g} s before to {after:g} s after {' or '.join(when)}"
+        )
     lines += [f"{name} = {x['path']}, SHA-256 {x['sha256']}" for name, x in told["files"].items()]
     return [printable(line) for line in lines]
+
+
+def _ecu_in_words(ecu: Mapping[str, Any]) -> str:
+    known = [ecu[name] for name in ("version", "mutant", "class", "path") if name in ecu]
+    digest = f", SHA-256 {ecu['sha256']}" if "sha256" in ecu else ""
+    return " ".join([ecu["kind"], *known]) + digest
 
 
 class Batch:

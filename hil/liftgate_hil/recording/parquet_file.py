@@ -7,7 +7,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.mcap_layout import ABOUT_PARQUET
+from liftgate_hil.mcap_layout import ABOUT_PARQUET, START_PARQUET
 from liftgate_hil.recording.content import Batch, Content
 
 _GROUP = 65_536  # rows
@@ -41,6 +41,7 @@ class ParquetRecorder:
         # A dictionary pays where values come again.
         self._writer: Any = parquet.ParquetWriter(stream, self._schema, use_dictionary=whole)
         self._batch = Batch(_GROUP)
+        self._epoch_ns = 0
 
     @property
     def written(self) -> int:
@@ -49,6 +50,7 @@ class ParquetRecorder:
 
     def begin(self, epoch_ns: int) -> None:
         """See Recorder."""
+        self._epoch_ns = epoch_ns
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""
@@ -64,6 +66,8 @@ class ParquetRecorder:
     def close(self) -> None:
         """See Recorder."""
         self._write(self._batch.take())
+        if self._epoch_ns:
+            self._writer.add_key_value_metadata({START_PARQUET: str(self._epoch_ns)})
         if remark := self._content.remark():
             self._writer.add_key_value_metadata({"remark": remark})
         self._writer.close()

@@ -8,9 +8,11 @@ On its stdout it says what is worth knowing, a JSON object a line.
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import os
+import pickle
 import queue
 import select
 import signal
@@ -27,12 +29,13 @@ import numpy as np
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.datagrams import CAPACITY
-from liftgate_hil.loop.recorder import Recorder
+from liftgate_hil.loop.recorder import Recorder, Sieve, whole_us
 from liftgate_hil.loop.rings import Memory, RingReader
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.guarded import GuardedRecorder, Say, failures_of, silent
 from liftgate_hil.recording.open import open_recorder
 from liftgate_hil.recording.rotation import Limit
+from liftgate_hil.recording.trigger import Trigger, Triggered
 
 _PAUSE = 0.05  # s between two looks at the rings
 _LATE_NS = 100_000_000  # that a frame may come out of turn: received ones are logged a tick after they came
@@ -62,6 +65,7 @@ class RecorderProcess:
         limit: Limit | None,
         memory: Memory,
         say: Say = silent,
+        trigger: Trigger | None = None,
     ) -> None:
         rows, frames = memory.sizes
         names = [str(path) for path in paths]
@@ -89,15 +93,17 @@ class RecorderProcess:
         )
         self._reader = threading.Thread(target=self._read, name="recorder's words", daemon=True)
         self._reader.start()
-        self._tell_about(content.about)
+        self._tell(content.about)
+        self._tell("" if trigger is None else base64.b64encode(pickle.dumps(trigger)).decode())
         self.lost_rows = 0
+        self.windows: int | None = None  # recorded around so many triggers
         self.files: list[str] = []
 
-    def _tell_about(self, about: str) -> None:
-        """The run; it may be longer than an argument."""
+    def _tell(self, text: str) -> None:
+        """What may be longer than an argument."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):  # it has ended; that is told by and by
-            self._process.stdin.write(json.dumps(about) + "\n")
+            self._process.stdin.write(json.dumps(text) + "\n")
             self._process.stdin.flush()
 
     def wait_until_ready(self) -> None:
@@ -125,6 +131,7 @@ class RecorderProcess:
         if answer is None:
             raise RecordingError(self._ended())
         self.lost_rows, self.files = int(answer["lost"]), answer["files"]
+        self.windows = answer["windows"]
         if answer["failures"]:
             raise RecordingError("; ".join(answer["failures"]))
 
@@ -151,12 +158,14 @@ class RecorderProcess:
 class Writer:
     """Takes rows and frames from the rings to the recorders."""
 
-    def __init__(self, memory: Memory, recorders: Sequence[Recorder]) -> None:
+    def __init__(
+        self, memory: Memory, recorders: Sequence[Recorder], sieve: Sieve | None = None
+    ) -> None:
         shared = memory.shared
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._control = shared.control
-        self._recorders = recorders
+        self._recorders, self._sieve = recorders, sieve
         self._waiting: Any = no_logged()
         self._has_begun = False
 
@@ -168,11 +177,15 @@ class Writer:
     def take(self, is_last: bool = False) -> None:
         """Write what has come since the last time, down to the operating system; frames in the order of time."""
         rows = self._rows.take()
-        frames = self._in_order(self._frames.take(), is_last)
+        come = self._frames.take()
+        frames = self._in_order(come, is_last)
         if not self._has_begun and (len(rows) or len(frames)):
             self._has_begun = True
+            epoch_ns = whole_us(int(self._control["epoch_ns"][0]))
             for recorder in self._recorders:
-                recorder.begin(int(self._control["epoch_ns"][0]))
+                recorder.begin(epoch_ns)
+        if self._sieve is not None:
+            rows, frames = self._sieve.kept(rows, frames, come)
         for recorder in self._recorders:
             if len(rows):
                 recorder.write_rows(rows)
@@ -197,7 +210,9 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     job = Job(**json.loads(sys.argv[1]))
     memory = Memory(job.rows, job.frames, job.descriptor)
-    content = Content(job.columns, job.channel, about=json.loads(sys.stdin.readline() or '""'))
+    content = Content(job.columns, job.channel, about=_heard())
+    told = _heard()  # by the process that has started this one
+    triggered = Triggered(pickle.loads(base64.b64decode(told))) if told else None
     limit = None if job.limit is None else Limit(job.limit, job.keep)
     recorders: list[GuardedRecorder] = []
     try:
@@ -211,7 +226,7 @@ def main() -> int:
         _tell(issues=error.issues)
         return 2
     _tell(ready=True)
-    writer = Writer(memory, recorders)
+    writer = Writer(memory, recorders, triggered)
     while not select.select([0], [], [], _PAUSE)[0]:
         writer.take()
     writer.take(is_last=True)
@@ -219,9 +234,15 @@ def main() -> int:
         recorder.close()
     failures = failures_of(recorders)
     files = [file for recorder in recorders for file in recorder.files]
-    _tell(failures=failures, files=files, lost=writer.lost)
+    windows = None if triggered is None else triggered.count
+    _tell(failures=failures, files=files, lost=writer.lost, windows=windows)
     # A file on a full disk would be tried again, with a traceback.
     os._exit(1 if failures else 0)
+
+
+def _heard() -> str:
+    """A line of stdin."""
+    return str(json.loads(sys.stdin.readline() or '""'))
 
 
 def _tell(**words: Any) -> None:

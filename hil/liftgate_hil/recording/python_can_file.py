@@ -65,7 +65,9 @@ class PythonCanRecorder:
 
     def write_frames(self, frames: Any) -> None:
         """See Recorder."""
-        stamps = ((frames["time_ns"] + self._epoch_ns) * 1e-9).tolist()
+        # In whole microseconds, as in candump's text: a half is not left to how a format rounds.
+        whole_us = (frames["time_ns"] + self._epoch_ns + 500) // 1000
+        stamps = (whole_us / 1e6).tolist()
         sent = frames["is_sent"].tolist()
         plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
         for row, identifier in enumerate(frames["identifier"].tolist()):

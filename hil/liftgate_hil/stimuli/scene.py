@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,23 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.conditions import Condition, parsed
+from liftgate_hil.diagnostics.tester import Tester, no_tester, tester_hears, with_requests
 from liftgate_hil.stimuli.bus_faults import RECEIVED, SENT, BusFaults, bus_faults_of, on_bus
 from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
 from liftgate_hil.stimuli.requests import Request, Requests, requests_of
+from liftgate_hil.stimuli.restbus import (
+    NO_BUS,
+    BusTables,
+    Restbus,
+    SignalChange,
+    restbus_of,
+    with_restbus,
+)
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
 from liftgate_plant.compiler import compilable
 from liftgate_plant.constants import Constants
-
-if TYPE_CHECKING:
-    from cantools.database.can import Message
 
 _AT_ONCE = -1e300
 
@@ -36,6 +42,8 @@ class Scene(NamedTuple):
     bus_faults: BusFaults
     held: NDArray[np.float64]  # what was posted, see mailbox
     requests: Requests
+    restbus: Restbus
+    tester: Tester  # of the ECU's trouble codes
 
 
 class Stimuli(NamedTuple):
@@ -54,24 +62,31 @@ def scene_of(
     requests: Sequence[Request] = (),
     injections: Sequence[Injection] = (),
     condition_of: Callable[[Instant], Condition] = lambda instant: parsed(instant.condition, {}),
-    messages: Mapping[str, Message] | None = None,
+    tables: BusTables = NO_BUS,
+    changes: Sequence[SignalChange] = (),
+    tester: Tester | None = None,
 ) -> Scene:
-    """A scene before the first tick, of a gate with these constants, on a bus with these messages."""
+    """A scene before the first tick, of a gate with these constants that sends these tables, beside a restbus with
+    these signals.
+    """
     sheet = Sheet()
     timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
     faults = faults_of(constants, injections, sheet)
     asked = requests_of(requests, sheet)
+    restbus = restbus_of(changes, sheet, tables)
     conditions = [condition_of(each) for each in sheet.instants]
-    moments = sheet.moments(conditions, messages or {})
+    moments = sheet.moments(conditions, tables.messages)
     on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
     return Scene(
         timeline,
         np.zeros(1, dtype=np.int64),
         moments,
         faults,
-        bus_faults_of(on_its_way, len(messages or {})),
+        bus_faults_of(on_its_way, len(tables.messages)),
         nothing_held(),
         asked,
+        restbus,
+        tester or no_tester(),
     )
 
 
@@ -90,11 +105,22 @@ def note_tick(scene: Scene, rows: NDArray[np.float64], given: Frames, heard: Fra
 
 @compilable
 def received(scene: Scene, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
-    """What the gate gets of the frames that have come, by the faults on the bus; `bus` is what it receives."""
-    return on_bus(scene.bus_faults, scene.faults.shares, bus, frames, RECEIVED, now_ns, seed)
+    """What the gate gets of the frames that have come, by the faults on the bus; `bus` is what it receives. The
+    tester hears the same.
+    """
+    given = on_bus(scene.bus_faults, scene.faults.shares, bus, frames, RECEIVED, now_ns, seed)
+    tester_hears(scene.tester, given, now_ns)
+    return given
 
 
 @compilable
-def sent(scene: Scene, bus: BusConfig, frames: Frames, now_ns: int, seed: int) -> Frames:
-    """What others get of the frames that the gate sends; `bus` is what it sends."""
-    return on_bus(scene.bus_faults, scene.faults.shares, bus, frames, SENT, now_ns, seed)
+def sent(scene: Scene, frames: Frames, ticks: int, step_ns: int, seed: int) -> Frames:
+    """What others get of the frames that the gate sends after so many plant steps, with those of the restbus and
+    of the tester.
+    """
+    now_ns, restbus = ticks * step_ns, scene.restbus
+    time = (ticks - scene.origin[0]) * step_ns / 1e9
+    given = with_restbus(restbus, scene.moments, frames, time, now_ns)
+    given = with_requests(scene.tester, given, now_ns)
+    shares = scene.faults.shares
+    return on_bus(scene.bus_faults, shares, restbus.everything, given, SENT, now_ns, seed)

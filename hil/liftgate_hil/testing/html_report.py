@@ -20,7 +20,7 @@ from liftgate_hil.testing.mutants_section import mutants_section
 from liftgate_hil.testing.mutation import Matrix
 from liftgate_hil.testing.picture import expectation_svgs, left_out, margin_text
 from liftgate_hil.testing.scenario_section import badge, figures_of, scenario_section, value_names
-from liftgate_hil.testing.suite import Outcome, counts_of, verdict_of
+from liftgate_hil.testing.suite import Outcome, counts_of, subject_of, verdict_of
 
 MOST_PASSED, MOST_OTHERS = 8_000_000, 16_000_000  # bytes of pictures
 NO_REQUIREMENT = "none"
@@ -85,7 +85,7 @@ class SuiteReport:
         verdict = verdict_of(outcomes)
         return page(
             f"Test report: {verdict}",
-            f"{_many(len(outcomes), 'scenario')}, liftgate-hil "
+            f"{_many(len(outcomes), subject_of(outcomes))}, liftgate-hil "
             f"{provenance.versions.get('liftgate-hil', '')}, {provenance.date}",
             [
                 _summary(outcomes, provenance),
@@ -94,7 +94,7 @@ class SuiteReport:
                 limits_section(outcomes),
                 mutants_section(matrix) if matrix is not None else "",
                 section(
-                    "Scenarios",
+                    f"{subject_of(outcomes).capitalize()}s",
                     self._note(outcomes),
                     *(
                         scenario_section(place, each, self._figures)
@@ -130,25 +130,31 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
         if name in scenarios
     )
     setups = [each.case.parts.setup for each in outcomes]
-    rows = [
-        ("verdict", badge(verdict_of(outcomes))),
-        ("expectations", f"{total}: {told}"),
-        ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
-        ("scenarios", f"{len(outcomes)}: {by_scenario}"),
-        ("folder", str(_folder(outcomes))),
+    what = subject_of(outcomes)
+    run = [
         ("ECU", _each(_ecu_name(outcome) for outcome in outcomes)),
         ("vehicle", _each(each.vehicle_name for each in setups)),
         ("rig", _each(Path(each.case.parts.rig.source).name for each in outcomes)),
         ("seed", _each(str(each.seed) for each in setups)),
         ("clock", _each(outcome.case.job.options.clock for outcome in outcomes)),
         ("timing", _timing(outcomes)),
+    ]
+    if what == "recording":
+        run = [("judged by", _each(each.scenario.source for each in setups)), run[2]]
+    rows = [
+        ("verdict", badge(verdict_of(outcomes))),
+        ("expectations", f"{total}: {told}"),
+        ("inconclusive", f"{100.0 * counts['inconclusive_share']:.1f} % of the expectations"),
+        (f"{what}s", f"{len(outcomes)}: {by_scenario}"),
+        ("folder", str(_folder(outcomes))),
+        *run,
         ("command line", Markup(f"<code>{text(provenance.command_line)}</code>")),
         ("date", provenance.date),
         ("machine", f"{provenance.platform}, {provenance.libc}, {provenance.processor}"),
         ("versions", ", ".join(f"{name} {each}" for name, each in provenance.versions.items())),
     ]
     stopped = [each for each in outcomes if each.reason.startswith("stopped")]
-    warning = f"Incomplete: it was stopped, and {_many(len(stopped), 'scenario')} did not end."
+    warning = f"Incomplete: it was stopped, and {_many(len(stopped), what)} did not end."
     return alert([warning] if stopped else []) + pairs(rows)
 
 
@@ -200,7 +206,7 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
         for place, number, outcome, _, verdict in _all(outcomes)
         if verdict.verdict != PASS
     ]
-    heads = ("verdict", "scenario", "expectation", "margin", "reason")
+    heads = ("verdict", subject_of(outcomes), "expectation", "margin", "reason")
     return table(heads, rows, ("n", "name", "name", "n", "soft"))
 
 
@@ -231,7 +237,7 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
                 )
             )
             seen = place
-    heads = ("requirement", "scenario", "expectation", "verdict", "margin")
+    heads = ("requirement", subject_of(outcomes), "expectation", "verdict", "margin")
     return table(heads, rows, ("name", "name", "name", "n", "r"))
 
 

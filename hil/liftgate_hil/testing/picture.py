@@ -68,11 +68,12 @@ def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | N
     """The deciding instant [s], and what it is called."""
     if verdict.time_s is None or not math.isfinite(verdict.time_s):
         return None
-    is_always = expectation.kind != "eventually"
+    if expectation.kind == "dtc":
+        return verdict.time_s, "reported"
     if verdict.verdict == PASS:
-        return verdict.time_s, "closest" if is_always else "fulfilled"
+        return verdict.time_s, "closest" if expectation.is_always else "fulfilled"
     if verdict.verdict == FAIL:
-        return verdict.time_s, "violated" if is_always else "closest"
+        return verdict.time_s, "violated" if expectation.is_always else "closest"
     return None
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
-from liftgate_hil.testing.suite import Outcome, counts_of, verdict_of
+from liftgate_hil.testing.suite import Outcome, counts_of, subject_of, verdict_of
 
 _NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -64,10 +64,11 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def as_junit(outcomes: Sequence[Outcome]) -> bytes:
-    """A suite a scenario, a test case an expectation: what fails is a failure, what is inconclusive or an error is
-    an error, nothing is skipped.
+    """A suite a scenario, or a recorded run, a test case an expectation: what fails is a failure, what is
+    inconclusive or an error is an error, nothing is skipped.
     """
-    root = ElementTree.Element("testsuites", name="liftgate-hil test")
+    command = "judge" if subject_of(outcomes) == "recording" else "test"
+    root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
     for outcome in outcomes:
         verdicts = [each.verdict for each in outcome.expectations]
         suite = ElementTree.SubElement(
@@ -103,6 +104,9 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
     setup = outcome.case.parts.setup
     properties = ElementTree.SubElement(suite, "properties")
     told = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
+    if outcome.case.recordings:
+        told = [("scenario", setup.scenario.source)]
+        told += [("recording", str(path)) for path in outcome.case.recordings]
     told += [("requirement", each) for each in setup.scenario.requirement]
     told += [
         (f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()

@@ -61,7 +61,7 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, sketch: Sketch, left_o
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
     """A scenario; `figures` are those of expectations, by file and name."""
     scenario = outcome.case.parts.setup.scenario
-    happened = happenings(scenario)
+    happened = [] if outcome.case.recordings else happenings(scenario)
     rest = len(happened) - _MOST_HAPPENINGS
     told = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
     parts = [
@@ -91,15 +91,24 @@ def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
     parameters = ", ".join(f"{name} = {value:g}" for name, value in scenario.parameters.items())
     settings = ", ".join(f"{each.key} = {each.value}" for each in scenario.settings)
     source = outcome.case.parts.sources.get("scenario")
+    is_recorded = bool(outcome.case.recordings)
     rows = [
         ("requirement", ", ".join(scenario.requirement) or "none"),
         ("parameters", parameters),
-        ("set", ", ".join(filter(None, (settings, ", ".join(job.settings))))),
-        ("vehicle", f"{setup.vehicle_name}, starts {_start(outcome)}, seed {setup.seed}"),
         ("rig", Path(outcome.case.parts.rig.source).name),
-        ("clock", f"{options.clock}, {options.rate:g} Hz"),
     ]
-    if result is not None:
+    if is_recorded:
+        rows.append(("judged by", scenario.source))
+    else:
+        rows[2:2] = [
+            ("set", ", ".join(filter(None, (settings, ", ".join(job.settings))))),
+            ("vehicle", f"{setup.vehicle_name}, starts {_start(outcome)}, seed {setup.seed}"),
+        ]
+        rows.append(("clock", f"{options.clock}, {options.rate:g} Hz"))
+    if result is not None and is_recorded:
+        summary = result.summary
+        rows.append(("rows", f"{summary.ticks}, up to {summary.model_time_s:.6g} s"))
+    elif result is not None:
         rows.append(("run", "; ".join(result.summary.lines())))
     if result is not None and result.recording:
         rows.append(("recordings", ", ".join(map(str, result.recording))))

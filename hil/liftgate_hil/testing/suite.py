@@ -26,11 +26,12 @@ _MOST_FILES = 100  # that include each other
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario about to run."""
+    """A scenario about to run, or what it expects about to be judged from recordings of a run."""
 
     file: str  # as reports name it
     job: Job
     parts: Parts
+    recordings: tuple[Path, ...] = ()  # none: it is run
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,11 @@ def run_suite(
 def verdict_of(outcomes: Sequence[Outcome]) -> str:
     """The worst of all."""
     return worst(each.verdict for each in outcomes)
+
+
+def subject_of(outcomes: Sequence[Outcome]) -> str:
+    """What they are outcomes of."""
+    return "recording" if any(each.case.recordings for each in outcomes) else "scenario"
 
 
 def counts_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:

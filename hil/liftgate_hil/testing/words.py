@@ -29,6 +29,8 @@ def happenings(scenario: Scenario) -> list[str]:
 
 def formula(expectation: Expectation) -> str:
     """The condition with its kind, as the file says it."""
+    if expectation.kind == "dtc":
+        return f"dtc  {expectation.condition}  {expectation.state}"
     held = f"  for {expectation.hold:g} s without interruption" if expectation.hold else ""
     return f"{expectation.kind}  {expectation.condition}{held}"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from liftgate_hil.config.rig import Rig
@@ -60,15 +61,22 @@ def open_transport(way: Way) -> Transport:
     return CanTransport(way.can, way.is_fd)
 
 
-def open_line(way: Way) -> Line:
-    """The wire for the real-time loop. Raises ConfigError, TransportError."""
+def _itself(transport: Transport) -> Transport:
+    return transport
+
+
+def open_line(way: Way, seen_by: Callable[[Transport], Transport] = _itself) -> Line:
+    """The wire for the real-time loop; `seen_by` may stand between it and a transport in Python.
+
+    Raises ConfigError, TransportError.
+    """
     if way.can is not None and way.is_interface("socketcan"):
         from liftgate_hil.transport.socketcan import SocketCan
 
         return SocketCan(str(way.can["channel"]), way.is_fd)
     from liftgate_hil.transport.pump import Pump
 
-    return Pump(open_transport(way))
+    return Pump(seen_by(open_transport(way)))
 
 
 def check_serial(rig: Rig) -> None:

@@ -165,10 +165,21 @@ def test_a_refused_frame_counts_once_and_changes_nothing(
     after, total = take(bus, before, frame, counts=counts, now=5 * MS)
     assert total == counts._replace(**{cause: 1})
     assert sum(total[:8]) == 2
-    # A frame that came in whole moves the alive counter on; nothing else of it is taken.
+    # A frame that came in whole is one cycle more, and moves the alive counter on; nothing else of it is taken.
+    assert after.cycles.sum() - before.cycles.sum() == int(cause == "out_of_range")
     sound = cause == "out_of_range" and after.counter[0] != before.counter[0]
+    after = after._replace(cycles=before.cycles)
     assert same(before, after._replace(counter=before.counter) if sound else after)
     assert rejected(total) == int(cause not in ("foreign", "error"))
+
+
+def test_the_cycles_of_a_message_are_its_frames_and_those_that_its_counter_misses(
+    rig: Rig, bus: BusConfig, fresh: Reception
+):
+    state = fresh
+    for turn, cycles in ((3, 1), (4, 2), (7, 5), (7, 5), (15, 13), (1, 15)):
+        state, _ = take(bus, state, command_frame(rig, turn, **both(50.0, OPEN)))
+        assert state.cycles.tolist()[0] == cycles
 
 
 def test_a_bad_frame_does_not_spoil_a_good_one_in_the_same_read(

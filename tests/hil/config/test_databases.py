@@ -255,3 +255,29 @@ def test_a_label_of_a_number_beyond_what_a_float_holds_is_told(tmp_path: Path) -
     assert load_messages(issues, path)
     (line,) = issues.lines
     assert line.startswith(f"r.toml: dbc: {path}: Gate.LatchState: a label of 1000")
+
+
+FAR = 10_485_750  # bits; cantools takes time with their square
+
+
+@pytest.mark.parametrize("kind", ["dbc", "kcd", "sym"])
+@pytest.mark.parametrize("what", ["place", "length"])
+def test_a_signal_far_behind_its_message_is_told_at_once(tmp_path: Path, kind: str, what: str):
+    text = {"dbc": OURS.as_dbc_string, "kcd": OURS.as_kcd_string, "sym": OURS.as_sym_string}[kind]()
+    known = {
+        "dbc": {"place": ("10|10@1+", f"{FAR}|10@1+"), "length": ("10|10@1+", f"10|{FAR}@1+")},
+        "kcd": {
+            "place": ('offset="10"', f'offset="{FAR}"'),
+            "length": ('length="10"', f'length="{FAR}"'),
+        },
+        "sym": {
+            "place": ('"LeftStrip" 2', f'"LeftStrip" {FAR}'),
+            "length": ("unsigned 10", f"unsigned {FAR}"),
+        },
+    }
+    old, new = known[kind][what]
+    assert old in text
+    (tmp_path / f"far.{kind}").write_text(text.replace(old, new, 1), encoding="utf-8")
+    (issue, *_) = issues_of(tmp_path, f"far.{kind}")
+    assert "cannot be read: " in issue
+    assert "allowed: up to 32768 bits" in issue

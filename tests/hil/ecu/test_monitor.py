@@ -37,6 +37,7 @@ class Opening:
             "left_current": 1.0 + rng.normal(0.0, 0.01), "right_current": 1.0 + rng.normal(0.0, 0.01),
             "left_count": self.count, "right_count": self.count, "left_turning": np.nan,
             "right_turning": np.nan, "latched": False, "caught": False, "voltage": 12.0, "temperature": 30.0,
+            "left_time": self.now, "right_time": self.now,
         }  # fmt: skip
         self.command = update(K, self.memory, self.now, Feedback(**heard | said))
         self.cycle += 1

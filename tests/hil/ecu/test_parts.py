@@ -11,7 +11,7 @@ import pytest
 from liftgate_hil.ecu import memory
 from liftgate_hil.ecu.anti_trap import begin_run, bin_at, learn, reference_at, watch
 from liftgate_hil.ecu.calibration import FINE, FINE_FROM, FINE_TO, PLACES, Calibration
-from liftgate_hil.ecu.controller import DriveCommand, Feedback, speed_over, update
+from liftgate_hil.ecu.controller import DriveCommand, Feedback, speed_over, take_feedback, update
 from liftgate_hil.ecu.events import Verdict, events_since
 from liftgate_hil.ecu.load import measure_load
 from liftgate_hil.ecu.memory import Memory, constants_of, new_memory
@@ -71,7 +71,7 @@ def duty_of(drive: Any, wanted: float, speed: float, voltage: float) -> float:
 def test_speed_is_counts_over_time() -> None:
     drive = new_drive()
     for count in range(0, 60, 5):
-        measure_speed(K, drive, count, np.nan)
+        measure_speed(K, drive, count, np.nan, CYCLE)
     assert drive.speed == pytest.approx(5.0 / CYCLE)
 
 
@@ -81,17 +81,17 @@ def test_speed_is_that_of_the_window_whatever_the_cycle(cycle_ms: int) -> None:
     cycle = 1e-3 * cycle_ms
     constants, drive = constants_of(C, cycle), new_drive()
     for n in range(round(1.0 / cycle)):
-        measure_speed(constants, drive, 300.0 * cycle * n, np.nan)
+        measure_speed(constants, drive, 300.0 * cycle * n, np.nan, cycle)
     assert drive.speed == pytest.approx(300.0)
     last = drive.count
     for n in range(1, max(1, round(C.speed_window / cycle)) + 1):
-        measure_speed(constants, drive, last - 200.0 * cycle * n, np.nan)
+        measure_speed(constants, drive, last - 200.0 * cycle * n, np.nan, cycle)
     assert drive.speed == pytest.approx(-200.0)
 
 
 def test_a_speed_that_the_bus_tells_is_taken_as_it_is() -> None:
     drive = new_drive()
-    measure_speed(K, drive, 0.0, 75.0)
+    measure_speed(K, drive, 0.0, 75.0, CYCLE)
     assert drive.speed == pytest.approx(75.0 * C.counts_per_turn)
 
 
@@ -103,8 +103,38 @@ def test_how_many_counts_a_turn_has_is_counted(counts: int, start: int) -> None:
     for cycle in range(100):
         turning = math.nan if cycle == 50 else -80.0
         jump = 700 if cycle >= 50 else 0
-        measure_speed(K, drive, start + jump - math.floor(80.0 * CYCLE * cycle * counts), turning)
+        count = start + jump - math.floor(80.0 * CYCLE * cycle * counts)
+        measure_speed(K, drive, count, turning, CYCLE)
     assert drive.speed == pytest.approx(-80.0 * counts)
+
+
+def test_a_sample_that_comes_late_or_with_the_next_one_changes_neither_load_nor_speed() -> None:
+    """It counts when it was made: two in one cycle are no double acceleration."""
+    slope, current = 90.0, 2.0 + C.inertia * 90.0
+    both = {}
+    for come in ([1] * 60, [1] * 20 + [0, 2, 0, 0, 3] + [1] * 3 + [2] + [1] * 30):
+        (drive,) = new_memory(1).drives
+        samples, loads, speeds = 0, [], []
+        for new in come:
+            samples += new
+            turning = slope * CYCLE * samples
+            count = 4.0 * 0.5 * slope * (CYCLE * samples) ** 2
+            take_feedback(K, drive, CYCLE * samples, count, turning, current)
+            loads.append(drive.load)
+            take_feedback(
+                K, drive, CYCLE * samples, count, turning, current
+            )  # once more: nothing new
+            speeds.append(drive.speed)
+        both[len(come)] = loads[-1], speeds[-1], drive.counted / drive.turned
+        assert max(loads[20:]) - min(loads[20:]) < 0.01
+    assert both[60] == pytest.approx(both[59], rel=5e-3)
+
+
+def test_counts_alone_give_the_speed_also_where_samples_are_missing() -> None:
+    drive = new_drive()
+    for samples in [*range(20), 21, 24, 25, 27, 28]:
+        measure_speed(K, drive, 3.0 * samples, np.nan, CYCLE * (samples - drive.count / 3.0 or 1))
+    assert drive.speed == pytest.approx(3.0 / CYCLE)
 
 
 def loads_while_accelerating(is_sharp: bool) -> list[float]:
@@ -114,7 +144,7 @@ def loads_while_accelerating(is_sharp: bool) -> list[float]:
         slope = 2.5 * cycle  # rev/s²
         speed += slope * CYCLE
         drive.turning = speed if is_sharp else np.nan
-        measure_load(K, drive, C.inertia * slope)
+        measure_load(K, drive, C.inertia * slope, CYCLE)
         loads.append(drive.load)
     return loads
 
@@ -252,7 +282,8 @@ def test_a_learned_reference_outlives_the_next_run_and_follows_it_slowly() -> No
 
 
 def feedback(count: float, latched: bool = False, current: float = 1.0) -> Feedback:
-    return Feedback(current, np.nan, count, np.nan, np.nan, np.nan, latched, latched, 12.0, np.nan)
+    nan = np.nan
+    return Feedback(current, nan, count, nan, nan, nan, latched, latched, 12.0, nan, nan, nan)
 
 
 class Controller:
@@ -265,7 +296,7 @@ class Controller:
         self.memory.control[0].request = action
 
     def update(self, now: float, heard: Feedback) -> DriveCommand:
-        return update(K, self.memory, now, heard)
+        return update(K, self.memory, now, heard._replace(left_time=now))
 
     @property
     def state(self) -> int:

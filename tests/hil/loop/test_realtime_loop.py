@@ -159,6 +159,7 @@ class Rehearsal:
             command=COMMAND,
             feedback=feedback,
             scene=scene(self.config),
+            is_last=1,
         )
         begin = state or start_of(self.config)
         return run_realtime(self.config, begin, params, self.shared, make_room())

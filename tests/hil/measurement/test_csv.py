@@ -239,7 +239,7 @@ def test_a_suffix_that_nobody_reads_is_told(tmp_path: Path) -> None:
     path = tmp_path / "m.xlsx"
     path.write_bytes(b"PK")
     assert faults_of(path) == [
-        "format '.xlsx'; allowed: .csv, .tsv, .txt, .mf4, .mcap, .log, .asc, .blf, .trc"
+        "format '.xlsx'; allowed: .csv, .tsv, .txt, .parquet, .mf4, .mcap, .log, .asc, .blf, .trc"
     ]
 
 

@@ -63,10 +63,7 @@ def test_every_format_gives_the_verdicts_of_the_run(
     folder, result = run
     assert {each.verdict for each in result.expectations.values()} == {"pass", "fail"}
     again = lh.judge([folder / name for name in files], folder / "s.toml")
-    for name, verdict in result.expectations.items():
-        if not name.startswith("turns") and set(files) & {"run.asc", "run.trc"}:
-            continue  # their stamps are coarser
-        assert again[name] == verdict
+    assert again == dict(result.expectations)
 
 
 def test_a_run_in_lockstep_is_judged_alike(tmp_path: Path) -> None:
@@ -96,8 +93,74 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     (tmp_path / "gap.csv").write_text("".join(lines[:500] + lines[900:]))
     gap = lh.judge([tmp_path / "gap.csv"], folder / "s.toml")
     assert gap["soft"].reason == "rows are missing from 0.499 to 0.9 s"
+    (tmp_path / "part.csv").write_text("".join([lines[0], *lines[500:]]))
+    part = lh.judge([tmp_path / "part.csv"], folder / "s.toml")
+    assert part["soft"].reason == "rows are missing from 0 to 0.5 s"
     (tmp_path / "thin.csv").write_text("".join([lines[0], *lines[1::10]]))
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
+
+
+TO_THE_END = """
+duration = 4.0
+[[expect]]
+name = "rows"
+always = "pinch_force_n < 1000"
+[[expect]]
+name = "bus"
+always = "abs(LeftDrive.MotorCurrent) < 30"
+[[expect]]
+name = "early"
+always = "abs(LeftDrive.MotorCurrent) < 30 and pinch_force_n < 1000"
+within_s = 0.5
+"""
+
+
+@pytest.mark.parametrize(
+    "cut",
+    ["run.csv", "run.log", "run.parquet", "run.blf", "run.mf4", "run.mcap", "run.asc", "run.trc"],
+)
+@pytest.mark.parametrize("where", [0.6, 0.6003])
+def test_what_a_killed_recorder_leaves_is_never_a_pass(
+    run: tuple[Path, lh.Result], tmp_path: Path, cut: str, where: float
+) -> None:
+    folder, _ = run
+    (tmp_path / "s.toml").write_text(TO_THE_END)
+    files = next(each for each in FORMATS if cut in each)
+    for name in files:
+        content = (folder / name).read_bytes()
+        (tmp_path / name).write_bytes(
+            content[: int(where * len(content))] if name == cut else content
+        )
+    paths = [tmp_path / name for name in files]
+    if cut in ("run.parquet", "run.mf4", "run.mcap"):  # which have their contents at their end
+        with pytest.raises(ConfigError, match=rf"{cut}: cannot be read"):
+            lh.judge(paths, tmp_path / "s.toml")
+        return
+    found = {name: each.verdict for name, each in lh.judge(paths, tmp_path / "s.toml").items()}
+    is_table = cut == "run.csv"
+    assert found == {
+        "rows": "inconclusive" if is_table else "pass", "bus": "inconclusive", "early": "pass"
+    }  # fmt: skip
+
+
+def test_the_texts_beside_what_a_kill_has_spoilt_are_judged(
+    run: tuple[Path, lh.Result], tmp_path: Path
+) -> None:
+    folder, result = run
+    for name in ("run.csv", "run.log"):
+        (tmp_path / f"run.mf4{name[3:]}").write_bytes((folder / name).read_bytes())
+    files = [str(tmp_path / "run.mf4.csv"), str(tmp_path / "run.mf4.log")]
+    assert lh.judge(files, folder / "s.toml") == dict(result.expectations)
+
+
+def test_a_gate_that_is_off_its_bus_is_judged_again_alike(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(
+        'duration = 1.0\n[[fault]]\nkind = "bus_off"\nstart = 0.3\n'
+        '[[expect]]\nname = "x"\nalways = "Gate.Angle < 5"\n'
+    )
+    files = [tmp_path / "run.csv", tmp_path / "run.log"]
+    result = lh.run(tmp_path / "s.toml", record=files)
+    assert lh.judge(files, tmp_path / "s.toml") == dict(result.expectations)
 
 
 def test_other_expectations_of_the_same_run(run: tuple[Path, lh.Result], tmp_path: Path) -> None:
@@ -141,10 +204,12 @@ def test_a_foreign_log_with_a_foreign_rig_is_judged(tmp_path: Path) -> None:
 def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[str]) -> None:
     folder, result = run
     files = [str(folder / "run.csv"), str(folder / "run.log")]
-    assert main(["judge", *files, "--scenario", str(folder / "s.toml"), "--json"]) == 1
+    assert main(["judge", *files, "--scenario", str(folder / "s.toml"), "--json", "-"]) == 1
     told: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert told["verdict"] == "fail"
-    assert [each["margin"] for each in told["expectations"]] == [
+    (judged,) = told["scenarios"]
+    assert (judged["file"], judged["recordings"]) == (files[0], files)
+    assert [each["margin"] for each in judged["expectations"]] == [
         each.margin for each in result.expectations.values()
     ]
     assert main(["judge", *files, "--scenario", "demo"]) == 2
@@ -156,6 +221,10 @@ def test_the_command(run: tuple[Path, lh.Result], capsys: pytest.CaptureFixture[
     [
         ("gate_angle_deg\n1\n", "time_s: missing"),
         ("time_s,pinch_force_n\n0,x\n", "run.csv"),
+        (
+            "time_s,pinch_force_n\n0,1\n0.001,1\n0.001,1\n",
+            "time_s: row 3; allowed: finite and rising",
+        ),
         ("", "run.csv"),
     ],
 )

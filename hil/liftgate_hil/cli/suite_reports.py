@@ -1,0 +1,74 @@
+"""Flags of the commands that report verdicts, and where their reports go."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from liftgate_hil.testing.suite import Outcome
+
+EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3, "error": 2}
+
+
+def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
+    """Which reports; `and_what` is what a folder of results has beside them."""
+    parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
+    parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
+    parser.add_argument(
+        "--html", metavar="FILE", help="write a report with pictures: one file for any browser"
+    )
+    parser.add_argument("--results", metavar="FOLDER", help=f"write all three there{and_what}")
+
+
+def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
+    """Where which report goes. Raises ConfigError."""
+    found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
+    if args.results:
+        folder = Path(args.results)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"`results` {folder}: {error.strerror}; allowed: a folder") from error
+        found["json"].append(str(folder / "verdicts.json"))
+        found["junit"].append(str(folder / "junit.xml"))
+        found["html"].append(str(folder / "report.html"))
+    for kind, given in (("json", args.json), ("junit", args.junit), ("html", args.html)):
+        if given is not None:
+            if kind == "html" and given == "-":
+                raise ConfigError("`html` -: allowed: a file")
+            if given != "-" and not Path(given).parent.is_dir():
+                raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
+            if given != "-" and Path(given).is_dir():
+                raise ConfigError(f"`{kind}` {given}: is a folder; allowed: a file")
+            found[kind].append(given)
+    return found
+
+
+def write(target: str, content: bytes) -> None:
+    """A report. Raises ConfigError."""
+    if target == "-":
+        sys.stdout.write(content.decode() + "\n")
+        return
+    try:
+        Path(target).write_bytes(content)
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from error
+
+
+def summarise(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> None:
+    """The last line, but where JSON goes to stdout; `what` the outcomes are of."""
+    from liftgate_hil.testing.suite import counts_of
+
+    if args.json == "-":
+        return
+    counts: dict[str, Any] = counts_of(outcomes)
+    share = counts.pop("inconclusive_share")
+    said = ", ".join(f"{number} {name}" for name, number in counts.items() if number)
+    print(f"{len(outcomes)} {what}: {said}; {100.0 * share:.0f} % inconclusive", flush=True)

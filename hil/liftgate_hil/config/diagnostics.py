@@ -1,0 +1,128 @@
+"""The table [diagnostics] of a rig file: how the bench's tester asks the ECU under test for its trouble codes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
+from liftgate_hil.codec.frames import EXTENDED
+from liftgate_hil.config.schema import Key, Number, Whole, read_table
+from liftgate_hil.config.toml import Table, show, table
+from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
+from liftgate_hil.issues import ConfigIssues
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
+
+
+class _Identifier:
+    """Who is meant on the bus."""
+
+    allowed = (
+        f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
+    )
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
+        """See Kind."""
+        is_number = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LAST
+        if not is_number and not isinstance(value, str):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return -1
+        found: str | int = value
+        return found
+
+
+class _Padding:
+    """What fills frames up."""
+
+    allowed = 'a byte, 0 to 255, or "none": frames are as long as what is in them'
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
+        """See Kind."""
+        if value == "none":
+            return -1
+        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255:
+            return value
+        issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return 0
+
+
+class _Switch:
+    """Yes or no."""
+
+    allowed = "true or false"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
+        """See Kind."""
+        if not isinstance(value, bool):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return value is True
+
+
+KEYS = (
+    Key("request", _Identifier(), "what the tester sends"),
+    Key("response", _Identifier(), "what the ECU answers"),
+    Key("padding", _Padding(), "of the tester's frames up to eight bytes", 0xCC, "0xCC"),
+    Key("cycle_ms", Number(1.0, LONGEST_MS, "ms"), "from one reading of the trouble codes to the next", 100.0),
+    Key("timeout_ms", Number(1.0, LONGEST_MS, "ms"), "how long the tester waits for an answer; after \"response "
+        "pending\" 5 s", 1000.0),
+    Key("status_mask", Whole(1, 255), "a code is reported where its status has one of these bits: 1 testFailed, "
+        "4 pendingDTC, 8 confirmedDTC, …", STATUS_MASK, "0x09"),
+    Key("clear", _Switch(), "the tester clears all codes at time 0, before it reads any", True, "true"),
+)  # fmt: skip
+
+
+def diagnostics_of(
+    issues: ConfigIssues, raw: Table, messages: Mapping[str, Message], mapped: Mapping[int, str]
+) -> Diagnostics | None:
+    """The table of a rig; None: it has none. `mapped` are the messages with quantities, by their identifiers:
+    diagnostics need others. Faults are noted.
+    """
+    if "diagnostics" not in raw:
+        return None
+    given = read_table(
+        issues, "diagnostics", table(issues, "diagnostics", raw["diagnostics"]), KEYS
+    )
+    found = {}
+    for name in ("request", "response"):
+        key, value = f"diagnostics.{name}", given[name]
+        found[name] = _identifier(issues, key, value, messages)
+        if found[name] in mapped:
+            issues.add(
+                key,
+                f"{show(value)}: {mapped[found[name]]} carries quantities; allowed: an identifier of its own",
+            )
+    if found["request"] == found["response"] >= 0:
+        issues.add(
+            "diagnostics.response", f"{show(given['response'])}; allowed: another one than request"
+        )
+    names = [
+        each if isinstance(each, str) else "" for each in (given["request"], given["response"])
+    ]
+    return Diagnostics(
+        request=found["request"],
+        response=found["response"],
+        padding=given["padding"],
+        period=1e-3 * given["cycle_ms"],
+        patience=1e-3 * given["timeout_ms"],
+        status_mask=given["status_mask"],
+        clears=given["clear"],
+        names=(names[0], names[1]),
+    )
+
+
+def _identifier(
+    issues: ConfigIssues, key: str, value: str | int | None, messages: Mapping[str, Message]
+) -> int:
+    """With SocketCAN's flag where it is extended; -1: that is not known."""
+    if isinstance(value, int):
+        return value | (EXTENDED if value > _LAST_BASE else 0)
+    if value is None:
+        return -1
+    if value not in messages:
+        issues.add(key, f"{show(value)}: no such message; allowed: {_Identifier.allowed}")
+        return -1
+    return identifier_of(messages[value])

@@ -1,0 +1,107 @@
+"""The sections [requests] and [reset] of a rig file: how an ECU on a bus is asked, and how it is started anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from liftgate_hil.codec.watch import signal_unit
+from liftgate_hil.conditions import parsed
+from liftgate_hil.config.restbus import Press, value_in
+from liftgate_hil.config.schema import Key, Label, Number, Text, Texts, read_table
+from liftgate_hil.config.toml import Table, known_keys, table
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.requests import BUTTONS
+from liftgate_hil.stimuli.restbus import BusTables, start_value
+
+_SIGNAL = "MESSAGE.SIGNAL of a message that the bench sends"
+BUTTON = (
+    Key("signal", Text(_SIGNAL), "the signal that stands for the button"),
+    Key("value", Label(), "while it is pressed"),
+    Key("rest", Label(), "while it is not", None, "the signal's start value"),
+    Key("hold_s", Number(0.001, 60.0, "s"), "how long it is pressed", 0.2),
+)
+RESET = (
+    Key("signal", Text(_SIGNAL), "what switches the ECU off, e.g. the relay of its supply", None, "none"),
+    Key("value", Label(), "while it is off", None, "required with a signal"),
+    Key("rest", Label(), "while it is on", None, "the signal's start value"),
+    Key("hold_s", Number(0.001, 60.0, "s"), "how long it is off", 1.0),
+    Key("command", Texts("a program and its arguments"), "run instead of or after the signal; 0 is what it has to "
+        "end with", (), "none"),
+    Key("ready", Text("a condition"), "waited for after that, as conditions of a scenario are written", None,
+        "none"),
+    Key("timeout_s", Number(0.1, 3600.0, "s"), "how long at most, the command and the condition each", 30.0),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reset:
+    """How the ECU is started anew."""
+
+    press: Press | None = None
+    command: tuple[str, ...] = ()
+    ready: str = ""
+    timeout: float = 30.0  # s
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What a rig says of both; without a reset the ECU is left as it is."""
+
+    buttons: Mapping[str, Press]
+    reset: Reset | None = None
+
+
+NO_DRIVER = Driver({})
+
+
+def driver_of(raw: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> Driver:
+    """The sections; what is wrong with them is noted."""
+    given = table(issues, "requests", raw.get("requests", {}))
+    known_keys(issues, "requests", given, BUTTONS)
+    buttons = {}
+    for action in BUTTONS:
+        if action in given:
+            key = f"requests.{action}"
+            values = read_table(issues, key, table(issues, key, given[action]), BUTTON)
+            press = _press(key, values, tables, taken, issues)
+            if press is not None:
+                buttons[action] = press
+    if "reset" not in raw:
+        return Driver(buttons)
+    values = read_table(issues, "reset", table(issues, "reset", raw["reset"]), RESET)
+    press = None
+    if values["signal"]:
+        press = _press("reset", values, tables, taken, issues)
+    elif not values["command"]:
+        issues.add("reset", "neither signal nor command; allowed: one of them, or both")
+    if values["ready"]:
+        try:
+            parsed(values["ready"], {}, lambda name: signal_unit(tables.messages, name))
+        except ValueError as error:
+            issues.add("reset.ready", str(error))
+    reset = Reset(press, values["command"], values["ready"] or "", values["timeout_s"])
+    return Driver(buttons, reset)
+
+
+def _press(
+    key: str,
+    values: Mapping[str, Any],
+    tables: BusTables,
+    taken: Sequence[str],
+    issues: ConfigIssues,
+) -> Press | None:
+    if not values["signal"]:
+        return None
+    signal, before = values["signal"], issues.count
+    value = value_in(f"{key}.", signal, values["value"], tables, taken, issues)
+    if value is None:
+        return None
+    rest = start_value(tables.messages, signal)
+    if values["rest"] is not None:
+        found = value_in(f"{key}.", signal, values["rest"], tables, taken, issues)
+        rest = value if found is None else found
+    if rest == value and issues.count == before:
+        issues.add(f"{key}.rest", f"{rest:g}, as `value`; allowed: another one")
+    return Press(signal, value, rest, values["hold_s"])

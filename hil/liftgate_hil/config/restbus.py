@@ -1,0 +1,145 @@
+"""Signals of the restbus as files and programs say them: `Message.Signal`, and a value or its label."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.bus_config import (
+    LONGEST_MS,
+    cycle_of,
+    physical_range,
+)
+from liftgate_hil.codec.frames import MAX_BYTES
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.toml import show
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.moments import Instant, moved
+from liftgate_hil.stimuli.restbus import BusTables, SignalChange
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+    from cantools.database.can import Signal as DatabaseSignal
+
+_MOST_NAMES = 20  # that are told
+
+
+@dataclass(frozen=True)
+class SignalValue:
+    """That a signal has a value, in the database's unit or by its label, from an instant on."""
+
+    when: Instant
+    signal: str
+    value: float | str
+    source: str = ""  # the file
+    key: str = ""  # in it: signal[0]
+
+
+@dataclass(frozen=True)
+class Press:
+    """A button that is a signal: it has `value` for `hold` [s], and `rest` else [the database's unit]."""
+
+    signal: str
+    value: float
+    rest: float
+    hold: float
+
+
+def changes_in(
+    values: Sequence[SignalValue], tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+) -> list[SignalChange]:
+    """The changes of a restbus; `taken` are the messages that gate or ECU send."""
+    found = []
+    for each in values:
+        own = ConfigIssues(each.source)
+        number = value_in(f"{each.key}.", each.signal, each.value, tables, taken, own)
+        issues.take(own.lines)
+        if number is not None:
+            found.append(SignalChange(each.when, each.signal, number))
+    return found
+
+
+def pressed(press: Press, when: Instant) -> list[SignalChange]:
+    """A button's press at an instant."""
+    if when.condition:
+        end = moved(when, when.delay + press.hold)
+    else:
+        end = Instant(when.time + press.hold)
+    return [
+        SignalChange(when, press.signal, press.value),
+        SignalChange(end, press.signal, press.rest, pressed=press.value),
+    ]
+
+
+def value_in(
+    key: str,
+    name: str,
+    value: object,
+    tables: BusTables,
+    taken: Sequence[str],
+    issues: ConfigIssues,
+) -> float | None:
+    """A signal's value in the database's unit; what is wrong with either is noted under `key` signal, value."""
+    signal = _signal_in(f"{key}signal", name, tables, taken, issues)
+    if signal is None:
+        return None
+    labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
+    low, high = physical_range(signal)
+    if isinstance(value, str) and value in labels:
+        return float(signal.scale) * labels[value] + float(signal.offset)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not low <= float(str(value)) <= high:
+        words = f", or one of {', '.join(list(labels)[:_MOST_NAMES])}" if labels else ""
+        unit = f" {signal.unit}" if signal.unit else ""
+        issues.add(f"{key}value", f"{show(value)}; allowed: {low:g} to {high:g}{unit}{words}")
+        return None
+    return float(str(value))
+
+
+def _signal_in(
+    key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+) -> DatabaseSignal | None:
+    """The database's signal of a name, where the bench may send it."""
+    message_name, _, signal_name = name.partition(".")
+    message = tables.messages.get(message_name)
+    if message is None:
+        free = [each for each in tables.messages if each not in taken]
+        issues.add(key, f"{show(name)}: no such message; allowed: a signal of {_told(free)}")
+        return None
+    options = tables.options.get(message_name, MessageOptions())
+    protection = {options.counter, options.checksum, options.e2e and options.e2e.nibble}
+    multiplexers = {each.name for each in message.signals if each.is_multiplexer}
+    names = [each.name for each in message.signals if each.name not in protection | multiplexers]
+    if signal_name not in names:
+        is_made = signal_name in protection | multiplexers
+        said = "its protection or multiplexer makes it" if is_made else "no such signal"
+        issues.add(key, f"{show(name)}: {said}; allowed: {message_name}.{{{_told(names)}}}")
+        return None
+    wrong = _why_not(message, message_name in taken, options, signal_name)
+    if wrong:
+        issues.add(key, f"{show(name)}: {wrong}")
+        return None
+    return message.get_signal_by_name(signal_name)
+
+
+def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: str) -> str:
+    """Why a message cannot be the restbus's; "": it can."""
+    if is_taken:
+        return "the rig has the gate or the ECU send it; allowed: a message of another control unit"
+    if message.length > MAX_BYTES:
+        return f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
+    found = message.get_signal_by_name(signal)
+    if (found.is_float and found.length not in (32, 64)) or float(found.scale) == 0.0:
+        return "cannot carry a number; allowed: a factor other than 0, floats of 32 or 64 bits"
+    if not 0.0 < cycle_of(message, options) <= LONGEST_MS:
+        return (
+            f"has no cycle of up to {LONGEST_MS:g} ms; allowed: with GenMsgCycleTime in the database, or "
+            f"messages.{message.name}.cycle_ms in the rig"
+        )
+    return ""
+
+
+def _told(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"

@@ -1,0 +1,75 @@
+"""What an ECU's answers say of trouble codes, from the frames of a run: while it goes on, and from its recording.
+
+A listener that sends nothing: it puts together what comes with the response's identifier, whoever asked.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.diagnostics import isotp
+from liftgate_hil.diagnostics.services import answer_of
+from liftgate_hil.diagnostics.tester import Diagnostics
+from liftgate_hil.diagnostics.trouble_code import number_of
+
+NO_ANSWER = -1  # of a frame that ends none
+MOST_CODES = 62  # bits of a mark
+
+
+class Answers:
+    """Takes frames as they come. `codes` are the texts of those that are watched."""
+
+    def __init__(self, diagnostics: Diagnostics, codes: Sequence[str]) -> None:
+        self._own = diagnostics
+        self._codes = [number_of(each) for each in codes]
+        self._link = isotp.new_link(diagnostics.request, diagnostics.response)
+        self.refused = ""  # the last request that was, and why
+        self._times: list[float] = []  # s, of the readings
+
+    def marks(self, frames: Any) -> NDArray[np.int64]:
+        """For each of frames (n,) LOGGED (n,): NO_ANSWER, or the trouble codes that a reading reports which is
+        whole with it, a bit each in their order.
+        """
+        found = np.full(len(frames), NO_ANSWER, dtype=np.int64)
+        seen = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
+        for place in np.flatnonzero(seen.identifiers == self._own.response).tolist():
+            length = isotp.hear(self._link, seen, place, int(frames["time_ns"][place]))
+            answer = answer_of(isotp.message_in(self._link, length)) if length else None
+            if answer is None:
+                continue
+            if answer.codes is None:
+                self.refused = answer.refused
+            else:
+                self._times.append(1e-9 * float(frames["time_ns"][place]))
+                found[place] = self._mark(
+                    [
+                        code
+                        for code, status in answer.codes.items()
+                        if status & self._own.status_mask
+                    ]
+                )
+        return found
+
+    def last_before(self, time: float) -> float:
+        """When the last reading up to a time [s] was whole [s]; NaN: there was none."""
+        place = bisect.bisect_right(self._times, time)
+        return self._times[place - 1] if place else math.nan
+
+    @property
+    def longest_wait(self) -> float:
+        """How long after a reading the next one is whole at the latest [s], of an ECU that answers in time."""
+        return self._own.period + self._own.patience
+
+    def _mark(self, reported: Sequence[int]) -> int:
+        return sum(
+            1 << bit
+            for bit, (number, mask) in enumerate(self._codes)
+            if any(code & mask == number for code in reported)
+        )

@@ -1,0 +1,70 @@
+"""UDS (ISO 14229-1) as bytes: the tester's requests and what answers say, encoded and decoded by udsoncan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+MISSING = "trouble codes need udsoncan; allowed after: pip install 'liftgate-hil[uds]'"
+
+READ, CLEAR = 0x19, 0x14
+_ALL = 0xFFFFFF  # group of all trouble codes
+
+
+class Answer(NamedTuple):
+    """What an ECU said: the trouble codes with their status, or why it refused a request."""
+
+    codes: Mapping[int, int] | None  # number: status; None: no reading
+    refused: str = ""  # which request and why; "": it was not
+
+
+def is_there() -> bool:
+    """Whether udsoncan is installed."""
+    try:
+        import udsoncan  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def read_request(status_mask: int) -> bytes:
+    """ReadDTCInformation, reportDTCByStatusMask."""
+    from udsoncan.services.ReadDTCInformation import ReadDTCInformation
+
+    kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
+    return bytes(
+        ReadDTCInformation.make_request(subfunction=kind, status_mask=status_mask).get_payload()
+    )
+
+
+def clear_request() -> bytes:
+    """ClearDiagnosticInformation, of all groups."""
+    from udsoncan.services.ClearDiagnosticInformation import ClearDiagnosticInformation
+
+    return bytes(ClearDiagnosticInformation.make_request(_ALL).get_payload())
+
+
+def answer_of(message: bytes) -> Answer | None:
+    """What a message says of trouble codes; None: nothing, as it is of another service, or malformed."""
+    from udsoncan.exceptions import InvalidResponseException
+    from udsoncan.Response import Response
+    from udsoncan.services.ReadDTCInformation import ReadDTCInformation
+
+    try:
+        response = Response.from_payload(message)
+        service = response.service
+        if not response.valid or service is None or service.request_id() not in (READ, CLEAR):
+            return None
+        if not response.positive:
+            if response.code == Response.Code.RequestCorrectlyReceived_ResponsePending:
+                return None
+            return Answer(
+                None, f"{service.get_name()}: {response.code_name} (0x{response.code:02X})"
+            )
+        kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
+        if service.request_id() != READ or not response.data or response.data[0] != kind:
+            return None
+        found = ReadDTCInformation.interpret_response(response, subfunction=kind).service_data
+        return Answer({each.id: each.status.get_byte_as_int() for each in found.dtcs})
+    except (InvalidResponseException, ValueError):  # an ECU may say anything
+        return None

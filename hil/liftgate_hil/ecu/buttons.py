@@ -1,0 +1,87 @@
+"""The driver's buttons as the bus tells them: the other side of a rig's [requests]."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
+from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.codec.receive import NO_COUNTS, Reception, find_message, nothing_received, receive
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.ecu.memory import NO_REQUEST
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.requests import ACTIONS, BUTTONS
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.signals import Signal
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+
+_ANY = Signal("", -np.inf, np.inf, "")
+
+
+class Buttons(NamedTuple):
+    """Where they are on the bus."""
+
+    bus: BusConfig
+    place: NDArray[np.int64]  # (buttons,) of the signal that stands for it
+    value: NDArray[np.float64]  # while it is pressed
+    action: NDArray[np.int64]  # of stimuli.requests.ACTIONS
+
+
+class ButtonState(NamedTuple):
+    """What was heard of them; written in place."""
+
+    reception: Reception
+    is_pressed: NDArray[np.int64]  # (buttons,)
+
+
+def buttons_of(rig: Rig) -> Buttons:
+    """Those of a rig."""
+    own = {action: rig.driver.buttons[action] for action in BUTTONS if action in rig.driver.buttons}
+    names = list(dict.fromkeys(each.signal for each in own.values()))
+    mappings = list(map(mapping_named, names))
+    quantities = dict.fromkeys(names, _ANY)
+    issues = ConfigIssues(rig.source)
+    bus = build_bus_config(rig.messages, mappings, rig.options, quantities, issues, False)
+    issues.raise_if_any()
+    return Buttons(
+        bus,
+        np.array([names.index(each.signal) for each in own.values()], dtype=np.int64),
+        np.array([each.value for each in own.values()]),
+        np.array([ACTIONS.index(action) for action in own], dtype=np.int64),
+    )
+
+
+def nothing_pressed(buttons: Buttons) -> ButtonState:
+    """Before the first frame."""
+    return ButtonState(
+        nothing_received(buttons.bus, len(buttons.bus.signals)),
+        np.zeros(len(buttons.action), dtype=np.int64),
+    )
+
+
+@compilable
+def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
+    """What is asked for by a button that frames tell to be pressed, and were not before; NO_REQUEST: nothing."""
+    if len(buttons.bus.messages) > 0:
+        for row in range(frames.count):
+            if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD) >= 0:
+                return hear(buttons, state, frames, now_ns)
+    return NO_REQUEST
+
+
+@outlined
+def hear(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
+    """See `pressed_in`."""
+    receive(buttons.bus, state.reception, NO_COUNTS, frames, now_ns)
+    asked = NO_REQUEST
+    for button in range(len(buttons.action)):
+        is_pressed = state.reception.values[buttons.place[button]] == buttons.value[button]
+        if is_pressed and state.is_pressed[button] == 0:
+            asked = buttons.action[button]
+        state.is_pressed[button] = int(is_pressed)
+    return asked

@@ -1,0 +1,220 @@
+"""The reference ECU's diagnostics: UDS (ISO 14229-1) over ISO-TP, as far as a test of its trouble codes needs it.
+
+    10 sessions (default, extended)    11 hard reset    14 clear    19 read by status mask (01, 02)
+    3E tester present
+
+All other services and sub-functions are refused as the standard says. A request that comes while an answer is on
+its way is lost.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.diagnostics import isotp
+from liftgate_hil.diagnostics.isotp import Link, new_link
+from liftgate_hil.diagnostics.tester import Diagnostics
+from liftgate_hil.diagnostics.trouble_code import number_of
+from liftgate_hil.ecu.status import AVAILABLE, clear
+from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES
+from liftgate_plant.compiler import compilable, outlined
+
+_SESSION, _RESET, _CLEAR, _READ, _PRESENT = 0x10, 0x11, 0x14, 0x19, 0x3E
+_POSITIVE, _NEGATIVE, _SUPPRESSED = 0x40, 0x7F, 0x80
+_NO_SERVICE, _NO_SUB_FUNCTION, _BAD_LENGTH, _OUT_OF_RANGE = 0x11, 0x12, 0x13, 0x31
+_DEFAULT, _EXTENDED = 1, 3
+_HARD, _COUNT, _LIST = 1, 1, 2
+_ALL = 0xFFFFFF
+_FORMAT = 0x00  # of the codes: SAE J2012, with its failure type
+_S3_NS = 5_000_000_000  # without a request, after which an extended session is over
+_P2_MS, _P2_EXTENDED_10MS = 50, 500  # what it says that it needs
+
+SERVER = np.dtype(
+    [
+        ("session", "i8"),
+        ("session_by_ns", "i8"),
+        ("is_resetting", "i8"),  # 1: it is to start anew
+    ]
+)
+
+
+class Server(NamedTuple):
+    """What does not change."""
+
+    is_on: int  # 0: the rig says nothing of diagnostics
+    numbers: NDArray[np.int64]  # (n,) trouble codes
+    events: NDArray[np.int64]  # (n,) whose they are
+    request: int  # identifiers
+    response: int
+    padding: int
+
+
+class ServerState(NamedTuple):
+    """Written in place."""
+
+    head: Any  # (1,) SERVER
+    link: Link
+
+
+def server_of(diagnostics: Diagnostics | None) -> Server:
+    """The server of a rig."""
+    own = diagnostics or Diagnostics(0, 0)
+    return Server(
+        int(diagnostics is not None),
+        np.array([number_of(each.code)[0] for each in TROUBLE_CODES.values()], dtype=np.int64),
+        np.array(list(TROUBLE_CODES), dtype=np.int64),
+        own.request,
+        own.response,
+        own.padding,
+    )
+
+
+def new_server(server: Server) -> ServerState:
+    """Of an ECU just switched on."""
+    head = np.zeros(1, dtype=SERVER).view(np.recarray)
+    head.session = _DEFAULT
+    return ServerState(head, new_link(server.response, server.request, server.padding))
+
+
+@compilable
+def has_work(state: ServerState, frames: Frames) -> bool:
+    """Whether an answer is on its way, or a request may be among frames."""
+    head = state.link.head[0]
+    found = head.sending != isotp.IDLE
+    for i in range(frames.count):
+        found = found or frames.identifiers[i] == head.receive_id
+    return bool(found)
+
+
+@outlined
+def serve(
+    server: Server,
+    state: ServerState,
+    statuses: NDArray[np.int64],
+    frames: Frames,
+    room: Frames,
+    count: int,
+    now_ns: int,
+) -> int:
+    """Take the frames that have come by a time [ns], and put what is to be answered into `room`, behind so many
+    frames: how many there are then.
+    """
+    link = state.link
+    for i in range(frames.count):
+        length = isotp.hear(link, frames, i, now_ns)
+        if length > 0 and not isotp.is_sending(link):
+            size = answered(server, state, statuses, length, now_ns)
+            if size > 0:
+                isotp.begin(link, size)
+    return isotp.speak(link, room, count, now_ns)
+
+
+@compilable
+def answered(
+    server: Server,
+    state: ServerState,
+    statuses: NDArray[np.int64],
+    length: int,
+    now_ns: int,
+) -> int:
+    """Do what a request of so many bytes in the link says. The length of the answer in the link; 0: none."""
+    head, link = state.head[0], state.link.head[0]
+    if head.session != _DEFAULT and now_ns > head.session_by_ns:
+        head.session = _DEFAULT
+    head.session_by_ns = now_ns + _S3_NS
+    service = int(link.into[0])
+    if service == _CLEAR:
+        size = clear_codes(server, state, statuses, length)
+    elif service == _READ:
+        size = read_codes(server, state, statuses, length)
+    else:
+        size = done(state, service, length)
+    if size < 0:
+        link.out[0], link.out[1], link.out[2] = _NEGATIVE, service, -size
+        return 3
+    is_silent = service != _CLEAR and int(link.into[1]) & _SUPPRESSED != 0
+    return 0 if is_silent else size
+
+
+# What follows gives the length of a positive response in the link, or why there is none, negative.
+
+
+@compilable
+def done(state: ServerState, service: int, length: int) -> int:
+    """Change the session, start anew, or be there."""
+    head, link = state.head[0], state.link.head[0]
+    out = link.out
+    if service not in (_SESSION, _RESET, _PRESENT):
+        return -_NO_SERVICE
+    if length < 2:
+        return -_BAD_LENGTH
+    asked = int(link.into[1]) & ~_SUPPRESSED
+    is_known = asked == (_HARD if service == _RESET else 0)
+    if service == _SESSION:
+        is_known = asked in (_DEFAULT, _EXTENDED)
+    if not is_known:
+        return -_NO_SUB_FUNCTION
+    if length != 2:
+        return -_BAD_LENGTH
+    out[0], out[1] = service + _POSITIVE, asked
+    if service == _SESSION:
+        head.session = asked
+        out[2], out[3] = _P2_MS >> 8, _P2_MS & 0xFF
+        out[4], out[5] = _P2_EXTENDED_10MS >> 8, _P2_EXTENDED_10MS & 0xFF
+        return 6
+    if service == _RESET:
+        head.is_resetting = 1
+    return 2
+
+
+@compilable
+def clear_codes(
+    server: Server, state: ServerState, statuses: NDArray[np.int64], length: int
+) -> int:
+    """Clear all codes, or one."""
+    if length != 4:
+        return -_BAD_LENGTH
+    request = state.link.head[0].into
+    group = int(request[1]) << 16 | int(request[2]) << 8 | int(request[3])
+    is_found = group == _ALL
+    for i in range(len(server.numbers)):
+        if group in (_ALL, server.numbers[i]):
+            clear(statuses, server.events[i])
+            is_found = True
+    if not is_found:
+        return -_OUT_OF_RANGE
+    state.link.head[0].out[0] = _CLEAR + _POSITIVE
+    return 1
+
+
+@compilable
+def read_codes(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
+    """How many codes have one of the bits that are asked for, or which."""
+    out, request = state.link.head[0].out, state.link.head[0].into
+    if length < 2:
+        return -_BAD_LENGTH
+    asked = int(request[1]) & ~_SUPPRESSED
+    if asked not in (_COUNT, _LIST):
+        return -_NO_SUB_FUNCTION
+    if length != 3:
+        return -_BAD_LENGTH
+    out[0], out[1], out[2] = _READ + _POSITIVE, asked, AVAILABLE
+    size, count = 3, 0
+    for i in range(len(server.numbers)):
+        status = int(statuses[server.events[i]]) & AVAILABLE
+        if status & int(request[2]) == 0:
+            continue
+        count += 1
+        if asked == _LIST:
+            number = int(server.numbers[i])
+            out[size], out[size + 1] = number >> 16, number >> 8 & 0xFF
+            out[size + 2], out[size + 3] = number & 0xFF, status
+            size += 4
+    if asked == _LIST:
+        return size
+    out[3], out[4], out[5] = _FORMAT, count >> 8, count & 0xFF
+    return 6

@@ -1,0 +1,66 @@
+"""What a recording says of the ECU that it was made with."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.sources import sources_of
+from liftgate_hil.ecu.calibration import CALIBRATED, coded
+from liftgate_hil.ecu.find import ON_A_BUS, is_library
+from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU, calibration_of
+from liftgate_hil.version import version
+from liftgate_plant.coding import Coding
+
+
+def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]:
+    """`kind` (reference, library, python, bus, none), and what it takes to have the same one again: the reference
+    ECU's version and calibration, which is `coded` for the vehicle; a library's path and SHA-256; a class's name
+    with the path and SHA-256 of its file, where that is known.
+    """
+    if mutant == NO_ECU:
+        return {"kind": "none"}
+    if not isinstance(ecu, str | Path):
+        kind = ecu if isinstance(ecu, type) else type(ecu)
+        return _of_class(kind.__module__, kind.__qualname__)
+    name = str(ecu)
+    if name == ON_A_BUS:
+        return {"kind": ON_A_BUS}
+    if is_library(ecu):
+        return {"kind": "library", "path": name, "sha256": _digest(Path(name))}
+    module, colon, attribute = name.partition(":")
+    if colon:
+        return _of_class(module, attribute)
+    calibration = calibration_of(MUTANTS[mutant], coding) if mutant else coded(CALIBRATED, coding)
+    told: dict[str, Any] = {"kind": name, "version": version()}
+    if mutant:
+        told["mutant"] = mutant
+    return {**told, "calibration": calibration}
+
+
+def _of_class(module: str, name: str) -> dict[str, Any]:
+    told: dict[str, Any] = {"kind": "python", "class": f"{module}:{name}"}
+    path = _file_of(module)
+    return told if path is None else {**told, "path": str(path), "sha256": _digest(path)}
+
+
+def _file_of(module: str) -> Path | None:
+    """Of a module, without running anything of it."""
+    found = getattr(sys.modules.get(module), "__file__", None)
+    if (
+        found is None and "." not in module and module not in sys.modules
+    ):  # else its package would run
+        try:
+            spec = importlib.util.find_spec(module)
+        except (ImportError, ValueError):
+            return None
+        found = spec.origin if spec is not None and spec.has_location else None
+    return None if found is None else Path(found)
+
+
+def _digest(path: Path) -> str:
+    source = sources_of({"ecu": path}).get("ecu")
+    return source.sha256 if source else ""

@@ -1,0 +1,66 @@
+"""The status bytes of the reference ECU's trouble codes (ISO 14229-1, annex D.2), one an event.
+
+A test fails with its event, and passes with the next motion that comes to its end without it. One failure
+confirms: what this ECU watches is about safety. An operation cycle lasts from one start of the ECU to the next;
+the bytes outlast it, as in a memory that keeps them without supply.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_plant.compiler import compilable
+
+FAILED, FAILED_THIS_CYCLE, PENDING, CONFIRMED = 0x01, 0x02, 0x04, 0x08
+NOT_DONE_SINCE_CLEAR, FAILED_SINCE_CLEAR, NOT_DONE_THIS_CYCLE = 0x10, 0x20, 0x40
+AVAILABLE = 0x7F  # there is no warning lamp
+CLEARED = NOT_DONE_SINCE_CLEAR | NOT_DONE_THIS_CYCLE
+_IN_THIS_MOTION = 0x100  # beside the byte: failed since the motion began
+
+
+def new_statuses(count: int) -> NDArray[np.int64]:
+    """Of so many events, none of which has happened."""
+    return np.full(count, CLEARED, dtype=np.int64)
+
+
+@compilable
+def fail(statuses: NDArray[np.int64], event: int) -> None:
+    """A test has failed."""
+    failed = FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR | _IN_THIS_MOTION
+    statuses[event] = (statuses[event] | failed) & ~CLEARED
+
+
+@compilable
+def has_failed(statuses: NDArray[np.int64], event: int) -> bool:
+    """Whether a test has failed since the motion began."""
+    return bool(statuses[event] & _IN_THIS_MOTION != 0)
+
+
+@compilable
+def begin_tests(statuses: NDArray[np.int64]) -> None:
+    """A motion begins."""
+    for event in range(len(statuses)):
+        statuses[event] = statuses[event] & ~_IN_THIS_MOTION
+
+
+@compilable
+def end_tests(statuses: NDArray[np.int64]) -> None:
+    """A motion has come to its end: what has not failed in it is passed."""
+    for event in range(len(statuses)):
+        if not has_failed(statuses, event):
+            statuses[event] = statuses[event] & ~(FAILED | CLEARED)
+
+
+@compilable
+def clear(statuses: NDArray[np.int64], event: int) -> None:
+    """Forget a code."""
+    statuses[event] = CLEARED
+
+
+def begin_cycle(statuses: NDArray[np.int64]) -> None:
+    """The ECU is switched on again. What was tested in the last cycle without failing is no longer pending."""
+    passed = statuses & (FAILED_THIS_CYCLE | NOT_DONE_THIS_CYCLE) == 0
+    statuses[passed] &= ~PENDING
+    statuses &= ~(FAILED_THIS_CYCLE | _IN_THIS_MOTION)
+    statuses |= NOT_DONE_THIS_CYCLE

@@ -1,0 +1,361 @@
+"""Plays a recording's frames onto a bus: the loop in a thread of its own, and what fills its ring and looks after
+the wire in this one.
+"""
+
+from __future__ import annotations
+
+import bisect
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.errors import ConfigError, LiftgateError
+from liftgate_hil.listener import Listener
+from liftgate_hil.loop.datagrams import POSSIBLE
+from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distribution, note
+from liftgate_hil.loop.priority import Realtime, wake_sharply
+from liftgate_hil.loop.realtime_loop import clock_ns, make_room
+from liftgate_hil.loop.replay_loop import (
+    TRIAL_NS,
+    Schedule,
+    empty_schedule,
+    params_for,
+    play,
+    put,
+)
+from liftgate_hil.loop.rings import LATENESS, Memory
+from liftgate_hil.loop.statistics import told
+from liftgate_hil.measurement.recorded import Recorded, open_recorded
+from liftgate_hil.replay.selection import Course, Selection, has_sent, playable
+from liftgate_hil.transport.base import Line, LinkCounts, Transport
+from liftgate_hil.transport.find import Way, open_line
+from liftgate_plant.compiler import compiled
+
+SPEEDS = (0.001, 1000.0)
+MOST_TIMES = 10**9
+_WATCH_S = 0.05  # between two looks at the wire
+_SWITCH_S = 0.0005  # that this thread keeps the interpreter lock while a pump's waits for it
+_MONOTONIC = 1  # clock
+
+Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due, and the frames
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What is to be played, and how."""
+
+    recording: Path
+    selection: Selection = field(default_factory=Selection)
+    speed: float = 1.0
+    times: int | None = 1  # None: until it is stopped
+    realtime: bool = False
+    cpu: int | None = None
+
+    def check(self) -> None:
+        """Raises ConfigError."""
+        self.selection.check()
+        low, high = SPEEDS
+        if not low <= self.speed <= high:
+            raise ConfigError(f"`speed` {self.speed:g}: allowed: {low:g} to {high:g}")
+        if self.times is not None and not 1 <= self.times <= MOST_TIMES:
+            raise ConfigError(f"`times` {self.times}: allowed: 1 to {MOST_TIMES}")
+        if self.cpu is not None and not self.realtime:
+            raise ConfigError(f"`cpu` {self.cpu}: allowed: together with `realtime`")
+
+
+@dataclass
+class Played:
+    """What became of it."""
+
+    direction: str = ""
+    is_complete: bool = False  # else it was stopped
+    rounds: int = 0  # that were begun, or played to their end
+    played_s: float = 0.0  # from when the first frame was due to the last one that was sent
+    frames_due: int = 0  # whose time has come
+    frames_sent: int = 0
+    frames_not_sent: int = 0
+    error_frames_left_out: int = 0
+    clock_set_back: int = 0  # times that a stamp was far behind the one before
+    ring_empty: int = (
+        0  # times that a frame was late because the recording could not be read as fast
+    )
+    lateness: Distribution = NOTHING  # from when a frame was due until the wire had it
+    link: LinkCounts = field(default_factory=LinkCounts)
+    link_error: str = ""  # the system's words for the last one
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        figures = asdict(self)
+        del figures["lateness"]
+        late = {f"lateness_{name}": each for name, each in self.lateness.as_dict().items()}
+        return {**figures, **late, "link": self.link._asdict()}
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""
+        which = "" if self.direction == "both" else f" of those {self.direction} in the recording"
+        lines = [
+            f"frames sent {self.frames_sent}{which}, in {self.played_s:.3f} s{rounds}",
+            f"lateness {told(self.lateness)}",
+        ]
+        if self.frames_not_sent:
+            why = f": {self.link_error}" if self.link_error else ""
+            lines.append(f"not sent: {self.frames_not_sent} frames{why}")
+        if self.error_frames_left_out:
+            lines.append(f"left out: {self.error_frames_left_out} error frames")
+        if self.clock_set_back:
+            lines.append(f"the logger's clock was set back {self.clock_set_back} times")
+        if self.ring_empty:
+            lines.append(f"read too slowly {self.ring_empty} times")
+        faults = {name: count for name, count in self.link._asdict().items() if count}
+        if faults:
+            counts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in faults.items())
+            lines.append(f"link: {counts}")
+        return lines
+
+
+class NotedTransport:
+    """A transport behind a pump that notes how late each frame is when its driver has it: only there it is known
+    how long a thread has waited for the interpreter lock.
+    """
+
+    def __init__(self, transport: Transport, schedule: Schedule) -> None:
+        self._transport, self._schedule = transport, schedule
+        self.name = transport.name
+        self._count = 0
+        self.histogram = np.zeros(BINS, dtype=np.int64)
+        self.receive, self.close, self.counts = transport.receive, transport.close, transport.counts
+        self._room = make_room()
+
+    @property
+    def is_up(self) -> bool:
+        """See Transport."""
+        return self._transport.is_up
+
+    def send(self, frames: Frames) -> None:
+        """See Transport; the frames come in the order in which the loop has handed them over."""
+        failed = self._transport.counts().send_failures
+        self._transport.send(frames)
+        now = clock_ns(_MONOTONIC, self._room)
+        schedule, start = self._schedule, int(self._schedule.position[0].start_ns)
+        for _ in range(frames.count):
+            due = int(schedule.handed[self._count % len(schedule.handed)])
+            self._count += 1
+            if self._transport.counts().send_failures == failed:
+                note(self.histogram, now - start - due)
+
+
+class Player:
+    """A replay about to begin; `run` opens the wire, plays to the end, and closes it."""
+
+    def __init__(
+        self,
+        replay: Replay,
+        way: Way,
+        listener: Listener,
+        stopped: Callable[[], bool],
+        progress: Callable[[str], None],
+    ) -> None:
+        replay.check()
+        if not POSSIBLE:
+            raise LiftgateError("a replay needs 64-bit Linux")
+        self._listener, self._stopped, self._progress = listener, stopped, progress
+        self._way = way
+        self.played = Played()
+        self._source = open_recorded(replay.recording)
+        if self._source.channel is None:
+            raise ConfigError(f"{self._source.path}: holds rows alone; allowed: one with frames")
+        self._replay = _directed(replay, self._source)
+        self._course = Course(
+            self._replay.speed, self._replay.selection.begin, self._replay.selection.end
+        )
+        self.played.direction = self._replay.selection.direction
+        self._schedule = empty_schedule()
+        self._blocks = self._all_blocks()
+        self._waiting: Block | None = None
+        self._begins: list[int] = []  # number of the first frame of each round that is read
+        self._count = 0  # frames read
+        self._failure: BaseException | None = None
+
+    def run(self) -> None:
+        """Raises ConfigError, TransportError; `played` tells how far it came, whatever happens."""
+        self._code = machine_code()
+        # What is wrong with the recording's beginning is told before anything is played.
+        while self._fill() and len(self._begins) == 1 and not self._stopped():
+            pass
+        if self._stopped():
+            return
+        if not self._schedule.position[0].written:
+            raise ConfigError(f"{self._source.path}: {self._nothing()}")
+        memory, noted = Memory(1, 1), list[NotedTransport]()
+
+        def seen_by(transport: Transport) -> Transport:
+            noted.append(NotedTransport(transport, self._schedule))
+            return noted[0]
+
+        switch = sys.getswitchinterval()
+        line = None
+        try:
+            line = open_line(self._way, seen_by)
+            sys.setswitchinterval(_SWITCH_S)
+            self._play(line, memory, is_kernels=not noted)
+        finally:
+            sys.setswitchinterval(switch)
+            if line is not None:
+                line.close()
+                self._sum_up(line, memory, noted[0].histogram if noted else None)
+            memory.close()
+
+    def _nothing(self) -> str:
+        chosen = self._replay.selection
+        what = "no frame" if chosen.direction == "both" else f"no frame {chosen.direction}"
+        if replace(chosen, direction="both") == Selection("both"):
+            return f"{what} is in it; allowed: a recording with some"
+        return f"{what} of what was asked for; allowed: a selection that holds some"
+
+    def _all_blocks(self) -> Iterator[Block]:
+        """What is to be played, round after round; a recording that the ring holds whole is read once."""
+        times, kept, is_kept = self._replay.times, list[NDArray[np.void]](), False
+        while times is None or len(self._begins) < times:
+            self._begins.append(self._count)
+            for frames in kept if is_kept else self._playable():
+                self._count += len(frames)
+                if len(self._begins) == 1 and self._count <= len(self._schedule.due):
+                    kept.append(frames)
+                yield self._course.due(frames), frames
+            if self._count == self._begins[-1]:
+                return
+            if len(self._begins) == 1:
+                is_kept = self._count <= len(self._schedule.due)
+            if times != len(self._begins):
+                self._course.begin_again()
+
+    def _playable(self) -> Iterator[NDArray[np.void]]:
+        """What was chosen, but for what cannot be sent. Raises ConfigError."""
+        has_fd = self._way.is_fd or self._way.serial is not None
+        for block in self._replay.selection.of(self._source.frames()):
+            frames, left_out = playable(block, has_fd)
+            self.played.error_frames_left_out += left_out
+            if len(frames):
+                yield frames
+
+    def _fill(self) -> bool:
+        """Put a block into the ring, or what there is room for of it; whether there is room for more."""
+        position = self._schedule.position[0]
+        block = self._waiting or next(self._blocks, None)
+        if block is None:
+            position.is_whole = 1
+            return False
+        due, frames = block
+        count = put(self._schedule, due, frames)
+        self._waiting = (due[count:], frames[count:]) if count < len(due) else None
+        return self._waiting is None
+
+    def _play(self, line: Line, memory: Memory, is_kernels: bool) -> None:
+        """From the first frame to the last. Raises TransportError, ConfigError."""
+        schedule, control = self._schedule, memory.shared.control[0]
+        realtime = Realtime(self._replay.cpu) if self._replay.realtime else None
+        room = make_room()
+        room.writing.pause[1] = TRIAL_NS
+        params = params_for(line.descriptor, is_kernels)
+        if realtime is not None:
+            realtime.prepare()
+
+        def in_thread() -> None:
+            try:
+                wake_sharply()
+                if realtime is not None:
+                    realtime.enter()
+                    for refused in realtime.refused:
+                        self._listener.say(f"not given: {refused}")
+                self._code(schedule, params, memory.shared, room)
+            except BaseException as error:  # told by the thread that can tell
+                self._failure = error
+
+        thread = threading.Thread(target=in_thread, name="replay")
+        thread.start()
+        try:
+            while thread.is_alive():
+                if self._stopped():
+                    control.stop = 1
+                until = time.monotonic() + _WATCH_S
+                while not schedule.position[0].is_whole and self._fill():
+                    if time.monotonic() > until:
+                        break
+                self._look_after(line, control)
+                thread.join(_WATCH_S)
+        finally:
+            control.stop = 1
+            thread.join()
+            if realtime is not None:
+                realtime.release()
+        if self._failure is not None:
+            raise self._failure
+
+    def _look_after(self, line: Line, control: Any) -> None:
+        news = line.watch(control)
+        if news:
+            self._listener.say(f"{self._seconds():.3f} s: {line.name} {news}")
+        position = self._schedule.position[0]
+        self._progress(f"{self._seconds():8.1f} s  {int(position.accepted)} frames sent")
+
+    def _seconds(self) -> float:
+        """Since the beginning, of what was played last."""
+        schedule, position = self._schedule, self._schedule.position[0]
+        return (
+            float(schedule.due[(position.played - 1) % len(schedule.due)]) * 1e-9
+            if position.played
+            else 0.0
+        )
+
+    def _sum_up(self, line: Line, memory: Memory, histogram: NDArray[np.int64] | None) -> None:
+        """The counts of a line are whole when it is closed."""
+        position, control = self._schedule.position[0], memory.shared.control[0]
+        mine = line.counts()
+        link = mine._replace(
+            send_failures=int(control.unsent) + mine.send_failures,
+            send_queue_full=int(control.unsent_full) + mine.send_queue_full,
+            receive_failures=int(control.receive_errors) + mine.receive_failures,
+        )
+        self.played = replace(
+            self.played,
+            is_complete=bool(position.is_whole and position.played == position.written),
+            rounds=bisect.bisect_left(self._begins, int(position.played)),
+            played_s=self._seconds(),
+            frames_due=int(position.played),
+            frames_sent=int(position.played) - link.send_failures,
+            frames_not_sent=link.send_failures,
+            clock_set_back=self._course.set_back,
+            ring_empty=int(position.starved),
+            lateness=distribution(
+                memory.shared.histograms[LATENESS] if histogram is None else histogram
+            ),
+            link=link,
+            link_error=os.strerror(int(control.last_error)) if control.last_error else "",
+        )
+
+
+def machine_code() -> Any:
+    """The replay's loop, compiled or read from the cache before time counts."""
+    code, scratch, nothing = compiled(play), Memory(1, 1), empty_schedule(1)
+    nothing.position[0].is_whole = 1
+    code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())
+    scratch.close()
+    return code
+
+
+def _directed(replay: Replay, source: Recorded) -> Replay:
+    """With the direction that is meant where none was said."""
+    if replay.selection.direction:
+        return replay
+    direction = "sent" if has_sent(source) else "both"
+    return replace(replay, selection=replace(replay.selection, direction=direction))

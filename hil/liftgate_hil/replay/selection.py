@@ -1,0 +1,162 @@
+"""Which frames of a recording are played, and when each is due."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, FD
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.measurement.recorded import Recorded
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+DIRECTIONS = ("sent", "received", "both")
+_NUMBER = 0x1FFFFFFF  # of an identifier without its flags
+_SET_BACK_NS = (
+    100_000_000  # a stamp so much earlier than the one before: the logger's clock was set
+)
+
+Blocks = Iterator[NDArray[np.void]]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Of a recording's frames those in a stretch of its time [s], of a direction, with or without identifiers."""
+
+    direction: str = ""  # of DIRECTIONS; empty: sent where there are such frames, else both
+    only: tuple[tuple[int, int], ...] = ()  # identifiers, from and to; none: all
+    without: tuple[tuple[int, int], ...] = ()
+    begin: float = -math.inf
+    end: float = math.inf
+
+    def check(self) -> None:
+        """Raises ConfigError where nothing can be in it."""
+        if self.direction and self.direction not in DIRECTIONS:
+            allowed = ", ".join(DIRECTIONS)
+            raise ConfigError(f"`direction` {self.direction}: allowed: {allowed}")
+        if not self.begin < self.end:
+            raise ConfigError(
+                f"`from` {self.begin:g}: not before `to` {self.end:g}; allowed: before"
+            )
+
+    def of(self, blocks: Blocks) -> Blocks:
+        """The frames that are in it."""
+        for frames in blocks:
+            times = frames["time_ns"] * 1e-9
+            keep = (times >= self.begin) & (times <= self.end)
+            if self.direction in ("sent", "received"):
+                keep &= (frames["is_sent"] != 0) == (self.direction == "sent")
+            if self.only:
+                keep &= _among(frames, self.only)
+            if self.without:
+                keep &= ~_among(frames, self.without)
+            if keep.any():
+                yield frames[keep]
+
+
+def _among(frames: NDArray[np.void], ranges: Sequence[tuple[int, int]]) -> NDArray[np.bool_]:
+    numbers = frames["identifier"] & _NUMBER
+    found = np.zeros(len(frames), dtype=bool)
+    for low, high in ranges:
+        found |= (numbers >= low) & (numbers <= high)
+    return found
+
+
+def identifiers_of(
+    argument: str, given: Sequence[str], messages: Mapping[str, Message]
+) -> tuple[tuple[int, int], ...]:
+    """Identifiers as an argument names them: 0x120, 0x200-0x2FF, or a message of the rig. Raises ConfigError."""
+    found, issues = list[tuple[int, int]](), list[str]()
+    for name in given:
+        if name in messages:
+            found.append((messages[name].frame_id,) * 2)
+            continue
+        first, dash, last = name.partition("-")
+        low = _number(first)
+        high = _number(last) if dash else low
+        if not 0 <= low <= high <= _NUMBER:
+            issues.append(
+                f"`{argument}` {name}: allowed: 0x0 to 0x{_NUMBER:X}, a range such as 0x200-0x2FF, or a message "
+                "of the rig"
+            )
+        found.append((low, high))
+    if issues:
+        raise ConfigError(issues)
+    return tuple(found)
+
+
+def _number(text: str) -> int:
+    """Of a text that begins with 0x: candump's 120 is 0x120, in a program it is 0x78."""
+    try:
+        return int(text, 16) if text.strip().lower().startswith("0x") else -1
+    except ValueError:
+        return -1
+
+
+def has_sent(source: Recorded) -> bool:
+    """Whether any frame of a recording is marked as sent."""
+    return any(bool((frames["is_sent"] != 0).any()) for frames in source.frames())
+
+
+@dataclass
+class Course:
+    """When frames are due [ns since the beginning], round by round. `begin` [s] is the recording's time with which
+    a round begins, else it is the first frame's; `end` is that with which it ends, else it is the last frame's.
+    """
+
+    speed: float = 1.0
+    begin: float = -math.inf
+    end: float = math.inf
+    set_back: int = field(default=0, init=False)  # times that the logger's clock was
+    _round: int = field(default=0, init=False)  # when it began
+    _origin: int | None = field(default=None, init=False)  # the recording's time there
+    _last: int = field(default=0, init=False)  # of the recording, as it was read
+    _shift: int = field(default=0, init=False)  # by how much the logger's clock was set back
+    _due: int = field(default=0, init=False)  # when the last frame is due
+
+    def due(self, frames: NDArray[np.void]) -> NDArray[np.int64]:
+        """Of frames (n,) LOGGED in the order of the recording. None is due before the one that stands before it;
+        where the logger's clock was set back, time goes on.
+        """
+        times = frames["time_ns"].astype(np.int64)
+        if self._origin is None:
+            has_begin = math.isfinite(self.begin)
+            self._origin = round(self.begin * 1e9) if has_begin else int(times[0])
+            self._last, self._shift = int(times[0]), 0
+        steps = np.diff(times, prepend=self._last)
+        jumps = np.where(steps < -_SET_BACK_NS, -steps, 0)
+        since = times + self._shift + np.cumsum(jumps) - self._origin
+        self._last, self._shift = int(times[-1]), self._shift + int(jumps.sum())
+        self.set_back += int(np.count_nonzero(jumps))
+        due = self._round + np.round(since / self.speed).astype(np.int64)
+        due = np.maximum.accumulate(np.maximum(due, self._due))
+        self._due = int(due[-1])
+        return due
+
+    def begin_again(self) -> None:
+        """The next round begins where this one ends. Raises ConfigError where a round takes no time."""
+        ended = self._due
+        if math.isfinite(self.end) and self._origin is not None:
+            ended = max(ended, self._round + round((self.end * 1e9 - self._origin) / self.speed))
+        if ended <= self._round:
+            raise ConfigError("all frames have one time; allowed: once, or with `to`")
+        self._round = self._due = ended
+        self._origin = None
+
+
+def playable(frames: NDArray[np.void], is_fd: bool) -> tuple[NDArray[np.void], int]:
+    """Those that can be sent, and how many cannot: error frames. Raises ConfigError for CAN FD on another bus."""
+    fd = frames["identifier"] & FD != 0
+    if fd.any() and not is_fd:
+        at = frames["time_ns"][int(np.argmax(fd))] * 1e-9
+        raise ConfigError(f"the frame at {at:.6f} s is CAN FD; allowed: with `fd`")
+    errors = frames["identifier"] & ERROR != 0
+    left_out = int(np.count_nonzero(errors))
+    return (frames[~errors] if left_out else frames), left_out

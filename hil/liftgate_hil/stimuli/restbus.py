@@ -1,0 +1,186 @@
+"""The restbus: messages of control units that are not there, sent cyclically with counter and protection.
+
+Each of its signals has its start value, and others from a time or a moment on. The frames go out beside those of
+the gate, in the same tick.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, mapping_named
+from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import BUS_OUTPUTS
+from liftgate_hil.stimuli.moments import START, Instant, Moments, Sheet, time_of
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.signals import Signal
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_ANY = Signal("", -np.inf, np.inf, "")
+
+CHANGE = np.dtype(
+    [
+        ("time", "f8"),  # s, of the scenario,
+        ("moment", "i8"),  # or when that moment is
+        ("place", "i8"),  # of the signal
+        ("value", "f8"),  # in the database's unit
+        ("instead_of", "f8"),  # it changes from this value only; NaN: from any
+        ("is_made", "i8"),  # written in place
+    ]
+)
+
+
+@dataclass(frozen=True)
+class SignalChange:
+    """That a signal (`Message.Signal`) has a value [the database's unit] from an instant on; one that is `pressed`
+    goes back from that value only.
+    """
+
+    when: Instant
+    signal: str
+    value: float
+    pressed: float = math.nan
+
+
+@dataclass(frozen=True)
+class BusTables:
+    """What a bench sends: a rig's outputs, and how its messages are made."""
+
+    messages: Mapping[str, Message]
+    outputs: Sequence[SignalMapping]
+    options: Mapping[str, MessageOptions]
+
+
+NO_BUS = BusTables({}, (), {})
+
+
+class Restbus(NamedTuple):
+    """All of a run; without signals it sends nothing."""
+
+    bus: BusConfig
+    everything: BusConfig  # all that the bench sends: the gate's messages, and these
+    changes: Any  # (n,) CHANGE, of those at one time the later ones win
+    pending: NDArray[np.int64]  # (1,) changes that are not made. Written in place, as what follows
+    transmission: Transmission
+    room: Frames  # of a tick
+
+
+def restbus_of(
+    changes: Sequence[SignalChange], sheet: Sheet, tables: BusTables = NO_BUS
+) -> Restbus:
+    """The restbus of the signals that change, which are to be of messages with a cycle that nobody else sends."""
+    names = list(dict.fromkeys(each.signal for each in changes))
+    mappings = list(map(mapping_named, names))
+    issues = ConfigIssues("")
+    signals = {**BUS_OUTPUTS, **dict.fromkeys(names, _ANY)}
+    own = dict.fromkeys(names, _ANY)
+    bus = build_bus_config(tables.messages, mappings, tables.options, own, issues, True)
+    both = [*tables.outputs, *mappings]
+    everything = build_bus_config(tables.messages, both, tables.options, signals, issues, True)
+    issues.raise_if_any()
+    rows = [
+        (*sheet.place(each.when), names.index(each.signal), each.value, each.pressed, 0)
+        for each in changes
+        if each.when != START
+    ]
+    transmission = first_transmission(bus, len(names))
+    for place, name in enumerate(names):
+        transmission.values[place] = start_value(tables.messages, name)
+    for change in changes:
+        if change.when == START:
+            transmission.values[names.index(change.signal)] = change.value
+    count = sum(int(each["pages"]) for each in everything.messages)
+    return Restbus(
+        bus,
+        everything,
+        np.array(rows, dtype=CHANGE).view(np.recarray),
+        np.full(1, len(rows), dtype=np.int64),
+        transmission,
+        empty_frames(count if names else 0),
+    )
+
+
+def start_value(messages: Mapping[str, Message], name: str) -> float:
+    """A signal's start value (GenSigStartValue) [the database's unit]; 0 where there is none, or the least that it
+    may have.
+    """
+    message, signal = name.split(".")
+    found = messages[message].get_signal_by_name(signal)
+    raw = found.raw_initial
+    value = 0.0
+    if raw is not None and not isinstance(raw, str):
+        value = float(found.scale) * float(raw) + float(found.offset)
+    return value
+
+
+def going_on(before: Restbus, after: Restbus) -> None:
+    """The messages of `after` go on in counter and cycle where those of `before` are."""
+    known = [int(each["identifier"]) for each in before.bus.messages]
+    for row, message in enumerate(after.bus.messages):
+        if int(message["identifier"]) in known:
+            there = known.index(int(message["identifier"]))
+            after.transmission.sent[row] = before.transmission.sent[there]
+            after.transmission.due_ns[row] = before.transmission.due_ns[there]
+    if len(after.transmission.due_ns):
+        after.transmission.next_ns[0] = after.transmission.due_ns.min()
+
+
+@compilable
+def with_restbus(
+    restbus: Restbus, moments: Moments, frames: Frames, time: float, now_ns: int
+) -> Frames:
+    """The frames that the gate sends in a tick, and behind them those of the restbus that are due; `time` [s] is
+    the scenario's. Good until the next tick.
+    """
+    if len(restbus.bus.messages) == 0:
+        return frames
+    if restbus.pending[0] > 0:
+        change_values(restbus, moments, time)
+    if not is_due(restbus.transmission, now_ns, False, False):
+        return frames
+    return Frames(
+        beside(restbus, frames, now_ns),
+        restbus.room.identifiers,
+        restbus.room.lengths,
+        restbus.room.data,
+    )
+
+
+@outlined
+def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
+    """Make the changes whose time has come."""
+    values = restbus.transmission.values
+    for row in range(len(restbus.changes)):
+        change = restbus.changes[row]
+        if change.is_made == 0 and time_of(moments, change.time, change.moment) <= time:
+            change.is_made = 1
+            restbus.pending[0] -= 1
+            if np.isnan(change.instead_of) or values[change.place] == change.instead_of:
+                values[change.place] = change.value
+
+
+@outlined
+def beside(restbus: Restbus, frames: Frames, now_ns: int) -> int:
+    """Put the gate's frames into `room`, and what is due behind them; how many there are."""
+    own = transmit(restbus.bus, restbus.transmission, now_ns, False)
+    count = 0
+    for source in (frames, own):
+        for row in range(source.count):
+            restbus.room.identifiers[count] = source.identifiers[row]
+            restbus.room.lengths[count] = source.lengths[row]
+            for k in range(source.lengths[row]):
+                restbus.room.data[count, k] = source.data[row, k]
+            count += 1
+    return count

@@ -1,0 +1,102 @@
+"""Recorded runs as a suite: which files are of one run, and what came of each, as outcomes for the reports."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from liftgate_hil.config.sources import sources_of
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.verdict import worst
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.measurement.read import BUS_LOGS
+from liftgate_hil.runs import Job, Parts, Result
+from liftgate_hil.session import RunOptions
+from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, judged
+from liftgate_hil.testing.suite import Case, Outcome, not_run
+
+_CLOCK = "recorded"
+
+
+def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]]:
+    """The files of each run, tables first: those of one name but for the suffix, or all of them. Raises
+    ConfigError where one is given twice.
+    """
+    found: dict[Path, list[Path]] = {}
+    seen: set[str] = set()
+    for name in names:
+        path = Path(name)
+        if (real := os.path.realpath(path)) in seen:
+            raise ConfigError(f"{name}: given twice; allowed: each file once")
+        seen.add(real)
+        found.setdefault(Path() if is_one else path.with_suffix(""), []).append(path)
+    groups = [
+        tuple(sorted(paths, key=lambda path: (path.suffix.lower() in BUS_LOGS, path)))
+        for paths in found.values()
+    ]
+    return sorted(groups, key=lambda paths: str(paths[0]))
+
+
+def cases_of(
+    runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True
+) -> list[Case]:
+    """A case for each run; `is_reported`: with its files' hashes."""
+    scenario = about.setup.scenario
+    files = {"scenario": Path(scenario.source)}
+    files |= {f"included {k}": Path(name) for k, name in enumerate(scenario.included, 1)}
+    files |= {"rig": Path(about.rig.source), "dbc": about.rig.database}
+    sources = sources_of(files) if is_reported else {}
+    options = RunOptions(rate=about.rate, clock=_CLOCK, duration=about.duration)
+    job = Job(scenario=scenario, ecu="", rig=about.rig, options=options)
+    cases = []
+    for paths in runs:
+        recorded = {f"recording {k}": path for k, path in enumerate(paths, 1)}
+        own = sources_of(recorded) if is_reported else {}
+        parts = Parts(about.setup, about.rig, options, None, {**sources, **own})
+        cases.append(Case(str(paths[0]), job, parts, paths))
+    return cases
+
+
+def judge_suite(
+    cases: Sequence[Case],
+    about: Expectations,
+    is_sketched: bool,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[Outcome, Sequence[str]]]:
+    """What came of each, and what was noticed. A stop leaves the rest as errors; so is one of several that cannot
+    be judged. Raises ConfigError with what is wrong with the only one.
+    """
+    for case in cases:
+        if stopped():
+            yield not_run(case, "stopped before it was judged"), ()
+            continue
+        began = time.monotonic()
+        try:
+            found = judged(case.recordings, about, is_sketched, stopped)
+        except StoppedJudgingError:
+            yield not_run(case, "stopped while it was judged"), ()
+            continue
+        except ConfigError as error:
+            if len(cases) == 1:
+                raise
+            yield not_run(case, "; ".join(error.issues)), ()
+            continue
+        verdicts = tuple(found.verdicts.values())
+        verdict = worst(each.verdict for each in verdicts)
+        result = Result(
+            verdict=verdict,
+            reason="",
+            maxima={},
+            minima={},
+            events=(),
+            summary=Summary(clock=_CLOCK, ticks=found.ticks, model_time_s=found.last),
+            recording=case.recordings,
+            expectations=found.verdicts,
+            sources=case.parts.sources,
+            sketches=found.sketches,
+        )
+        outcome = Outcome(case, verdict, "", verdicts, result, 0.0)
+        yield replace(outcome, wall_s=time.monotonic() - began), found.notes

@@ -1,0 +1,333 @@
+"""The recordings of one run to what a judge takes: whose they are, which column is which, what clock counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import FD, LOGGED, Frames, no_logged
+from liftgate_hil.codec.watch import signal_unit
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.conversion.decode import Decoder
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.judge import Gap
+from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, unwrapped
+from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
+from liftgate_hil.measurement.mapping import ColumnMap, Theirs
+from liftgate_hil.signals import BUS_OUTPUTS, OUTPUT_COLUMNS, Bench
+from liftgate_hil.testing.recorded_run import RecordedRun, Track, whole_us
+from liftgate_hil.testing.run_source import Source, converted, opened
+
+Floats = NDArray[np.float64]
+
+_LATEST_S = 1e6  # of a run's times; beyond it a stamp is a wall clock's
+_MOST_ROWS = 200_000_000
+_CYCLES = 3.0  # of the slowest message, for which a bus of ours may be silent
+_SHOWN = 20  # columns of a file that are named
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is to be read."""
+
+    columns: frozenset[str]  # of ours, that conditions speak of
+    signals: tuple[str, ...]  # of the bus, that they speak of
+    rig: Rig
+    mapping: ColumnMap
+    rate: float  # Hz, of the rows of what is not ours
+    longest_gap: float | None  # s, between two samples of a column; None: by their usual distance
+    others: frozenset[int] = frozenset()  # identifiers, of frames besides
+    may_be_silent: bool = False  # whether a bus on which nothing comes is part of the scenario
+
+
+def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
+    """The recordings of one run. Raises ConfigError with all that is wrong."""
+    sources = [opened(path) for path in paths]
+    tables = [each for each in sources if each.ours is not None]
+    if len(tables) > 1:
+        raise ConfigError(f"{tables[1].path}: a second table of a run; allowed: one, and a bus log")
+    issues: list[str] = []
+    places = _places(sources, asked, issues)
+    for source in sources:
+        names = [name for each, name in places.values() if each is source and name != "time_s"]
+        source.read(list(dict.fromkeys(names)), asked.mapping, issues)
+    if issues:
+        raise ConfigError(issues)
+    needed = _messages(places, sources, asked)
+    for source in sources:
+        if source.has_frames and (needed or asked.others or not tables):
+            source.log = read_frames(source.path, needed, asked.rig, asked.others)
+            ends = [each for each in (source.span, source.log.span) if each is not None]
+            if ends:
+                source.span = min(low for low, _ in ends), max(high for _, high in ends)
+    _set_clocks(sources)
+    frames = _frames(sources)
+    notes = [
+        f"{each.path}: {note}"
+        for each in sources
+        for note in (
+            *(each.ours.notes if each.ours is not None else ()),
+            *(each.file.notes if each.file is not None else ()),
+            *(each.log.notes if each.log is not None else ()),
+        )
+    ]
+    tracks = _tracks(sources, places, frames, asked, notes, issues)
+    if issues:
+        raise ConfigError(issues)
+    has_frames = any(each.has_frames for each in sources)
+    if tables:
+        run = _by_rows(tables[0], tracks, frames, has_frames, notes)
+    else:
+        run = _by_raster(sources, tracks, frames, has_frames, notes, asked)
+    run.gaps += _until_heard([each for each in run.gaps if not each.names], frames, asked)
+    run.gaps += _silences(sources, asked)
+    run.gaps += _cut_off(sources, asked, float(run.times[-1]))
+    return run
+
+
+Places = Mapping[
+    str, tuple[Source | None, str]
+]  # of our columns: the file, its name there; None: on the bus
+
+
+def _places(sources: Sequence[Source], asked: Asked, issues: list[str]) -> Places:
+    """Where each column is that is asked for: as the map says, else in a table under our name."""
+    found: dict[str, tuple[Source | None, str]] = {}
+    has_frames = any(each.has_frames for each in sources)
+    for ours, theirs in asked.mapping.items():
+        source, name = _place_of(sources, theirs)
+        if source is not None:
+            found[ours] = source, name
+        elif has_frames and signal_unit(asked.rig.messages, theirs.name) is not None:
+            found[ours] = None, theirs.name
+        else:
+            issues.append(_no_such(sources, asked.rig, ours, theirs, has_frames))
+    wanted = set(asked.columns)
+    if any(each.ours is not None for each in sources):
+        wanted |= {*Bench._fields, "pinch_force_n"}
+    for ours in sorted(wanted - {"time_s"} - {*found}):
+        source, name = _place_of(sources, Theirs(ours))
+        if source is not None:
+            found[ours] = source, name
+    return found
+
+
+def _place_of(sources: Sequence[Source], theirs: Theirs) -> tuple[Source | None, str]:
+    for source in sources:
+        name = theirs.found_in(source.names)
+        if name is not None:
+            return source, name
+    return None, ""
+
+
+def _no_such(
+    sources: Sequence[Source], rig: Rig, ours: str, theirs: Theirs, has_frames: bool
+) -> str:
+    there = [name for source in sources for name in source.names if name][:_SHOWN]
+    files = ", ".join(str(each.path) for each in sources)
+    bus = f"{'or ' if there else ''}a signal of {rig.source}" if has_frames else ""
+    allowed = "; ".join(filter(None, [", ".join(there), bus]))
+    return f"{files}: {ours}: no column {theirs.name!r}; allowed: {allowed or 'a file with some'}"
+
+
+def _messages(places: Places, sources: Sequence[Source], asked: Asked) -> list[str]:
+    """The messages whose frames are needed."""
+    names = [name for source, name in places.values() if source is None]
+    found = [name.partition(".")[0] for name in (*asked.signals, *names)]
+    found += [wire.message for wire in _wires(places, sources, asked)]
+    return list(dict.fromkeys(found))
+
+
+def _wires(places: Places, sources: Sequence[Source], asked: Asked) -> list[Any]:
+    """The rig's outputs that stand for columns: of logs, where no table of ours has been recorded."""
+    if any(each.ours is not None for each in sources):
+        return []
+    wanted = asked.columns - {*places}
+    return [wire for wire in asked.rig.outputs if OUTPUT_COLUMNS.get(wire.quantity) in wanted]
+
+
+def _set_clocks(sources: Sequence[Source]) -> None:
+    """Where each file's times begin: all at the same moment. Raises ConfigError."""
+    by_wall = [each for each in sources if each.span is not None and each.span[1] > _LATEST_S]
+    others = [each for each in sources if each.span is not None and each not in by_wall]
+    if not by_wall:
+        return
+    start_us = max((each.ours.start_ns // 1000 for each in sources if each.ours), default=0)
+    if others and not start_us:
+        said = f"stamps of a wall clock, and {others[0].path} has none"
+        raise ConfigError(
+            f"{by_wall[0].path}: {said}; allowed: the same clock in both, or a recording of ours that says "
+            "when it began, as those of runs in real time do"
+        )
+    first = min(each.span[0] for each in by_wall if each.span is not None)
+    for each in by_wall:
+        each.zero_us = start_us or math.floor(first * 1e6)
+
+
+def _frames(sources: Iterable[Source]) -> Any:
+    """All frames, in the order of time."""
+    parts = [no_logged()]
+    for source in sources:
+        if source.log is None:
+            continue
+        times, own = source.log.times, source.log.frames
+        rows = np.zeros(len(times), dtype=LOGGED)
+        if source.zero_us:  # seconds since 1970 hold no more than microseconds
+            rows["time_ns"] = (whole_us(times) - source.zero_us) * 1000
+        else:
+            rows["time_ns"] = np.round(times * 1e9).astype(np.int64)
+        rows["identifier"] = own.identifiers[: len(times)]
+        rows["length"] = own.lengths[: len(times)]
+        rows["payload"] = own.data[: len(times)]
+        parts.append(rows)
+    frames = np.concatenate(parts)
+    return frames[np.argsort(frames["time_ns"], kind="stable")]
+
+
+def _tracks(
+    sources: Sequence[Source],
+    places: Places,
+    frames: Any,
+    asked: Asked,
+    notes: list[str],
+    issues: list[str],
+) -> dict[str, Track]:
+    """The columns that there are."""
+    tracks: dict[str, Track] = {}
+    logs = [each.path for each in sources if each.has_frames]
+    for ours, (source, name) in places.items():
+        if ours == "time_s":
+            continue
+        theirs = asked.mapping.get(ours, Theirs(ours))
+        if source is None:
+            times_us, values = _on_bus(frames, asked.rig, name)
+            unit, path = signal_unit(asked.rig.messages, name), logs[0]
+        else:
+            if name not in source.samples:
+                continue
+            times, values, unit = source.samples[name]
+            times_us, path = whole_us(times) - source.zero_us, source.path
+        tracks[ours] = Track(times_us, converted(values, ours, theirs, unit, path, issues))
+    return tracks | _by_rig(_wires(places, sources, asked), frames, asked.rig, notes)
+
+
+def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats]:
+    """Times [µs] and values of `Message.Signal`."""
+    decoder = Decoder([rig.messages[name.partition(".")[0]]])
+    blocks = [np.empty((0, len(decoder.signals))), *decoder.rows([frames])]
+    table = np.concatenate(blocks)
+    values = table[:, list(decoder.signals).index(name)]
+    there = np.isfinite(values)
+    return whole_us(table[there, 0]), values[there]
+
+
+def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, Track]:
+    """Columns as the rig decodes them, by the emulator's own codec."""
+    if not wires or not len(frames):
+        return {}
+    own = replace(rig, outputs=tuple(wires))
+    plain = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
+    times_ns = np.ascontiguousarray(frames["time_ns"])
+    found, counts = tracks_of(own.output_config(sending=False), BUS_OUTPUTS, plain, times_ns)
+    notes += refusals_in(counts)
+    tracks = {}
+    for wire in wires:
+        if wire.quantity in found:
+            samples, column = found[wire.quantity].without_stale(), OUTPUT_COLUMNS[wire.quantity]
+            values = samples.values
+            if column.endswith("hall_count"):
+                values = unwrapped(values, span_of(rig, wire))
+            tracks[column] = Track((samples.times + 500) // 1000, values)
+    return tracks
+
+
+def _cut_off(sources: Sequence[Source], asked: Asked, end: float) -> Iterable[Gap]:
+    """What signals lack where logs end long before the rows: a log that was cut off."""
+    ends = [
+        each.log.span[1] - 1e-6 * each.zero_us
+        for each in sources
+        if each.log is not None and each.log.span is not None
+    ]
+    longest = SILENT_S if asked.longest_gap is None else asked.longest_gap
+    if ends and asked.signals and not asked.may_be_silent and end - max(ends) > longest:
+        yield Gap(max(ends), end, frozenset(asked.signals))
+
+
+def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap]:
+    """What signals lack after missing rows, until their message comes again: what it said before may not be its
+    last word.
+    """
+    for gap in gaps:
+        for name in asked.signals:
+            own = frames["identifier"] & ~FD == asked.rig.identifier(name.partition(".")[0])
+            later = frames["time_ns"][own & (frames["time_ns"] >= round(gap.end * 1e9))]
+            back = float(later.min()) * 1e-9 if len(later) else math.inf
+            yield Gap(gap.begin, max(back, gap.end), frozenset((name,)))
+
+
+def _silences(sources: Sequence[Source], asked: Asked) -> Iterable[Gap]:
+    """What signals lack where a log alone holds no frame of anybody, for much longer than any message's cycle:
+    nobody knows whether there was none, or none was recorded.
+    """
+    if asked.may_be_silent or any(each.ours is not None for each in sources):
+        return
+    cycles = [asked.rig.cycle_ms(wire.message) for wire in asked.rig.outputs]
+    least = max(SILENT_S, _CYCLES * 1e-3 * max(cycles, default=0.0))
+    for source in sources:
+        for begin, end in source.log.silences if source.log is not None else ():
+            if asked.signals and end - begin > least:
+                zero = 1e-6 * source.zero_us
+                yield Gap(begin - zero, end - zero, frozenset(asked.signals))
+
+
+def _by_rows(
+    table: Source, tracks: dict[str, Track], frames: Any, has_frames: bool, notes: list[str]
+) -> RecordedRun:
+    """The rows of a recording of ours, as they are."""
+    times = table.samples["time_s"][0]
+    steps = np.diff(times)
+    usual = float(np.median(steps)) if len(steps) else 1e-3
+    gaps = [Gap(float(times[k]), float(times[k + 1])) for k in np.flatnonzero(steps > 1.5 * usual)]
+    if times[0] > 1.5 * usual:  # a later part, or one that was triggered
+        gaps.insert(0, Gap(0.0, float(times[0])))
+    rate = 1.0 / max(float(steps.min()) if len(steps) else usual, 1e-4)
+    return RecordedRun(times, rate, tracks, frames, has_frames, gaps, notes)
+
+
+def _by_raster(
+    sources: Sequence[Source],
+    tracks: dict[str, Track],
+    frames: Any,
+    has_frames: bool,
+    notes: list[str],
+    asked: Asked,
+) -> RecordedRun:
+    """Ticks from the first sample to the last one of all files."""
+    spans = [
+        [round(1e6 * end) - each.zero_us for end in each.span]
+        for each in sources
+        if each.span is not None
+    ]
+    files = ", ".join(str(each.path) for each in sources)
+    if not spans:
+        raise ConfigError(f"{files}: nothing of what is expected is in it")
+    first_us, last_us = max(0, min(low for low, _ in spans)), max(high for _, high in spans)
+    step_us = 1e6 / asked.rate
+    first, last = math.ceil(first_us / step_us - 1e-6), math.ceil(last_us / step_us - 1e-6)
+    if not 0 <= last - first < _MOST_ROWS:
+        raise ConfigError(
+            f"{files}: {last - first + 1} ticks of {step_us:g} µs; allowed: up to {_MOST_ROWS}, at a lower `rate`"
+        )
+    times = np.arange(first, last + 1) / asked.rate
+    gaps = [
+        gap
+        for name, track in tracks.items()
+        for gap in track.gaps(name, last_us, asked.longest_gap)
+    ]
+    return RecordedRun(times, asked.rate, tracks, frames, has_frames, gaps, notes)

@@ -1,0 +1,91 @@
+"""A run as it was recorded, for those who judge it: rows, frames, and what is missing.
+
+A recording of ours has a row for each tick of the model; they are taken as they are. What others have recorded
+comes a column or a message at a time, each at times of its own: there the rows are ticks of an even raster, and in
+each of them a column has its last sample, as a signal on the bus has its last frame's value. So windows and
+stretches are counted in ticks there, too. Times are compared in whole microseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.judging.judge import Gap
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_BLOCK = 20_000  # rows that are made at a time
+_USUAL = 3.0  # times the usual distance of a column's samples: further apart they are a gap
+
+
+class Track(NamedTuple):
+    """A column's samples."""
+
+    times_us: Integers  # rising
+    values: Floats  # in the column's unit
+
+    def held(self, at_us: Integers) -> Floats:
+        """The last sample at each of these times; NaN before the first one."""
+        if not len(self.times_us):
+            return np.full(len(at_us), np.nan)
+        place = np.searchsorted(self.times_us, at_us, side="right") - 1
+        return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
+
+    def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
+        """Where its samples are further apart than `longest` [s], or than usual, or end before the recording."""
+        if not len(self.times_us):
+            return
+        steps = np.diff(np.append(self.times_us, end_us))
+        if longest is None:
+            usual = float(np.median(steps[:-1])) if len(steps) > 1 else math.inf
+            longest = 1e-6 * _USUAL * usual
+        for place in np.flatnonzero(steps > 1e6 * longest).tolist():
+            begin = int(self.times_us[place])
+            yield Gap(1e-6 * begin, 1e-6 * (begin + int(steps[place])), frozenset((name,)))
+
+
+@dataclass
+class RecordedRun:
+    """See the module."""
+
+    times: Floats  # s, of its rows
+    rate: float  # Hz; no more rows than that
+    tracks: Mapping[str, Track]  # by column
+    frames: Any  # (m,) LOGGED, of the messages that are asked for, in the order of time
+    has_frames: bool  # whether any are recorded
+    gaps: list[Gap] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what was noticed
+
+    def blocks(self) -> Iterator[tuple[Floats, Any]]:
+        """Rows (n, ROW_WIDTH), NaN where nothing is known, and the frames up to the last of them."""
+        rows_us = whole_us(self.times)
+        frames_us = (self.frames["time_ns"] + 500) // 1000
+        seen = 0
+        for first in range(0, len(self.times), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            rows = np.full((len(self.times[part]), ROW_WIDTH), math.nan)
+            for name, track in self.tracks.items():
+                rows[:, COLUMN_PLACE[name]] = track.held(rows_us[part])
+            rows[:, COLUMN_PLACE["time_s"]] = self.times[part]
+            until = int(np.searchsorted(frames_us, rows_us[part][-1], side="right"))
+            yield rows, self.frames[seen:until]
+            seen = until
+
+    def lacks(self, name: str) -> bool:
+        """Whether it has nothing of a column, or no bus that a signal could be on."""
+        if name in COLUMN_PLACE:
+            return name not in self.tracks and name != "time_s"
+        return not self.has_frames
+
+
+def whole_us(times: Floats) -> Integers:
+    """Times [s] in whole microseconds."""
+    return np.round(times * 1e6).astype(np.int64)

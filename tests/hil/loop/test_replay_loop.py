@@ -1,0 +1,156 @@
+"""The replay's loop: on a clock of the test's own each frame goes when it is due, and what is late is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hil_support import frames_of
+
+from liftgate_hil.codec.frames import Frames, logged
+from liftgate_hil.loop import replay_loop
+from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.realtime_loop import Room, make_room
+from liftgate_hil.loop.replay_loop import PlayParams, Schedule, empty_schedule, play, put
+from liftgate_hil.loop.rings import LATENESS, Memory, Shared
+
+US, MS = 1_000, 1_000_000
+WAKE, COST = 30 * US, 5 * US  # how late every wake-up is, and what handing over takes
+
+
+class World:
+    """A clock, and a wire that may refuse."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 7 * MS
+        self.sent: list[tuple[int, list[int]]] = []  # when, payloads' first bytes
+        self.refused: set[int] = set()  # first bytes
+        self.stop_at = 2**62
+        for name in ("clock_ns", "wait_until", "receive", "send"):
+            monkeypatch.setattr(replay_loop, name, getattr(self, name))
+
+    def clock_ns(self, clock: int, room: Room) -> int:
+        self.now += 100
+        return self.now
+
+    def wait_until(self, deadline: int, room: Room) -> int:
+        if self.now < deadline:
+            self.now = deadline + WAKE
+        return self.now
+
+    def receive(self, shared: Shared, params: PlayParams, room: Room) -> None:
+        if self.now >= self.stop_at:
+            shared.control[0].stop = 1
+
+    def send(
+        self, shared: Shared, params: PlayParams, room: Room, frames: Frames, patience: int
+    ) -> int:
+        numbers = [int(frames.data[row, 0]) for row in range(frames.count)]
+        self.sent.append((self.now, [each for each in numbers if each not in self.refused]))
+        self.now += COST
+        return sum(each in self.refused for each in numbers)
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> World:
+    return World(monkeypatch)
+
+
+def scheduled(due: list[int], places: int = 64) -> Schedule:
+    """Frames with their number as payload."""
+    schedule = empty_schedule(places)
+    frames = logged(frames_of([(0x100 + k, bytes([k])) for k in range(len(due))]), 0, True)
+    assert put(schedule, np.array(due), frames) == len(due)
+    schedule.position[0].is_whole = 1
+    return schedule
+
+
+def played(schedule: Schedule, together: int = 64) -> Memory:
+    memory = Memory(1, 1)
+    play(schedule, PlayParams(-1, together, 0), memory.shared, make_room())
+    memory.close()
+    return memory
+
+
+def test_each_frame_goes_when_it_is_due_and_those_of_one_time_together(world: World) -> None:
+    due = [0, 4 * MS, 4 * MS, 4 * MS + 10 * US, 30 * MS, 2000 * MS]
+    schedule = scheduled(due)
+    memory = played(schedule)
+    start = int(schedule.position[0].start_ns)
+    assert [numbers for _, numbers in world.sent] == [[0], [1, 2, 3], [4], [5]]
+    for (when, numbers), after in zip(world.sent, [WAKE, WAKE, WAKE, WAKE], strict=True):
+        late = when - start - due[numbers[0]]
+        assert after <= late < after + 2 * US
+    late = distribution(memory.shared.histograms[LATENESS])
+    assert late.count == len(due)
+    assert 1e-3 * (WAKE + COST) <= late.max_us < 1e-3 * (WAKE + COST) * 1.1
+    assert schedule.position[0].accepted == len(due)
+
+
+def test_one_by_one_they_come_in_their_order(world: World) -> None:
+    schedule = scheduled([0, 0, 0, MS])
+    played(schedule, together=1)
+    assert [numbers for _, numbers in world.sent] == [[0], [1], [2], [3]]
+
+
+def test_what_the_wire_refused_is_neither_late_nor_counted_as_taken(world: World) -> None:
+    world.refused = {1, 3}
+    schedule = scheduled([0, MS, 2 * MS, 3 * MS, 4 * MS])
+    memory = played(schedule, together=1)
+    position = schedule.position[0]
+    assert (position.played, position.accepted) == (5, 3)
+    assert distribution(memory.shared.histograms[LATENESS]).count == 3
+    # Of those that were taken, one after the other, when each was due.
+    assert schedule.handed[:3].tolist() == [0, 2 * MS, 4 * MS]
+
+
+def test_it_is_stopped_also_while_it_waits_for_long(world: World) -> None:
+    schedule = scheduled([0, 3600 * 1000 * MS])
+    world.stop_at = 500 * MS
+    played(schedule)
+    assert schedule.position[0].played == 1
+    assert world.now < 600 * MS
+
+
+def test_a_ring_that_runs_empty_is_told_and_nothing_is_left_out(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schedule = scheduled([0])
+    schedule.position[0].is_whole = 0
+    frames = logged(frames_of([(0x200, bytes([9]))]), 0, True)
+
+    def receive(shared: Shared, params: PlayParams, room: Room) -> None:
+        if world.now > 50 * MS and not schedule.position[0].is_whole:
+            put(schedule, np.array([10 * MS]), frames)
+            schedule.position[0].is_whole = 1
+
+    monkeypatch.setattr(replay_loop, "receive", receive)
+    memory = played(schedule)
+    assert [numbers for _, numbers in world.sent] == [[0], [9]]
+    assert schedule.position[0].starved == 1
+    assert distribution(memory.shared.histograms[LATENESS]).max_us > 30_000.0
+
+
+def test_the_ring_takes_what_it_has_room_for_and_goes_round() -> None:
+    schedule = empty_schedule(8)
+    frames = logged(frames_of([(0x100 + k, bytes([k, k])) for k in range(12)]), 0, True)
+    due = np.arange(12)
+    assert put(schedule, due, frames) == 8
+    assert put(schedule, due[8:], frames[8:]) == 0
+    schedule.position[0].played = 5
+    assert put(schedule, due[8:], frames[8:]) == 4
+    places = [k % 8 for k in range(5, 12)]
+    assert schedule.due[places].tolist() == list(range(5, 12))
+    assert schedule.identifiers[places].tolist() == [0x100 + k for k in range(5, 12)]
+    assert schedule.data[places, 1].tolist() == list(range(5, 12))
+    assert (schedule.lengths[places] == 2).all()
+
+
+def test_around_the_rings_end_frames_of_one_time_go_in_two_pieces(world: World) -> None:
+    schedule = empty_schedule(4)
+    frames = logged(frames_of([(0x100, bytes([k])) for k in range(6)]), 0, True)
+    put(schedule, np.zeros(3, dtype=np.int64), frames[:3])
+    schedule.position[0].played = 3
+    put(schedule, np.zeros(3, dtype=np.int64), frames[3:])
+    schedule.position[0].is_whole = 1
+    played(schedule)
+    assert [numbers for _, numbers in world.sent] == [[3], [4, 5]]

@@ -1,0 +1,182 @@
+"""A replay onto a bus: every frame of every format, in its order, and what becomes of a bus that fails."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from hil_support import frames_of
+
+from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames, logged
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.listener import Listener
+from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.replay import player
+from liftgate_hil.replay.player import Played, Player, Replay
+from liftgate_hil.replay.selection import Selection
+from liftgate_hil.signals import columns_of
+from liftgate_hil.transport import find
+from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.find import Way
+
+SUFFIXES = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap")
+FRAMES = [(0x100 + k % 5 if k % 7 else 0x18F00300 | EXTENDED, bytes([k, 1])) for k in range(60)]
+
+
+def write(
+    path: Path, frames: list[tuple[int, bytes]], is_sent: list[bool], step: float = 1e-3
+) -> Path:
+    rows = logged(frames_of(frames), 0, True)
+    rows["time_ns"] = (np.arange(len(frames)) * step * 1e9).astype(np.int64) + 5_000_000
+    rows["is_sent"] = is_sent
+    recorder = open_recorder(path, Content(columns_of(2), "can0"), is_salvaged=False)
+    recorder.begin(0)
+    recorder.write_frames(rows)
+    recorder.close()
+    return path
+
+
+def play(path: Path, stopped: Any = lambda: False, **how: Any) -> tuple[Played, list[can.Message]]:
+    channel = f"replay-{uuid.uuid4()}"
+    with can.Bus(interface="virtual", channel=channel) as bus:
+        way = Way({"interface": "virtual", "channel": channel}, None, how.pop("is_fd", False))
+        told = Player(Replay(path, **how), way, Listener(), stopped, lambda line: None)
+        told.run()
+        messages = []
+        while (message := bus.recv(0.0)) is not None:
+            messages.append(message)
+    return told.played, messages
+
+
+def told_of(messages: list[can.Message]) -> list[tuple[int, bytes]]:
+    return [
+        (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
+    ]
+
+
+@pytest.mark.filterwarnings("ignore")  # asammdf's own
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_frame_of_every_format_comes_once_and_in_its_order(
+    tmp_path: Path, suffix: str
+) -> None:
+    if suffix in (".mf4", ".mcap"):
+        pytest.importorskip({".mf4": "asammdf", ".mcap": "mcap"}[suffix])
+    path = write(tmp_path / f"run{suffix}", FRAMES, [True] * len(FRAMES))
+    played, messages = play(path)
+    assert told_of(messages) == FRAMES
+    assert (played.frames_sent, played.frames_not_sent, played.is_complete) == (60, 0, True)
+    assert played.lateness.count == 60
+    assert played.played_s == pytest.approx(0.059)
+
+
+def test_without_a_direction_it_plays_what_was_sent_and_where_nothing_was_all(
+    tmp_path: Path,
+) -> None:
+    ways = [k % 3 == 0 for k in range(60)]
+    path = write(tmp_path / "run.log", FRAMES, ways)
+    _, messages = play(path)
+    assert told_of(messages) == [
+        each for each, is_sent in zip(FRAMES, ways, strict=True) if is_sent
+    ]
+    _, messages = play(path, selection=Selection("received"))
+    assert len(messages) == 40
+    played, messages = play(write(tmp_path / "their.log", FRAMES, [False] * 60))
+    assert (len(messages), played.direction) == (60, "both")
+
+
+def test_several_rounds_are_the_same_frames_again(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.log", FRAMES[:20], [True] * 20, 1e-4)
+    played, messages = play(path, times=3, speed=2.0)
+    assert told_of(messages) == FRAMES[:20] * 3
+    assert (played.rounds, played.played_s) == (3, pytest.approx(3 * 19 * 0.5e-4))
+
+
+def test_more_frames_than_the_ring_holds_come_whole_round_after_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = player.empty_schedule
+    monkeypatch.setattr(player, "empty_schedule", lambda places=16: small(places))
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60, 1e-5)
+    _, messages = play(path, times=2)
+    assert told_of(messages) == FRAMES * 2
+
+
+def test_what_cannot_be_played_is_told_before_a_bus_is_opened(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+    way = Way({"interface": "nobody", "channel": "x"}, None, False)
+    (tmp_path / "rows.csv").write_text("time_s,left_current_a\n0,1\n")
+    for replay, said in (
+        (Replay(path, Selection("received")), "no frame received is in it"),
+        (Replay(path, Selection(begin=9.0)), "no frame sent of what was asked for"),
+        (Replay(tmp_path / "rows.csv"), "holds rows alone; allowed: one with frames"),
+        (Replay(path, speed=0.0), "`speed` 0: allowed: 0.001 to 1000"),
+        (Replay(path, times=0), "`times` 0: allowed: 1 to"),
+        (Replay(path, cpu=0), "`cpu` 0: allowed: together with `realtime`"),
+        (Replay(tmp_path / "none.log"), "no such file"),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            Player(replay, way, Listener(), lambda: False, lambda line: None).run()
+        assert said in str(caught.value)
+
+
+class Wire:
+    """A transport that is lost from one frame to another."""
+
+    name, is_up = "wire", True
+
+    def __init__(self, lost: range) -> None:
+        self._lost = lost
+        self.seen: list[int] = []
+        self._failed = 0
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        return empty_frames(0)
+
+    def send(self, frames: Frames) -> None:
+        for row in range(frames.count):
+            number = int(frames.data[row, 0])
+            if number in self._lost:
+                self._failed += 1
+            else:
+                self.seen.append(number)
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts(send_failures=self._failed)
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_bus_that_goes_and_comes_back_costs_what_was_due_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = Wire(range(20, 30))
+    monkeypatch.setattr(find, "open_transport", lambda way: wire)
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60)
+    way = Way({"interface": "any", "channel": "x"}, None, False)
+    told = Player(Replay(path), way, Listener(), lambda: False, lambda line: None)
+    told.run()
+    assert wire.seen == [*range(20), *range(30, 60)]
+    played = told.played
+    assert (played.frames_due, played.frames_sent, played.frames_not_sent) == (60, 50, 10)
+    assert played.lateness.count == 50
+    assert "not sent: 10 frames" in played.lines()
+
+
+def test_it_stops_when_it_is_told_to_and_says_how_far_it_came(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.log", FRAMES, [True] * 60, 10.0)
+    asked = 0
+
+    def stopped() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 5
+
+    played, messages = play(path, stopped)
+    assert not played.is_complete
+    assert played.frames_sent == len(messages) < 60

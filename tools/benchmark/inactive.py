@@ -1,0 +1,157 @@
+"""What faults and expectations cost that a scenario has, and that do nothing: the demo's episode with them against
+the same without, in turns.
+
+    python -m tools.benchmark.inactive [--rounds N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from liftgate_hil import session
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.ecu.adapter import ReferenceEcu
+from liftgate_hil.judging.judge import Judge
+from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Extremes
+from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.staging import expected_in, staged
+
+ROUNDS = 21
+_RATE = 1000.0
+_FAULTS = """
+[[fault]]
+kind = "spring_weak"
+where = "left"
+factor = 0.5
+start = {start}
+[[fault]]
+kind = "hall_a_stuck"
+where = "right"
+value = 0
+start = {start}
+[[fault]]
+kind = "parameter"
+key = "motor.resistance"
+value = 1.5
+start = {start}
+[[fault]]
+kind = "frame_lost"
+where = "LeftDrive"
+direction = "sent"
+probability = 0.5
+start = {start}
+[[fault]]
+kind = "wrong_checksum"
+where = "DriveCommand"
+direction = "received"
+start = {start}
+"""
+_EXPECTED = """
+[[expect]]
+name = "reverses"
+eventually = "gate_rate_degps > 1"
+after = "pinch_force_n > 5000"
+within_s = 0.3
+[[expect]]
+name = "soft"
+always = "pinch_force_n < 400"
+"""
+_LATE, _NEVER = "1000.0", '"gate_angle_deg > 500"'
+PLAIN = "as it is"
+CASES = {
+    PLAIN: "",
+    "3 faults of the gate and 2 on its bus, after the end": _FAULTS.format(start=_LATE),
+    "the same 5, each waiting for a condition that never comes": _FAULTS.format(start=_NEVER),
+    "2 expectations": _EXPECTED,
+    "5 faults after the end and 2 expectations": _FAULTS.format(start=_LATE) + _EXPECTED,
+    "5 faults that wait, and 2 expectations": _FAULTS.format(start=_NEVER) + _EXPECTED,
+}
+
+
+class Figures(NamedTuple):
+    """CPU seconds a tick: the median of the rounds, the least, and the ratios to the plain one."""
+
+    tick: float
+    least: float
+    ratio: float  # the median of each round's own
+    least_ratio: float  # of the minima
+
+
+def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
+    """One episode of a scenario: CPU seconds a tick, its judge's and the extremes' included."""
+    setup, rig = session.setup_of(path), session.rig_of(None)
+    config = session.loop_config_of(setup.vehicle, rig, _RATE, setup.seed)
+    count = ticks or session.ticks_of(setup.scenario.duration, _RATE)
+    assert count is not None
+    takers: list[Taker] = [Extremes()]
+    if setup.scenario.expectations:
+        takers.append(Judge(expected_in(setup, rig), _RATE, count / _RATE))
+    control = memory.shared.control[0]
+    control.rows = control.frames = control.bits = 0
+    with ReferenceEcu(rig, setup.vehicle.drives) as adapter:
+        episode = Episode(
+            config, session.start_of(config), staged(setup, rig), adapter, takers, False, memory
+        )
+        episode.begin()
+        if setup.scenario.expectations:  # its machine code, too
+            takers[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])
+        start = time.thread_time()
+        episode.run(count)
+        return (time.thread_time() - start) / count
+
+
+def measure(rounds: int = ROUNDS, ticks: int | None = None) -> Mapping[str, Figures]:
+    """By case; the first round warms up."""
+    memory = Memory(ROWS, FRAMES)
+    times: dict[str, list[float]] = {name: [] for name in CASES}
+    demo = find_config("scenarios", "demo").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        paths = {name: Path(folder) / f"{k}.toml" for k, name in enumerate(CASES)}
+        for name, path in paths.items():
+            path.write_text(demo + CASES[name], encoding="utf-8")
+        for number in range(rounds + 1):
+            for name in list(paths)[:: -1 if number % 2 else 1]:
+                taken = tick_of(paths[name], memory, ticks)
+                if number:
+                    times[name].append(taken)
+    memory.close()
+    plain = times[PLAIN]
+    return {
+        name: Figures(
+            statistics.median(own),
+            min(own),
+            statistics.median(a / b for a, b in zip(own, plain, strict=True)),
+            min(own) / min(plain),
+        )
+        for name, own in times.items()
+    }
+
+
+def table(found: Mapping[str, Figures]) -> list[str]:
+    """As a table of a page."""
+    lines = ["| the demo | tick | to that as it is | ratio of the minima |", "|---|---|---|---|"]
+    for name, each in found.items():
+        lines.append(
+            f"| {name} | {1e9 * each.tick:.1f} ns | **{each.ratio:.3f}** | {each.least_ratio:.3f} |"
+        )
+    return lines
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog="python -m tools.benchmark.inactive", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    print("\n".join(table(measure(parser.parse_args().rounds))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,27 @@
+"""A table of a file's keys, from the schema that its reader goes by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from liftgate_hil.config.schema import Key
+from tools.docs.checker import a_range
+from tools.docs.markdown import code, table
+
+_HEADS = ("key", "allowed", "default", "meaning")
+
+
+def key_table(of: Sequence[Key], allowed: Mapping[str, str] | None = None) -> str:
+    """The keys of a table; `allowed` where that is not what the key's kind says."""
+    return table(_HEADS, _rows(of, allowed or {}))
+
+
+def default_of(key: Key) -> str:
+    """In words; nothing where it is empty."""
+    return "" if key.default == () else key.default_told
+
+
+def _rows(of: Sequence[Key], allowed: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
+    for key in of:
+        what = allowed.get(key.name) or a_range(key.kind.allowed)
+        yield code(key.name), what, default_of(key), key.meaning
