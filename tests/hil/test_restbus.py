@@ -152,6 +152,17 @@ def test_by_hand_a_signal_is_sent_until_it_is_changed() -> None:
     assert [each for each in third if each.arbitration_id == BUTTON]
 
 
+def issue_of(folder: Path, text: str) -> str:
+    """The one thing that is wrong with a scenario, behind the name of its file."""
+    path = folder / "s.toml"
+    path.write_text(f"duration = 1.0\n{text}", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        lh.run(path)
+    (issue,) = caught.value.issues
+    assert issue.startswith(f"{path}: ")
+    return issue.removeprefix(f"{path}: ")
+
+
 WRONG = [
     ('signal = "Nope.X"', "no such message; allowed: a signal of DriverRequest, Body"),
     (
@@ -166,12 +177,8 @@ WRONG = [
 
 @pytest.mark.parametrize(("line", "said"), WRONG)
 def test_a_signal_that_the_bench_cannot_send_is_told(tmp_path: Path, line: str, said: str) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f"duration = 1.0\n[[signal]]\n{line}\nvalue = 1\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        lh.run(path)
-    (issue,) = caught.value.issues
-    assert issue.startswith(f"{path}: signal[0].signal: ")
+    issue = issue_of(tmp_path, f"[[signal]]\n{line}\nvalue = 1\n")
+    assert issue.startswith("signal[0].signal: ")
     assert said in issue
 
 
@@ -179,12 +186,8 @@ def test_a_signal_that_the_bench_cannot_send_is_told(tmp_path: Path, line: str, 
     "value", ["999", "-1", "nan", "1" + 400 * "0", "true", '"fast"', '""', "[]"]
 )
 def test_a_value_that_the_signal_cannot_have_is_told(tmp_path: Path, value: str) -> None:
-    path = tmp_path / "s.toml"
-    path.write_text(f"duration = 1.0\n{SPEED}value = {value}\n", encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        lh.run(path)
-    (issue,) = caught.value.issues
-    assert issue.startswith(f"{path}: signal[0].value: ")
+    issue = issue_of(tmp_path, f"{SPEED}value = {value}\n")
+    assert issue.startswith("signal[0].value: ")
     assert "allowed: " in issue
 
 

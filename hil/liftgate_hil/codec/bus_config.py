@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 LONGEST_MS = 60_000.0  # a cycle
 
+ANY = signals.Signal("", -np.inf, np.inf, "")  # of a signal as it is
+
 MAX_PAGES = 62  # bits of SIGNAL's `pages`
 
 
@@ -148,6 +150,20 @@ def build_bus_config(
         tables.has_profiles |= options_of.e2e is not None
         tables.start += [_page(start, message, page) for page in pages]
     return tables.bus()
+
+
+def tables_named(
+    messages: Mapping[str, Message],
+    names: Sequence[str],
+    options: Mapping[str, MessageOptions],
+    issues: ConfigIssues,
+    sending: bool,
+) -> BusConfig:
+    """The tables of signals (`Message.Signal`) as they are, in the database's units; their places in `names` are
+    those of their values.
+    """
+    mappings = list(map(mapping_named, names))
+    return build_bus_config(messages, mappings, options, dict.fromkeys(names, ANY), issues, sending)
 
 
 @dataclass

@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
+from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.codec.receive import find_message, physical_of, selected
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.issues import ConfigIssues
 from liftgate_plant.compiler import compilable
-from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
-
-_ANY = Signal("", -np.inf, np.inf, "")
 
 
 def watched(
@@ -28,8 +25,7 @@ def watched(
     """The tables of signals (`Message.Signal`) that the messages have; their places in `names` are those of their
     values.
     """
-    mappings = list(map(mapping_named, names))
-    return build_bus_config(messages, mappings, {}, dict.fromkeys(names, _ANY), issues, False)
+    return tables_named(messages, names, {}, issues, False)
 
 
 def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:

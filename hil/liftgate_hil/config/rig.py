@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,7 +56,7 @@ class Rig:
     diagnostics: Diagnostics | None = None  # how the ECU is asked for its trouble codes
     driver: Driver = NO_DRIVER
 
-    @property
+    @cached_property
     def tables(self) -> BusTables:
         """What the bench sends by it."""
         return BusTables(self.messages, self.outputs, self.options)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import build_bus_config, mapping_named
+from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import FD, Frames
 from liftgate_hil.codec.receive import NO_COUNTS, Reception, find_message, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
@@ -15,12 +15,9 @@ from liftgate_hil.ecu.memory import NO_REQUEST
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.requests import ACTIONS, BUTTONS
 from liftgate_plant.compiler import compilable, outlined
-from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
-
-_ANY = Signal("", -np.inf, np.inf, "")
 
 
 class Buttons(NamedTuple):
@@ -43,10 +40,8 @@ def buttons_of(rig: Rig) -> Buttons:
     """Those of a rig."""
     own = {action: rig.driver.buttons[action] for action in BUTTONS if action in rig.driver.buttons}
     names = list(dict.fromkeys(each.signal for each in own.values()))
-    mappings = list(map(mapping_named, names))
-    quantities = dict.fromkeys(names, _ANY)
     issues = ConfigIssues(rig.source)
-    bus = build_bus_config(rig.messages, mappings, rig.options, quantities, issues, False)
+    bus = tables_named(rig.messages, names, rig.options, issues, False)
     issues.raise_if_any()
     return Buttons(
         bus,

@@ -9,12 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config, mapping_named
+from liftgate_hil.codec.bus_config import (
+    ANY,
+    SignalMapping,
+    build_bus_config,
+    mapping_named,
+    tables_named,
+)
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
@@ -23,12 +30,9 @@ from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_OUTPUTS
 from liftgate_hil.stimuli.moments import START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
-from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
-
-_ANY = Signal("", -np.inf, np.inf, "")
 
 CHANGE = np.dtype(
     [
@@ -62,6 +66,20 @@ class BusTables:
     outputs: Sequence[SignalMapping]
     options: Mapping[str, MessageOptions]
 
+    @cached_property
+    def sent(self) -> BusConfig:
+        """The gate's messages as the loop works through them. Raises ConfigError."""
+        issues = ConfigIssues("")
+        found = self.with_signals((), issues)
+        issues.raise_if_any()
+        return found
+
+    def with_signals(self, names: Sequence[str], issues: ConfigIssues) -> BusConfig:
+        """The same, and signals (`Message.Signal`) of others beside them."""
+        mappings = [*self.outputs, *map(mapping_named, names)]
+        quantities = {**BUS_OUTPUTS, **dict.fromkeys(names, ANY)}
+        return build_bus_config(self.messages, mappings, self.options, quantities, issues, True)
+
 
 NO_BUS = BusTables({}, (), {})
 
@@ -82,13 +100,9 @@ def restbus_of(
 ) -> Restbus:
     """The restbus of the signals that change, which are to be of messages with a cycle that nobody else sends."""
     names = list(dict.fromkeys(each.signal for each in changes))
-    mappings = list(map(mapping_named, names))
     issues = ConfigIssues("")
-    signals = {**BUS_OUTPUTS, **dict.fromkeys(names, _ANY)}
-    own = dict.fromkeys(names, _ANY)
-    bus = build_bus_config(tables.messages, mappings, tables.options, own, issues, True)
-    both = [*tables.outputs, *mappings]
-    everything = build_bus_config(tables.messages, both, tables.options, signals, issues, True)
+    bus = tables_named(tables.messages, names, tables.options, issues, True)
+    everything = tables.with_signals(names, issues) if names else tables.sent
     issues.raise_if_any()
     rows = [
         (*sheet.place(each.when), names.index(each.signal), each.value, each.pressed, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,13 @@ def expect(folder: Path, text: str) -> Path:
     path = folder / "scene.toml"
     path.write_text(f'duration = 1.0\n[[expect]]\nname = "x"\n{text}\n')
     return path
+
+
+def told_by(load: Callable[[Path], object], path: Path, prefix: str) -> list[str]:
+    """What is told of a file, without what each line begins with."""
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    return [line.removeprefix(prefix) for line in caught.value.issues]
 
 
 def test_a_trouble_code_is_expected_present_or_absent(tmp_path: Path) -> None:
@@ -54,10 +62,8 @@ def test_what_is_wrong_with_an_expectation_is_told(
     tmp_path: Path, text: str, issues: list[str]
 ) -> None:
     path = expect(tmp_path, text)
-    with pytest.raises(ConfigError) as caught:
-        load_scenario(path)
-    told = [line.removeprefix(f"{path}: ") for line in caught.value.issues]
-    assert len(told) == len(issues)
+    told = told_by(load_scenario, path, f"{path}: ")
+    assert len(told) == len(issues), told
     assert all(line.startswith(issue) for line, issue in zip(told, issues, strict=True)), told
 
 
@@ -110,9 +116,7 @@ def test_what_is_wrong_with_diagnostics_is_told(
     tmp_path: Path, text: str, issues: list[str]
 ) -> None:
     path = rig(tmp_path, text)
-    with pytest.raises(ConfigError) as caught:
-        load_rig(path)
-    told = [line.removeprefix(f"{path}: diagnostics.") for line in caught.value.issues]
+    told = told_by(load_rig, path, f"{path}: diagnostics.")
     assert len(told) == len(issues), told
     assert all(line.startswith(issue) for line, issue in zip(told, issues, strict=True)), told
 
