@@ -129,7 +129,9 @@ class Installation:
         self.env = {
             **kept,
             "PATH": f"{binaries}{os.pathsep}{kept['PATH']}",
-            "XDG_CACHE_HOME": str(folder / "cache"),
+            "XDG_CACHE_HOME": str(
+                folder.parent / "cache"
+            ),  # what the wheel compiled the sdist finds
         }
         run(sys.executable, ROOT / "tools/make_venv.py", folder / "environment")
         self.pip("install", str(artifact))

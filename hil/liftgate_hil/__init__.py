@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from liftgate_hil.config.scenario import Scenario
     from liftgate_hil.gate import Gate
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.runs import Result, run
+    from liftgate_hil.runs.result import Result
+    from liftgate_hil.runs.run import run
     from liftgate_hil.session import rig_from as load_rig
     from liftgate_hil.session import scenario_from as load_scenario
     from liftgate_hil.session import vehicle_from as load_vehicle
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 # Public name: where it is. Imported when it is asked for, so that starting a command stays fast.
 _HOMES = {
     "Gate": ("liftgate_hil.gate", "Gate"),
-    "Result": ("liftgate_hil.runs", "Result"),
+    "Result": ("liftgate_hil.runs.result", "Result"),
     "Rig": ("liftgate_hil.config.rig", "Rig"),
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
@@ -39,7 +40,7 @@ _HOMES = {
     "load_rig": ("liftgate_hil.session", "rig_from"),
     "load_scenario": ("liftgate_hil.session", "scenario_from"),
     "load_vehicle": ("liftgate_hil.session", "vehicle_from"),
-    "run": ("liftgate_hil.runs", "run"),
+    "run": ("liftgate_hil.runs.run", "run"),
 }
 
 __all__ = [

@@ -9,13 +9,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.injection.orders import Orders
+from liftgate_hil.injection.slot_target import SlotTarget
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.origin import ON_THE_BUS, origin_of
 from liftgate_hil.recording.content import Content
-from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, start_of, ticks_of
+from liftgate_hil.restarting import Restarts
+from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, ticks_of
 from liftgate_hil.signals import columns_of
-from liftgate_hil.staging import staged, trigger_in
+from liftgate_hil.staging import trigger_in
 from liftgate_hil.stimuli.restbus import going_on
 from liftgate_hil.stimuli.scene import Scene
 
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.clock import RealtimeClock
     from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
-    from liftgate_hil.loop.recorder import Taker
+    from liftgate_hil.loop.recorder import Attendant, Taker
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.preparation import Phase
@@ -54,9 +57,9 @@ class Emulator:
     setup: Setup
     rig: Rig
     way: Way
+    scene: Scene
+    start: LoopState  # where the scene begins
     options: RunOptions = field(default_factory=RunOptions)
-    scene: Scene | None = None  # None: the setup's
-    start: LoopState | None = None  # where the scene begins; None: where the setup says
     phases: Iterable[Phase] = ()  # that go before the scene, on the wire
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
@@ -65,6 +68,8 @@ class Emulator:
     listener: Listener = field(default_factory=Listener)
     events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
     stopped: Callable[[], bool] = _never
+    orders: Orders | None = field(default=None, init=False)  # of a test bench, while it runs
+    restarts: Restarts | None = field(default=None, init=False)  # of the ECU, by a program
 
     def run(self) -> None:
         """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
@@ -73,17 +78,22 @@ class Emulator:
         self.options.check()
         options, setup = self.options, self.setup
         self.config = loop_config_of(setup.vehicle, self.rig, options.rate, setup.seed)
-        # Without buttons in the rig its ECU is asked by somebody else.
-        is_asked = not self.peers and bool(self.rig.driver.buttons)
-        self.stage = self.scene or staged(setup, self.rig, is_on_bus=is_asked)
-        self.state = self.start or start_of(self.config, setup.start_angle)
+        self.state = self.start
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
         self.summary = Summary(clock=options.clock)
-        if options.clock == "realtime" and POSSIBLE:
-            self._in_real_time()
-        else:
-            self._in_python()
+        self.restarts = self._restarts()
+        self.orders = self._orders()
+        try:
+            if options.clock == "realtime" and POSSIBLE:
+                self._in_real_time()
+            else:
+                self._in_python()
+        finally:
+            if self.orders is not None:
+                self.summary.injections = self.orders.count
+                self.summary.injected = self.orders.done
+                self.summary.injections_refused = self.orders.refused
 
     def _opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
         """The wire, closed with the stack; tells how far it reaches."""
@@ -136,8 +146,9 @@ class Emulator:
 
                     return go
 
-                loop = made(self.stage, memory_for(options.rate))
-                loop.peers, loop.takers = self.peers, self.takers
+                attendants = self._attendants()
+                loop = made(self.scene, memory_for(options.rate))
+                loop.peers, loop.takers, loop.attendants = self.peers, self.takers, attendants
                 if options.records:
                     content, limit = self._content(name), options.limit()
                     recorder = RecorderProcess(
@@ -207,11 +218,12 @@ class Emulator:
             loop = Loop(
                 config=self.config,
                 state=self.state,
-                scene=self.stage,
+                scene=self.scene,
                 transport=transport,
                 peers=self.peers,
                 takers=[*self.takers, recording] if recorders else self.takers,
                 lookout=self._lookout(),
+                attendants=self._attendants(),
                 bitrate=self.way.bitrate(rig),
             )
             self.listener.starts(f"{self.setup.vehicle_name} on {name}")
@@ -231,15 +243,39 @@ class Emulator:
         self.summary.recordings = [file for each in recorders for file in each.files]
         raise_failures(recorders)
 
+    def stop_programs(self) -> None:
+        """End what it has started beside itself, and still runs."""
+        if self.restarts is not None:
+            self.restarts.stop()
+
+    def _attendants(self) -> list[Attendant]:
+        """Who looks after the run beside the loop."""
+        return [each for each in (self.orders, self.restarts) if each is not None]
+
+    def _orders(self) -> Orders | None:
+        """Of the rig's test bench; None: it has none."""
+        if not len(self.scene.slots.letters):
+            return None
+        restart = self.restarts.restart if self.restarts is not None else None
+        target = SlotTarget(self.scene, self.setup, self.rig, restart)
+        return Orders(self.rig, target, self.listener.say)
+
+    def _restarts(self) -> Restarts | None:
+        """Of an ECU on a bus by a program of the rig; None: in another way, or not at all."""
+        reset = self.rig.driver.reset
+        if self.peers or reset is None or reset.way != "command":
+            return None
+        return Restarts(reset, self.scene, self.listener.say)
+
     def _content(self, channel: str) -> Content:
         """What recordings hold."""
-        about = origin_of(self.setup, self.rig, self.options, self.ecu)
+        about = origin_of(self.setup, self.rig, self.options, self.ecu, self.way.interface)
         return Content(columns_of(self.setup.vehicle.drives), channel, about=about)
 
     def _lookout(self) -> Lookout:
         from liftgate_hil.loop.lookout import Lookout
 
-        before = int(self.stage.origin[0])
+        before = int(self.scene.origin[0])
         return Lookout(
             self.rig,
             self.config,
@@ -260,10 +296,11 @@ class Emulator:
             if restbus is not None:
                 going_on(restbus, phase.scene.restbus)
             restbus = phase.scene.restbus
-            self.state = go(self.state, lambda end=phase.end: self.stopped() or end.is_over())  # type: ignore[misc]
+            with contextlib.closing(phase.end):
+                self.state = go(self.state, lambda end=phase.end: self.stopped() or end.is_over())  # type: ignore[misc]
         if restbus is not None:
-            going_on(restbus, self.stage.restbus)
-            self.stage.origin[0] = self.state.tick
+            going_on(restbus, self.scene.restbus)
+            self.scene.origin[0] = self.state.tick
 
     def _clocked(
         self,

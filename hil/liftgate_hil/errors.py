@@ -6,6 +6,7 @@
     ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
     ├── EcuError             the ECU under test did what none may, crashed or hung
+    ├── DiagnosticsError     the ECU under test refused a diagnostic request, or did not answer it
     ├── PreconditionError    what goes before a scenario did not come to an end
     └── PlantDivergedError   the plant's state is no longer finite
 
@@ -77,6 +78,14 @@ class EcuError(LiftgateError):
 
     def __init__(self, text: str, ticks: int = 0) -> None:
         self.ticks = ticks
+        super().__init__(text)
+
+
+class DiagnosticsError(LiftgateError):
+    """The ECU under test refused a diagnostic request, with that negative response code, or did not answer it."""
+
+    def __init__(self, text: str, nrc: int | None = None) -> None:
+        self.nrc = nrc
         super().__init__(text)
 
 

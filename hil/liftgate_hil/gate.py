@@ -9,28 +9,29 @@ gate.truth["gate_angle_deg"], gate.sensed["left_current_a"]
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from liftgate_hil import session
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
-from liftgate_hil.codec.transmit import encode
+from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.commanding import CyclicCommand
 from liftgate_hil.config.arguments import number_of, seed_of
-from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Fault, fault_of
 from liftgate_hil.config.toml import show
+from liftgate_hil.diagnostics import services
+from liftgate_hil.diagnostics.single_request import Bench, clear_codes, read_codes
+from liftgate_hil.diagnostics.tester import Diagnostics, Tester, is_asking_once
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.ecu.reference import message_rows
 from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.injection.orders import Orders
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
 from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
@@ -38,11 +39,7 @@ from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import constants_in, initial_loop
 from liftgate_hil.signals import (
-    BUS_INPUTS,
     COLUMN_PLACE,
-    DIRECTIONS,
-    IN,
-    INPUT_COUNT,
     OBSTACLE,
     PROFILES,
     SENSED_PREFIX,
@@ -56,6 +53,7 @@ from liftgate_hil.stimuli.mailbox import HELD
 from liftgate_hil.stimuli.moments import START, Instant
 from liftgate_hil.stimuli.restbus import SignalChange
 from liftgate_hil.stimuli.scene import scene_of
+from liftgate_hil.stimuli.slots import CLOSED
 from liftgate_plant.compiler import compiled
 from liftgate_plant.hall import RING_SIZE
 from liftgate_plant.initial import closed_state, initial_state
@@ -94,6 +92,9 @@ class Gate:
         self._drives = vehicle.drives
         self._vehicle = vehicle
         self._faults: list[InjectedFault] = []
+        self._ordered: tuple[Fault, ...] = ()  # by frames of a test bench
+        self._orders = Orders(rig, _GateTarget(self))
+        self._opening = CLOSED._replace(messages=rig.ordering)
         self._signals: dict[str, float] = {}  # of the restbus
         self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
@@ -103,9 +104,9 @@ class Gate:
         self._memory = Memory(_ROWS, _FRAMES)
         self._is_closed = False
         self._bus = Adapter(rig, vehicle.drives)
-        self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
+        self._command = CyclicCommand(rig, self._config, self._bus.node.reference)
         self._script = Script(
-            scene=scene_of(constants_in(self._config), tables=rig.tables),
+            scene=scene_of(constants_in(self._config), tables=rig.tables, opening=self._opening),
             ticks=0,
             is_last=0,
             is_recorded=1,
@@ -113,9 +114,6 @@ class Gate:
         )
         self._now = Stretch(initial_loop(self._config, state, RING_SIZE), self._bus.state, 1, 0, 0)
         self._run = compiled(run_stretch)
-        self._values: NDArray[np.float64] | None = None  # what is sent cyclically
-        self._cinching = message_rows(rig, ["latch_cinch"])
-        self._sent = np.zeros(len(self._config.inputs.messages), dtype=np.int64)
         self._row = np.full(len(COLUMN_PLACE), np.nan)
         self._distance = vehicle.gate.length
         self._waiting: list[tuple[int, int, bytes]] = []
@@ -173,6 +171,9 @@ class Gate:
             frames_sent=int(self._memory.shared.control.sent[0]),
             command_timeouts=loop.timeouts,
             received=loop.counts,
+            injections=self._orders.count,
+            injected=list(self._orders.done),
+            injections_refused=self._orders.refused,
         )
 
     def command(self, command: None = None, /, **quantities: float | str | bool) -> None:
@@ -188,43 +189,10 @@ class Gate:
             raise ConfigError(
                 f"`command` {show(command)}: allowed: None, or quantities by their names"
             )
-        if not quantities:
-            self._values = None
-            return
-        values = np.full(INPUT_COUNT, np.nan)
-        both = quantities.pop("direction", None)
-        latch = ("latch_release", "latch_cinch")
-        known = ("left_duty", "right_duty", "left_direction", "right_direction", *latch)
-        for name in quantities:
-            if name not in known:
-                raise ConfigError(f"`command` {name}: allowed: {', '.join((*known, 'direction'))}")
-        for side in ("left", "right"):
-            direction = quantities.get(f"{side}_direction", both)
-            said = quantities.get(f"{side}_duty", 0.0)
-            duty = number_of(f"{side}_duty", said, -100.0, 100.0, "%")
-            if self._config.signed_left if side == "left" else self._config.signed_right:
-                duty = _signed(duty, direction)
-            number = _direction(f"{side}_direction", "coast" if direction is None else direction)
-            values[getattr(IN, f"{side}_duty")] = duty
-            values[getattr(IN, f"{side}_direction")] = number
-        for name in latch:
-            on = quantities.get(name, False)
-            if not isinstance(on, Real | np.bool_) or on not in (0, 1):
-                raise ConfigError(f"`{name}` {show(on)}: allowed: True, False")
-            if name == "latch_release" or name in quantities:
-                values[getattr(IN, name)] = float(on)
-        self._check_said(values)
-        self._values = values
-
-    def _check_said(self, values: NDArray[np.float64]) -> None:
-        """Raises ConfigError where the rig has no value for one of an enumeration."""
-        for name, unsaid in self._unsaid.items():
-            number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
-            if not np.isnan(number) and labels and labels[int(number)] in unsaid:
-                allowed = ", ".join(each for each in labels if each not in unsaid)
-                raise ConfigError(
-                    f"`{name}` {labels[int(number)]}: the rig has no value for it; allowed: {allowed}"
-                )
+        if quantities:
+            self._command.change(quantities)
+        else:
+            self._command.silence()
 
     def send(self, message: can.Message) -> None:
         """A frame that the gate reads in the next tick. Raises ConfigError."""
@@ -351,8 +319,15 @@ class Gate:
         self._change_scene()
         return made
 
+    def _inject(self, faults: Sequence[Fault]) -> None:
+        """What frames of a test bench have ordered. Raises ConfigError."""
+        self._injections(faults)
+        self._ordered = tuple(faults)
+        self._change_scene()
+
     def _injections(self, faults: Sequence[Fault]) -> list[Injection]:
-        sent = {name.partition(".")[0] for name in self._signals}
+        names = (*self._signals, *self.rig.settable)
+        sent = {name.partition(".")[0] for name in names}
         return injections_of(faults, self._vehicle, self.rig, sent)
 
     def _clear(self, fault: InjectedFault) -> None:
@@ -364,14 +339,63 @@ class Gate:
         before = self._script.scene
         scene = scene_of(
             constants_in(self._config),
-            injections=self._injections([each.fault for each in self._faults]),
+            injections=self._injections([*self._ordered, *(each.fault for each in self._faults)]),
             tables=self.rig.tables,
             changes=[SignalChange(START, *each) for each in self._signals.items()],
+            opening=self._opening,
         )
         restbus.going_on(before.restbus, scene.restbus)
         on_its_way = going_on(before.bus_faults, scene.bus_faults)
-        scene = scene._replace(held=before.held, bus_faults=on_its_way)
+        scene = scene._replace(held=before.held, bus_faults=on_its_way, tester=before.tester)
         self._script = self._script._replace(scene=scene)
+
+    def read_dtcs(self, cycle: Callable[[], object]) -> dict[str, int]:
+        """The trouble codes of the ECU under test: the status byte (ISO 14229-1) of each by its text, for example
+        {"B1A01-62": 0x2F}, read by a tester beside the gate as the rig's `[diagnostics]` says: UDS
+        ReadDTCInformation, reportDTCByStatusMask with `status_mask`.
+
+        `cycle` is once through the caller's loop: the gate steps, the ECU gets what gate and tester have sent, and
+        what it sends goes to the gate. It is called, without arguments, until the ECU has answered.
+
+            def cycle():
+                for message in ecu.step(gate.time, gate.step(0.010)):
+                    gate.send(message)
+
+            gate.clear_dtcs(cycle)
+            gate.fault("hall_a_stuck", where="left", value=0)
+            for _ in range(300):
+                cycle()
+            assert "B1A01-62" in gate.read_dtcs(cycle)
+
+        Raises DiagnosticsError where the ECU refuses the request, with its `nrc`, or does not answer within
+        `timeout_ms` (5 s after "response pending", 60 s at most); ConfigError where the rig has no `[diagnostics]`
+        or `cycle` does not step this gate; and what `cycle` raises.
+        """
+        return read_codes(*self._to_be_asked("read_dtcs", cycle))
+
+    def clear_dtcs(self, cycle: Callable[[], object]) -> None:
+        """Clear all trouble codes of the ECU under test: UDS ClearDiagnosticInformation of all groups. `cycle`
+        and what is raised are as with `read_dtcs`.
+        """
+        clear_codes(*self._to_be_asked("clear_dtcs", cycle))
+
+    def _to_be_asked(self, name: str, cycle: Callable[[], object]) -> tuple[Diagnostics, Bench]:
+        """How the ECU can be asked, and where. Raises ConfigError."""
+        self._check_open()
+        own = self.rig.diagnostics
+        if own is None:
+            said = "has no [diagnostics]; allowed: with one that has, with request and response"
+            raise ConfigError(f"`{name}`: the rig {self.rig.source} {said}")
+        if not services.is_there():
+            raise ConfigError(f"`{name}`: trouble codes {services.MISSING}")
+        if not callable(cycle):
+            raise ConfigError(f"`cycle` {show(cycle)}: allowed: a function without arguments")
+        if is_asking_once(self._script.scene.tester):
+            raise ConfigError(f"`{name}`: the tester waits for a response; allowed: after that")
+        return own, Bench(self._put_tester, cycle, lambda: self.time)
+
+    def _put_tester(self, tester: Tester) -> None:
+        self._script = self._script._replace(scene=self._script.scene._replace(tester=tester))
 
     def step(self, seconds: float) -> list[can.Message]:
         """Advance by a time [s], rounded to ticks, at least one; the frames that the gate sent meanwhile.
@@ -402,6 +426,7 @@ class Gate:
                     message = message_of(frames, 0)
                     message.timestamp = row["time_ns"] * 1e-9
                     messages.append(message)
+            self._orders.look(self._memory.shared.frames[: control.frames], self.time)
             control.rows = control.frames = 0
             self._edges += edges_since(self._now.loop.sensors.edges, seen)
             if self._now.outcome == DIVERGED:
@@ -418,24 +443,22 @@ class Gate:
             raise ConfigError(f"`edges` {show(drive)}: allowed: {', '.join(drives)}")
         return [edge for edge in self._edges if edge.drive == drive]
 
-    def _cycle(self) -> int:
-        """Ticks of a command cycle."""
-        return max(1, round(self.rig.command_cycle_ms() * 1e6 / self._config.step_ns))
-
     def _next_stop(self, end: int) -> int:
         """Where the next command is due, or the end."""
         tick = self._now.loop.tick
-        if len(self._waiting) > wire.CAPACITY:
+        is_ordered = any(self._orders.is_one(identifier) for identifier, _, _ in self._waiting)
+        if len(self._waiting) > wire.CAPACITY or is_ordered:
             return tick + 1
-        if self._values is None:
+        if math.isfinite(release := self._orders.next_release):
+            end = min(end, max(tick + 1, math.ceil(release / self._config.step - 1e-6)))
+        if not self._command.is_on:
             return min(end, tick + _ROWS)
-        return min(end, (tick // self._cycle() + 1) * self._cycle(), tick + _ROWS)
+        cycle = self._command.cycle
+        return min(end, (tick // cycle + 1) * cycle, tick + _ROWS)
 
     def _advance(self, stop: int) -> None:
         """Give what is to be given, and tick until `stop`."""
-        tick = self._now.loop.tick
-        if self._values is not None and tick % self._cycle() == 0:
-            self._waiting += self._command_frames(self._values)
+        self._waiting += self._command.frames_at(self._now.loop.tick)
         sent = self._now.node.port.sent
         given, self._waiting = self._waiting[: wire.CAPACITY], self._waiting[wire.CAPACITY :]
         for place, (identifier, length, data) in enumerate(given):
@@ -445,21 +468,28 @@ class Gate:
         script = self._script._replace(ticks=stop)
         self._now = self._run(self._config, self._bus.node, start, script, self._memory.shared)
 
-    def _command_frames(self, values: NDArray[np.float64]) -> list[tuple[int, int, bytes]]:
-        """One cycle's command, of the messages that an ECU sends."""
-        bus = self._bus.node.reference
-        rows = [int(row) for row in bus.commands]
-        if not np.isnan(values[IN.latch_cinch]):
-            rows += [row for row in self._cinching if row not in rows]
-        frames = empty_frames(len(rows))
-        found = []
-        for place, row in enumerate(rows):
-            encode(bus.outputs, row, values, int(self._sent[row]), frames, place)
-            self._sent[row] += 1
-            length = int(frames.lengths[place])
-            data = frames.data[place, :length].tobytes()
-            found.append((int(frames.identifiers[place]), length, data))
-        return found
+
+class _GateTarget:
+    """Obeys the orders of a test bench, see Target."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """See Target."""
+        self._gate._inject(faults)
+
+    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
+        """See Target."""
+        now = self._gate._signals.get(name)
+        if math.isnan(instead_of) or now == instead_of:
+            self._gate.signal(name, value)
+
+    def reset(self) -> None:
+        """See Target."""
+        raise ConfigError(
+            "request reset; allowed with [reset] signal: this gate's ECU is the caller's"
+        )
 
 
 class InjectedFault:
@@ -472,20 +502,3 @@ class InjectedFault:
     def clear(self) -> None:
         """Mend it from the next tick on; once is enough."""
         self._gate._clear(self)
-
-
-def _signed(duty: float, direction: Any) -> float:
-    """A duty whose sign is the direction, where that is named. Raises ConfigError."""
-    if isinstance(direction, str) and direction == "coast":
-        raise ConfigError(
-            "`direction` coast: it has no signal in this rig; allowed: open, close, brake, or silence"
-        )
-    turned = {"open": abs(duty), "close": -abs(duty), "brake": 0.0}
-    return turned.get(direction, duty) if isinstance(direction, str) else duty
-
-
-def _direction(key: str, value: Any) -> int:
-    """The number of a direction. Raises ConfigError."""
-    if isinstance(value, str) and value in DIRECTIONS:
-        return DIRECTIONS.index(value)
-    raise ConfigError(f"`{key}` {show(value)}: allowed: {', '.join(DIRECTIONS)}")

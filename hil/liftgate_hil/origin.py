@@ -27,17 +27,23 @@ _MOST_TEXT = 4_000_000  # bytes of a file that goes in; of a larger one its SHA-
 
 
 def origin_of(
-    setup: Setup, rig: Rig, options: RunOptions, ecu: Mapping[str, Any] = ON_THE_BUS
+    setup: Setup,
+    rig: Rig,
+    options: RunOptions,
+    ecu: Mapping[str, Any] = ON_THE_BUS,
+    bus: str = "",
 ) -> str:
     """JSON: versions and machine, seed, clock, rate, the files with their content and SHA-256, the vehicle as it
-    was in the end, in SI units, the ECU (`ecu.identity`), and around what it was recorded, where not all was.
-    Empty where nothing is recorded.
+    was in the end, in SI units, the ECU (`ecu.identity`), the interface of a bus, and around what it was recorded,
+    where not all was. Empty where nothing is recorded.
     """
     if not options.records:
         return ""
     duration = setup.scenario.duration if options.duration is None else options.duration
     files = {"rig": Path(rig.source), "dbc": rig.database}
     more: dict[str, Any] = {"ecu": _plain(ecu)}
+    if bus:
+        more["bus"] = bus
     if options.record_when:
         before, after = options.around()
         more["recorded"] = {

@@ -7,9 +7,6 @@ judged; the scenario's time 0 is where the last one ends, with the gate as it is
 from __future__ import annotations
 
 import math
-import subprocess
-import tempfile
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,16 +17,24 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.driver import Reset
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.diagnostics import services
+from liftgate_hil.diagnostics.tester import (
+    NO_FAILURE,
+    Tester,
+    asking_once,
+    failure_of,
+    is_asking_once,
+)
 from liftgate_hil.errors import PreconditionError
 from liftgate_hil.loop.precondition import LONGEST_MOTION, Standing
+from liftgate_hil.restarting import Program
 from liftgate_hil.session import Setup
-from liftgate_hil.staging import staged
+from liftgate_hil.staging import reset_request_of, staged
 from liftgate_hil.stimuli.moments import NEVER, Instant
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.scene import NO_STIMULI, Scene
 
-_MOST_TEXT = 300  # characters of what a program said
-_AFTER = 0.1  # s for which a reset's signal is back, so that it was sent
+_AFTER = 0.1  # s for which a reset's signal is back, so that it was sent; for an ECU to go down after its answer
 _PATIENCE = 10.0  # s for the first word of an ECU
 
 
@@ -61,6 +66,9 @@ class End:
     def missing(self) -> str:
         """What has not come."""
         return "not over"
+
+    def close(self) -> None:
+        """End what it has begun, where nobody waits for it any more."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,29 @@ class _Heard(End):
         return f"no command of the ECU (0x{self._command:X})"
 
 
+class _Answered(End):
+    """The ECU has said yes to an ECUReset, and what it sent before it went down is over."""
+
+    def __init__(self, what: str, tester: Tester, reset: Reset, step: float) -> None:
+        super().__init__(what, reset.timeout, step)
+        self._tester, self._kind = tester, reset.uds
+        self._answered_at = -1  # rows
+
+    def has_come(self) -> bool:
+        if self._answered_at < 0:
+            if is_asking_once(self._tester):
+                return False
+            failure = failure_of(self._tester)
+            if failure != NO_FAILURE:
+                said = services.refusal_of(failure)
+                raise PreconditionError(f"{self.what}: ECUReset {self._kind} refused: {said}")
+            self._answered_at, self.limit = self.rows, math.inf
+        return (self.rows - self._answered_at) * self.step >= _AFTER
+
+    def missing(self) -> str:
+        return f"no positive response to ECUReset {self._kind}"
+
+
 class _Ready(End):
     """The condition has come true that a scene waits for."""
 
@@ -140,40 +171,20 @@ class _Program(End):
 
     def __init__(self, what: str, reset: Reset, step: float) -> None:
         super().__init__(what, math.inf, step)  # the program has a limit by the wall's clock
-        self._command, self._timeout = list(reset.command), reset.timeout
-        self._failure = ""
-        self._thread = threading.Thread(target=self._run, daemon=True)
-
-    def _run(self) -> None:
-        # Into a file, not a pipe: what the program leaves running would hold that open.
-        with tempfile.TemporaryFile() as output:
-            try:
-                done = subprocess.run(
-                    self._command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    timeout=self._timeout,
-                    check=False,
-                )
-            except subprocess.TimeoutExpired:
-                self._failure = f"not at its end after {self._timeout:g} s"
-            except (OSError, ValueError) as error:
-                self._failure = f"cannot be run: {error}"
-            else:
-                if done.returncode:
-                    output.seek(0)
-                    said = output.read().decode(errors="replace").strip()
-                    self._failure = f"ended with {done.returncode}: {said[-_MOST_TEXT:]}"
+        self._program = Program(reset)
 
     def has_come(self) -> bool:
-        if self._thread.ident is None:
-            self._thread.start()
-        if self._thread.is_alive():
+        program = self._program
+        if not program.has_begun:
+            program.start()
+        if program.is_running:
             return False
-        if self._failure:
-            raise PreconditionError(f"{self.what}: {self._command[0]}: {self._failure}")
+        if program.failure:
+            raise PreconditionError(f"{self.what}: {program.name}: {program.failure}")
         return True
+
+    def close(self) -> None:
+        self._program.stop()
 
 
 def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
@@ -185,6 +196,11 @@ def phases_of(setup: Setup, rig: Rig, step: float) -> Iterator[Phase]:
         if reset.press is not None:
             scene = staged(_before(setup, "reset"), rig, is_on_bus=True)
             yield Phase(scene, _Elapsed("reset", reset.press.hold + _AFTER, step))
+        if reset.uds:
+            assert rig.diagnostics is not None
+            tester = asking_once(rig.diagnostics, reset_request_of(rig), is_repeated=True)
+            scene = staged(_before(setup), rig, is_on_bus=True)._replace(tester=tester)
+            yield Phase(scene, _Answered("reset.uds", tester, reset, step))
         if reset.command:
             scene = staged(_before(setup), rig, is_on_bus=True)
             yield Phase(scene, _Program("reset.command", reset, step))

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from liftgate_hil.codec.watch import signal_unit
-from liftgate_hil.conditions import Condition, parsed
+from liftgate_hil.conditions.condition import Condition
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, SIDES
 from liftgate_hil.config.restbus import changes_in, pressed
@@ -17,7 +18,14 @@ from liftgate_hil.config.scenario import Fault, Scenario
 from liftgate_hil.config.toml import show
 from liftgate_hil.config.vehicle import faults_with
 from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.tester import Tester, tester_of
+from liftgate_hil.diagnostics.tester import (
+    NO_FAILURE,
+    NO_RESPONSE,
+    Tester,
+    failure_of,
+    is_asking_once,
+    tester_of,
+)
 from liftgate_hil.identify.parameters import find_parameter, value_of, with_value
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.judge import Expected, codes_of, expected_of
@@ -30,6 +38,7 @@ from liftgate_hil.stimuli.moments import Instant, Moments
 from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
 from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
 from liftgate_hil.stimuli.scene import Scene, scene_of
+from liftgate_hil.stimuli.slots import CLOSED, SLOTS, Opening
 from liftgate_plant.constants import constants_of, numbers_of
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.vehicle import Vehicle
@@ -49,14 +58,27 @@ _FIXED = {
 
 
 def staged(
-    setup: Setup, rig: Rig, is_on_bus: bool = False, awaited: Sequence[Request] = ()
+    setup: Setup,
+    rig: Rig,
+    is_on_bus: bool = False,
+    awaited: Sequence[Request] = (),
+    is_open: bool = False,
 ) -> Scene:
     """A run's scene before its first tick; an ECU on a bus is asked by the rig's buttons, and what is `awaited` is
-    asked of nobody. Raises ConfigError with all that does not fit vehicle or rig.
+    asked of nobody. One that is open has room for what the rig's test bench injects while it runs. Raises
+    ConfigError with all that does not fit vehicle or rig.
     """
-    if not is_on_bus:
-        return _scene(setup.scenario, setup.vehicle, setup.scenario.requests, rig)
-    return _scene(setup.scenario, setup.vehicle, awaited, rig, presses_of(setup.scenario, rig))
+    asked, presses, reset = setup.scenario.requests, [], b""
+    if is_on_bus:
+        resets = _resets_without_signal(setup.scenario, rig)
+        asked, presses = (*awaited, *resets), presses_of(setup.scenario, rig)
+        by_uds = rig.driver.reset is not None and rig.driver.reset.way == "uds"
+        if by_uds and (resets or (is_open and rig.orders)):
+            reset = reset_request_of(rig)
+    opening = CLOSED
+    if is_open and rig.orders:
+        opening = Opening(SLOTS, rig.settable, rig.ordering)
+    return _scene(setup.scenario, setup.vehicle, asked, rig, presses, reset, opening)
 
 
 def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
@@ -69,17 +91,64 @@ def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:
         buttons["reset"] = rig.driver.reset.press
     if scenario.requests or scenario.precondition:
         found = [SignalChange(Instant(), each.signal, each.rest) for each in buttons.values()]
-    actions = [each.action for each in scenario.requests]
+    resets = _resets_without_signal(scenario, rig)
+    requests = [each for each in scenario.requests if each not in resets]
+    actions = [each.action for each in requests]
     for action in dict.fromkeys((*scenario.precondition, *actions)):
         if action not in buttons:
-            where = "[reset] signal" if action == "reset" else f"[requests] {action}"
+            where = "[reset]" if action == "reset" else f"[requests] {action}"
             issues.add(
                 "request", f"{action}: allowed on a bus with {where} in the rig {rig.source}"
             )
+    if rig.driver.reset is not None and rig.driver.reset.uds and not services.is_there():
+        issues.take([f"{rig.source}: reset.uds: resets over UDS {services.MISSING}"])
     issues.raise_if_any()
-    for each in scenario.requests:
+    for each in requests:
         found += pressed(buttons[each.action], each.when)
     return found
+
+
+def _resets_without_signal(scenario: Scenario, rig: Rig) -> list[Request]:
+    """A scenario's resets on a bus, where the rig has no signal for them, but an ECUReset or a program."""
+    reset = rig.driver.reset
+    if reset is None or reset.way == "signal":
+        return []
+    return [each for each in scenario.requests if each.action == "reset"]
+
+
+def reset_request_of(rig: Rig) -> bytes:
+    """The ECUReset of a rig that has one."""
+    assert rig.driver.reset is not None
+    return services.reset_request(rig.driver.reset.uds)
+
+
+def reset_not_made(scene: Scene, rig: Rig) -> str:
+    """Why an ECUReset that a scenario asked for was not made, after the run; "": each was, or none was to be."""
+    failure = failure_of(scene.tester)
+    if failure == NO_FAILURE and is_asking_once(scene.tester):
+        failure = NO_RESPONSE
+    return reset_failure(failure, rig)
+
+
+def reset_failure(failure: int, rig: Rig) -> str:
+    """What has become of an ECUReset in a scenario, where it has failed (see `failure_of`); "": nothing has."""
+    reset = rig.driver.reset
+    if reset is None or failure == NO_FAILURE:
+        return ""
+    if failure == NO_RESPONSE:
+        return f"request: reset: no response to ECUReset {reset.uds}"
+    return f"request: reset: ECUReset {reset.uds} refused: {services.refusal_of(failure)}"
+
+
+def off_not_made(scenario: Scenario, injected: Collection[str]) -> str:
+    """Why a `bus_off` of the scenario, or among the kinds that were injected, cannot be made on a real bus; "":
+    there is none.
+    """
+    found = [each.key for each in scenario.faults if each.kind == "bus_off"]
+    found += ["injected"] if "bus_off" in injected else []
+    return "; ".join(
+        f"{key}: bus_off: a real controller cannot be taken off its bus from here" for key in found
+    )
 
 
 def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
@@ -148,6 +217,8 @@ def _scene(
     requests: Sequence[Request],
     rig: Rig | None,
     presses: Sequence[SignalChange] = (),
+    reset: bytes = b"",
+    opening: Opening = CLOSED,
 ) -> Scene:
     issues = ConfigIssues(scenario.source)
     restbus = dict.fromkeys(each.signal.partition(".")[0] for each in scenario.signals)
@@ -163,19 +234,26 @@ def _scene(
         _conditions(scenario, vehicle, messages, issues),
         NO_BUS if rig is None else rig.tables,
         [*changes, *presses],
-        _tester(scenario, rig, issues),
+        _tester(scenario, rig, issues, reset),
+        opening,
     )
     issues.raise_if_any()
     return scene
 
 
-def _tester(scenario: Scenario, rig: Rig | None, issues: ConfigIssues) -> Tester | None:
-    """Who reads the trouble codes, where there is a bus and the scenario expects something of them."""
+def _tester(
+    scenario: Scenario, rig: Rig | None, issues: ConfigIssues, reset: bytes
+) -> Tester | None:
+    """Who reads the trouble codes, where there is a bus and the scenario expects something of them, and resets the
+    ECU by that request, where there is one.
+    """
     own, before = None if rig is None else rig.diagnostics, issues.count
-    if rig is None or not codes_of(scenario.expectations, own, issues) or issues.count > before:
+    is_read = rig is not None and bool(codes_of(scenario.expectations, own, issues))
+    if own is None or issues.count > before or not (is_read or reset):
         return None
-    assert own is not None
-    return tester_of(own, services.clear_request(), services.read_request(own.status_mask))
+    if not is_read:
+        return tester_of(own, b"", b"", reset)
+    return tester_of(own, services.clear_request(), services.read_request(own.status_mask), reset)
 
 
 def _conditions(
@@ -204,13 +282,17 @@ def _conditions(
 
 
 def injections_of(
-    faults: Sequence[Fault], vehicle: Vehicle, rig: Rig, restbus: Collection[str] = ()
+    faults: Sequence[Fault],
+    vehicle: Vehicle,
+    rig: Rig,
+    restbus: Collection[str] = (),
+    beside: Sequence[Fault] = (),
 ) -> list[Injection]:
-    """Faults in a vehicle and on its bus, with these messages of the restbus. Raises ConfigError."""
+    """Faults in a vehicle and on its bus, with these messages of a restbus, beside others. Raises ConfigError."""
     issues = ConfigIssues("")
-    found = _injections(faults, vehicle, rig, issues, restbus)
+    found = _injections([*beside, *faults], vehicle, rig, issues, restbus)
     issues.raise_if_any()
-    return found
+    return found[len(beside) :]
 
 
 def _injections(
@@ -220,7 +302,7 @@ def _injections(
     issues: ConfigIssues,
     restbus: Collection[str] = (),
 ) -> list[Injection]:
-    """The same, without those that there are issues with."""
+    """The same, one for each; of those that there are issues with what could be made out."""
     changed = [_changed_by(each, vehicle, issues) for each in faults]
     found = []
     for fault, own in zip(faults, changed, strict=True):
@@ -235,10 +317,9 @@ def _injections(
             # Of several keys that one constant follows from each has its part; of one key the last value counts.
             is_shared = name in others
             edits.append(Edit(name, ADD, after - before) if is_shared else Edit(name, SET, after))
-        if edits or on_bus:
-            times = (fault.start, fault.end, fault.period, fault.share)
-            ramp = float(fault.values.get("ramp_s") or 0.0)
-            found.append(Injection(tuple(edits), *times, ramp=ramp, bus=on_bus))
+        times = (fault.start, fault.end, fault.period, fault.share)
+        ramp = float(fault.values.get("ramp_s") or 0.0)
+        found.append(Injection(tuple(edits), *times, ramp=ramp, bus=on_bus))
     return found
 
 

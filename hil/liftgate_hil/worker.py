@@ -14,7 +14,8 @@ from pathlib import Path
 
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.runs import Job, run_job
+from liftgate_hil.runs.in_process import run_job
+from liftgate_hil.runs.job import Job
 
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG
 

@@ -11,11 +11,13 @@ import numpy as np
 from hil_support import loop_config, scene, start_of
 
 import liftgate_hil as lh
-from liftgate_hil import runs, session
+from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.closed_loop import Episode
+from liftgate_hil.runs.in_process import run_job
+from liftgate_hil.runs.job import Job
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
 from liftgate_hil.stimuli.scene import Stimuli
@@ -118,8 +120,8 @@ def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[l
     """A run, and all that it gave."""
     keeper = Keeper()
     options = session.RunOptions(clock="free", records=more.pop("records", ()))
-    job = runs.Job(scenario=scenario, ecu=ecu, options=options, **more)
-    return runs.run_job(job, takers=[keeper]), keeper
+    job = Job(scenario=scenario, ecu=ecu, options=options, **more)
+    return run_job(job, takers=[keeper]), keeper
 
 
 def episode_of(takers: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:

@@ -304,11 +304,11 @@ def test_the_reference_ecu_gets_what_the_fault_leaves(tmp_path: Path) -> None:
         ({"kind": "frame_lost", "direction": "up"}, "direction: 'up'; allowed: one of sent, received"),
         (
             {"kind": "frame_lost", "direction": "sent", "where": "DriveCommand"},
-            "where: 'DriveCommand': not a message that the gate sends; allowed: LeftDrive, ",
+            "where: 'DriveCommand': not a message that the gate or its restbus sends; allowed: LeftDrive, ",
         ),
         (
             {"kind": "wrong_counter", "direction": "sent", "where": "Gate"},
-            "where: 'Gate': not a message with a counter that the gate sends; allowed: LeftDrive, ",
+            "where: 'Gate': not a message with a counter that the gate or its restbus sends; allowed: LeftDrive, ",
         ),
         ({"kind": "bus_off", "where": "left"}, "where: bus_off is the bus's as a whole"),
         ({"kind": "babbling", "direction": "sent", "id": -1, "rate": 1.0}, "id: -1; allowed: a whole"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -217,6 +218,53 @@ def test_a_reset_may_be_a_program(tmp_path: Path, on_bus: Any, program: str, sai
     assert said in told.reason
 
 
+@pytest.mark.parametrize(("program", "said"), PROGRAMS)
+@pytest.mark.parametrize("when", ["0.05", '"time_s > 0.05"'])
+def test_a_reset_in_the_middle_of_a_scenario_may_be_a_program(
+    tmp_path: Path, on_bus: Any, program: str, said: str, when: str
+) -> None:
+    runs, script = tmp_path / "runs.txt", tmp_path / "power.py"
+    # Before the scenario it succeeds.
+    text = f"open({str(runs)!r}, 'a').write('x')\nif len(open({str(runs)!r}).read()) > 1:\n    {program or 'pass'}"
+    script.write_text(text, encoding="utf-8")
+    rig = rig_with(
+        tmp_path,
+        f'[reset]\ncommand = ["{sys.executable}", "-ISB", "{script}"]\n'
+        f"timeout_s = {0.5 if 'sleep' in program else 30.0}\n",
+    )
+    request = f'[[request]]\ntime = {when}\naction = "reset"\n'
+    _, result = on_bus(scenario(tmp_path, request + EXPECT), rig)
+    (told,) = result.expectations.values()
+    assert runs.read_text(encoding="utf-8") == "xx"
+    assert (told.verdict == "pass") == (program == "pass"), told
+    assert said in told.reason
+    if said:
+        assert told.verdict == "inconclusive"
+        assert told.reason.startswith("request: reset: ")
+
+
+def test_a_program_that_takes_too_long_is_ended_with_all_that_it_has_begun(
+    tmp_path: Path, on_bus: Any
+) -> None:
+    alive, script = tmp_path / "alive.txt", tmp_path / "power.py"
+    child = (
+        f"import time\\nfor n in range(600): open({str(alive)!r}, 'a').write('x'); time.sleep(0.05)"
+    )
+    script.write_text(
+        f"import subprocess, sys, time\nsubprocess.Popen([sys.executable, '-c', \"{child}\"])\ntime.sleep(60)",
+        encoding="utf-8",
+    )
+    rig = rig_with(
+        tmp_path, f'[reset]\ncommand = ["{sys.executable}", "-ISB", "{script}"]\ntimeout_s = 1.5\n'
+    )
+    _, result = on_bus(scenario(tmp_path, EXPECT), rig)
+    (told,) = result.expectations.values()
+    assert "not at its end after 1.5 s" in told.reason
+    written = alive.read_text(encoding="utf-8")
+    time.sleep(0.3)
+    assert alive.read_text(encoding="utf-8") == written
+
+
 def test_a_program_that_is_not_there_is_told(tmp_path: Path, on_bus: Any) -> None:
     rig = rig_with(tmp_path, '[reset]\ncommand = ["/no/such/program"]\n')
     _, result = on_bus(scenario(tmp_path, EXPECT), rig)
@@ -233,7 +281,7 @@ def test_what_a_rig_s_check_says_of_it(tmp_path: Path) -> None:
 
 
 WRONG_RIGS = [
-    ("[reset]\n", "reset: neither signal nor command"),
+    ("[reset]\n", "reset: neither signal, uds nor command"),
     ('[reset]\nsignal = "Body.Nope"\nvalue = 1\n', "reset.signal: 'Body.Nope': no such signal"),
     ('[reset]\nsignal = "Body.Ignition"\nvalue = "on"\n', "reset.rest: 1, as `value`"),
     ('[reset]\nsignal = "Body.Ignition"\n', "reset.value: None"),
@@ -255,6 +303,7 @@ def test_mistakes_in_the_sections_are_told(tmp_path: Path, text: str, said: str)
 def test_a_request_that_the_rig_has_no_button_for_is_told(tmp_path: Path) -> None:
     text = 'precondition = ["open"]\n[[request]]\ntime = 1\naction = "reset"\n'
     with pytest.raises(
-        ConfigError, match=r"request: reset: allowed on a bus with \[reset\] signal in the rig"
+        ConfigError,
+        match=r"request: reset: allowed on a bus with \[reset\] in the rig",
     ):
         lh.run(scenario(tmp_path, text), "bus", "lockstep", bus="virtual:nobody")

@@ -7,9 +7,9 @@ from functools import cache
 
 import pytest
 
-from liftgate_hil import runs
 from liftgate_hil.config.shipped import shipped_folder
 from liftgate_hil.ecu.mutants import MUTANTS
+from liftgate_hil.runs.job import Job
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.suite import Case
@@ -55,7 +55,7 @@ KILLERS = {
 @cache
 def pack() -> dict[str, Case]:
     files = suite.scenario_files(["pack"])
-    job = runs.Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
+    job = Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
     return {path.stem: case for path, case in zip(files, suite.cases_of(files, job), strict=True)}
 
 
@@ -83,6 +83,6 @@ def test_every_mutant_has_its_killer() -> None:
 @pytest.mark.parametrize("mutant", list(MUTANTS))
 def test_a_scenario_finds_the_defect(mutant: str) -> None:
     case = pack()[KILLERS[mutant]]
-    job = runs.Job(**{**vars(case.job), "mutant": mutant})
+    job = Job(**{**vars(case.job), "mutant": mutant})
     found = suite.run_case(Case(case.file, job, case.parts))
     assert found.verdict == "fail", [each.verdict for each in found.expectations]

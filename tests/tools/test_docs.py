@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil.conditions import parsed
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_keys
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.rig import load_rig

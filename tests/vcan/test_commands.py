@@ -120,3 +120,29 @@ def test_a_foreign_can_fd_bus_is_driven_by_canplayer(tmp_path: Path, bus: Bus) -
     frames = bus.frames(feedback.frame_id)
     assert len(frames) == summary["frames_sent"]
     assert all(frame.is_fd and len(frame.payload) == 24 for frame in frames)
+
+
+def test_a_panel_breaks_something_and_mends_it_by_frames(bus: Bus, rig: Rig) -> None:
+    def order(on: int, kind: str, place: str, value: float) -> str:
+        said = {"FaultOn": on, "FaultKind": kind, "FaultPlace": place, "FaultValue": value}
+        data = rig.messages["BenchInject"].encode({"Order": "fault", "FaultFrames": 0, **said})
+        return f"6E4#{data.hex()}"
+
+    def reads(low: float, high: float) -> bool:
+        return low < float(bus.last(rig, "LeftDrive")["MotorCurrent"]) < high
+
+    with emulator(bus, "--json") as gate:
+        run("cansend", "vcan0", order(1, "current_offset", "left", 12.5))
+        wait_for(lambda: reads(12.0, 13.0), "the offset was not injected")
+        run("cansend", "vcan0", order(0, "current_offset", "left", 0.0))
+        wait_for(lambda: reads(-0.5, 0.5), "the offset did not end")
+        run("cansend", "vcan0", order(1, "current_offset", "left", 1e9))
+        run("cansend", "vcan0", "6E4#FF")
+        wait_for(lambda: bus.count(0x6E4) == 4, "not all was sent")
+        bus.settle()
+        summary = summary_of(gate)
+    assert [each.partition(": ")[2] for each in summary["injected"]] == [
+        "current_offset left begins, value 12.5",
+        "current_offset left ends",
+    ]
+    assert summary["injections_refused"] == 2

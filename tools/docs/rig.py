@@ -8,6 +8,7 @@ from typing import Any
 from liftgate_hil.codec.checksum import PROFILES
 from liftgate_hil.config.diagnostics import KEYS
 from liftgate_hil.config.driver import BUTTON, RESET
+from liftgate_hil.config.inject import ORDERS
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.diagnostics.trouble_code import number_of
 from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, TroubleCode
@@ -35,6 +36,7 @@ _TOP = {
     "messages": ("", "a table for each message: cycle, time-out and protection, below"),
     "requests": ("", "a table for each button: how the driver asks an ECU on a bus, below"),
     "reset": ("", "table: how an ECU on a bus is started anew, below"),
+    "inject": ("", "tables: what a panel of the test bench injects while the emulator runs, below"),
     "diagnostics": ("", "table: how the ECU is asked for its trouble codes, below"),
 }
 _MAPPING = {
@@ -88,15 +90,41 @@ _ANYWAY = {
     **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
 }
 
+_INJECT = """\
+Messages by which a panel of CANoe, BUSMASTER or SavvyCAN, or a script, breaks something, presses a button of
+`[requests]` or sets a signal of the restbus while the gate runs. A frame in which all signals of one table stand
+is an order; ours are pages of the multiplexed `BenchInject` (0x6E4). What the labels of the database's value
+tables say is what counts: another message, key or signal to choose from is another label.
+
+An order acts from the next tick on; in real time within a few milliseconds, as it is read beside the loop. A
+fault is the same as a scenario's, on top of which it is put, later ones on top of earlier ones. Ordered again
+with another value it begins anew; the same order again changes nothing. To end it takes its kind and place,
+whatever the value. Up to 32 are there at a time. A signal's message is sent from its first value on, with the
+start values of its other signals. A request presses the rig's button; `reset` restarts the ECU as in the middle
+of a scenario. Each order is told and stands in the summary (`injected`); one that is wrong is told and counted,
+and changes nothing. Before a scenario's time 0 nobody listens, and on the free clock nobody is there to send."""
+
 _DIAGNOSTICS = """\
 Where a scenario expects a trouble code (`[[expect]] dtc`), the bench's tester asks the ECU under test for its
 codes: UDS (ISO 14229-1) over ISO-TP (ISO 15765-2) with normal addressing and classic frames, on every clock in
 model time, beside the frames that the gate sends. Its requests are ClearDiagnosticInformation of all groups (`14
 FF FF FF`) until that is answered, then ReadDTCInformation by status mask (`19 02`), one at a time; after a
-negative response it asks again a cycle later. No other request is made: codes must be readable in the default
-session. What is read so late is known so late: a window (`within_s`) is to leave room for a `cycle_ms`.
-Identifiers may be those that cars use for diagnostics (0x7E0 to 0x7EF), which no message of the gate may have;
-none of them may carry quantities of this rig."""
+negative response it asks again a cycle later. Apart from the ECUReset of `[reset]` no other request is made: codes
+must be readable in the default session. What is read so late is known so late: a window (`within_s`) is to leave
+room for a `cycle_ms`. Identifiers may be those that cars use for diagnostics (0x7E0 to 0x7EF), which no message of
+the gate may have; none of them may carry quantities of this rig. `Gate.read_dtcs` and `Gate.clear_dtcs` make the
+same two requests, each once."""
+
+_ECU_RESET = """\
+`uds` needs `[diagnostics]` and the extra `uds`. `hardReset` is the request `11 01`, whose positive response is
+`51 01`; `keyOffOnReset` is `11 02`, `softReset` `11 03`. It is made in the session that the ECU is in, without
+security access. Before a scenario it is made again after each `[diagnostics] timeout_ms` without a response, as
+the ECU may still be starting, until `timeout_s`; in the middle of a scenario it is made once, when what the
+tester asked before is answered. After "response pending" (NRC 0x78) the tester waits 5 s more; after "busy,
+repeat request" (0x21) it asks again a `cycle_ms` later; any other negative response is final. What comes within
+0.1 s of the positive response is taken neither for the ECU's first command nor for what `ready` waits for, as
+the ECU may still be on its way down; one that takes longer needs a `ready` that tells. An ECUReset in the
+middle of a scenario that is refused or not answered makes the scenario's expectations inconclusive."""
 
 _ECU = """\
 With `[diagnostics]` the reference ECU answers such requests, and any other tester's: sessions default and extended
@@ -148,10 +176,19 @@ def rig_page() -> str:
         "message. They rest before and after. The reference ECU listens to them, too.",
         key_table(BUTTON),
         "## `[reset]`",
-        "What goes before each scenario with an ECU on a bus, in this order: the signal, the command, the "
-        "condition. Without `ready` the ECU's first command is waited for. Whatever does not come makes the "
-        "scenario inconclusive. The request `reset` in the middle of a scenario is the signal alone.",
+        "What goes before each scenario with an ECU on a bus, in this order: the signal, the ECUReset, the "
+        "command, the condition. Without `ready` the ECU's first command is waited for. Whatever does not come "
+        "makes the scenario inconclusive. The request `reset` in the middle of a scenario is the signal alone; "
+        "without one, the ECUReset alone; without either, the program, which runs while the scenario goes on.",
         key_table(RESET),
+        _ECU_RESET,
+        "## `[inject.fault]`, `[inject.babbling]`, `[inject.request]`, `[inject.signal]`",
+        _INJECT,
+        *(
+            part
+            for what, keys in ORDERS.items()
+            for part in (f"### `[inject.{what}]`", key_table(keys))
+        ),
         "## `[diagnostics]`",
         _DIAGNOSTICS,
         key_table(KEYS),

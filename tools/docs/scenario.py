@@ -87,7 +87,9 @@ def scenario_page() -> str:
         key_table(keys.OBSTACLE),
         "## `[[request]]`",
         "For an ECU that has a button: the reference ECU, a C library, a Python object with `request`; for one on "
-        "a bus by the signals that the rig's `[requests]` and `[reset]` name.",
+        "a bus by the signals that the rig's `[requests]` and `[reset]` name; for `reset`, where the rig has no "
+        "signal, by its ECUReset (`[reset] uds`), or else by its program. A reset that is refused or fails makes "
+        "the scenario inconclusive.",
         key_table(keys.REQUEST),
         "## `[[signal]]`",
         "The restbus: what other control units send, in the cycle of each signal's message, with its counter, "

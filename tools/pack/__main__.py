@@ -1,6 +1,7 @@
 """The page: python -m tools.pack [--output FOLDER] [--realtime NAME …]
 
-With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock.
+With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock: those that are
+named, or all, which writes pack-realtime.md.
 """
 
 from __future__ import annotations
@@ -12,11 +13,26 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from liftgate_hil import runs
+from liftgate_hil.doctor.check import Check
+from liftgate_hil.doctor.examination import Examination
+from liftgate_hil.runs.job import Job
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.mutation import mutate
 from tools.pack import page
+
+# Of its checks those on how well the machine keeps time.
+_TIMING = (
+    "kernel",
+    "CPUs",
+    "virtual machine",
+    "lateness",
+    "with --realtime",
+    "stolen time",
+    "--realtime",
+    "tick",
+    "verdict",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,7 +44,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files = suite.scenario_files(["pack"])
     if args.realtime is not None:
         chosen = [each for each in files if not args.realtime or each.stem in args.realtime]
-        print(page.differences(_on(chosen, "free"), _on(chosen, "realtime")))
+        checks = [] if args.realtime else _examined()
+        both = _on(chosen, "free"), _on(chosen, "realtime")
+        print(page.differences(*both))
+        if not args.realtime:
+            text = page.realtime_page(*both, checks)
+            (args.output / "pack-realtime.md").write_text(text, encoding="utf-8")
         return 0
     jobs = len(os.sched_getaffinity(0))
     cases = suite.cases_of(files, _job("free"))
@@ -43,9 +64,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _job(clock: str) -> runs.Job:
+def _examined() -> list[Check]:
+    """What `doctor` says of how well this machine keeps time."""
+    found = Examination(1000.0, 10.0, True, None, lambda check: None, print)
+    found.run()
+    return [each for each in found.checks if each.check in _TIMING]
+
+
+def _job(clock: str) -> Job:
     options = RunOptions(clock=clock, realtime=clock == "realtime")
-    return runs.Job(scenario=None, ecu="reference", options=options)
+    return Job(scenario=None, ecu="reference", options=options)
 
 
 def _on(files: Sequence[Path], clock: str) -> list[suite.Outcome]:

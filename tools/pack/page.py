@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from liftgate_hil.doctor.check import Check
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.testing.mutation import Matrix
 from liftgate_hil.testing.suite import Outcome
@@ -22,6 +23,12 @@ _MUTANTS = """\
 Who tests the tests? Each mutant is the reference ECU with one defect, by other data, nothing is compiled anew
 ([`mutants.py`](../hil/liftgate_hil/ecu/mutants.py)). A scenario finds it where an expectation fails that the
 sound ECU passes. `liftgate-hil test MY_SCENARIOS --mutants` does the same for your own."""
+
+_REALTIME = """\
+The same scenarios against the reference ECU on a virtual bus in real time, beside their verdicts on the free
+clock, and by how much each margin differs. An ECU in real time answers within its own cycle, not within a tick,
+and the bench has its delay: margins differ by what moves on meanwhile. Where the bench itself was late in the
+window the verdict is inconclusive. Made by `make pack-realtime`, in some 40 minutes with nothing else running."""
 
 _MOST = 4  # scenarios that are named
 
@@ -75,13 +82,27 @@ def _finders(matrix: Matrix, mutant: str) -> str:
     return f"{', '.join(names[:_MOST])}{more}" if names else "**nothing**"
 
 
+def realtime_page(
+    free: Sequence[Outcome], realtime: Sequence[Outcome], checks: Sequence[Check]
+) -> str:
+    """The page of the study, with what `doctor` says of the machine."""
+    told = [(each.check, each.level, each.found) for each in checks]
+    made = page(
+        "The pack in real time",
+        _REALTIME,
+        table(("of the machine", "", "`liftgate-hil doctor --realtime`"), told),
+        differences(free, realtime),
+    )
+    return made.replace(MADE, MADE.replace("make docs", "make pack-realtime"), 1)
+
+
 def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
     """Verdicts and margins of both clocks side by side."""
-    rows, same = [], 0
+    rows, same, conclusive = [], 0, 0
     for ours, theirs in zip(free, realtime, strict=True):
         for one, other in zip(ours.expectations, theirs.expectations, strict=True):
-            if one.verdict == other.verdict:
-                same += 1
+            same += one.verdict == other.verdict
+            conclusive += other.verdict != "inconclusive"
             apart = (
                 f"{other.margin - one.margin:+.3g} {one.margin_unit}"
                 if one.margin is not None and other.margin is not None
@@ -91,4 +112,9 @@ def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:
                 (code(_name(ours)), one.name, one.verdict, other.verdict, apart, other.reason)
             )
     heads = ("scenario", "expectation", "free", "real time", "margin", "why")
-    return f"{same} of {len(rows)} verdicts are the same\n\n{table(heads, rows)}"
+    share = 100.0 * conclusive / max(1, len(rows))
+    told = (
+        f"{same} of {len(rows)} verdicts are those of the free clock, {conclusive - same} others are not; "
+        f"{len(rows) - conclusive} are inconclusive, so {share:.0f} % are conclusive."
+    )
+    return f"{told}\n\n{table(heads, rows)}"

@@ -66,17 +66,16 @@ class _Compiling(Listener):
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
     """Those of a run: each clock, with an ECU in the process, and a recording around a trigger."""
-    from liftgate_hil import runs
+    from liftgate_hil.runs.job import Job
+    from liftgate_hil.runs.run import execute
     from liftgate_hil.session import CLOCKS, RunOptions
 
     with tempfile.TemporaryDirectory() as folder:
         for clock in CLOCKS:
             records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
             options = RunOptions(clock=clock, duration=0.001, records=records, record_when=when)
-            job = runs.Job(
-                scenario=None, ecu="reference", options=options, listener=_Compiling(teller)
-            )
-            result = runs.execute(job, stopped)
+            job = Job(scenario=None, ecu="reference", options=options, listener=_Compiling(teller))
+            result = execute(job, stopped)
             if result.reason:
                 raise LiftgateError(result.reason)
 

@@ -21,7 +21,7 @@ from liftgate_hil.errors import ConfigError
 if TYPE_CHECKING:
     from liftgate_hil.report.pinch import PinchEvent
     from liftgate_hil.report.run_plot import DrawnObstacle
-    from liftgate_hil.runs import Result
+    from liftgate_hil.runs.result import Result
     from liftgate_hil.session import Setup
 
 _MOST_ROWS = 100_000  # of the picture

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
-    from liftgate_hil.config.rig_table import asked_by, mapped_messages
+    from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages
     from liftgate_hil.config.shipped import find_config
 
     path = find_config("rigs", args.file, "FILE")
@@ -68,7 +68,7 @@ def _check(args: argparse.Namespace) -> int:
         check_fit(rig, vehicle, args.rate)
     except ConfigError as error:
         issues.take(error.issues)
-    messages, asked = mapped_messages(rig), asked_by(rig)
+    messages, asked, injected = mapped_messages(rig), asked_by(rig), injected_by(rig)
     if args.json:
         answer = {
             "file": str(path),
@@ -80,6 +80,7 @@ def _check(args: argparse.Namespace) -> int:
                 for each in messages
             ],
             "requests": asked,
+            "inject": injected,
             "diagnostics": rig.diagnostics and asdict(rig.diagnostics),
             "notes": notes,
             "issues": issues.lines,
@@ -88,6 +89,7 @@ def _check(args: argparse.Namespace) -> int:
     else:
         lines = [*_lines(messages), *_asked(rig)]
         lines += [f"request {action} on a bus: {how}" for action, how in asked.items()]
+        lines += [f"inject {what} by {how}" for what, how in injected.items()]
         lines += [f"note: {note}" for note in notes]
         for line in lines:
             print(printable(line))

@@ -15,7 +15,7 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 
 if TYPE_CHECKING:
-    from liftgate_hil.runs import Result
+    from liftgate_hil.runs.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ from liftgate_hil.errors import ConfigError, printable
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.listener import Listener
-    from liftgate_hil.runs import Job
+    from liftgate_hil.runs.job import Job
     from liftgate_hil.testing.mutation import Matrix
     from liftgate_hil.testing.suite import Case, Outcome
 
@@ -134,7 +134,7 @@ def _mutated(
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
     """How each scenario is run. Raises ConfigError."""
     from liftgate_hil.ecu.find import ON_A_BUS
-    from liftgate_hil.runs import Job
+    from liftgate_hil.runs.job import Job
     from liftgate_hil.session import RunOptions, variant_of
 
     wire = options.wire_choice(args)
@@ -238,4 +238,5 @@ def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> 
         for each in outcome.expectations
         if not args.quiet or each.verdict != "pass"
     ]
+    lines += [f"    note: {printable(each)}" for each in outcome.notes]
     print("\n".join(lines), flush=True)

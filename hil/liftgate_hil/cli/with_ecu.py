@@ -24,7 +24,8 @@ from liftgate_hil.errors import ConfigError, EcuError
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
     from liftgate_hil.listener import Listener
-    from liftgate_hil.runs import Job, Parts, Result
+    from liftgate_hil.runs.job import Job, Parts
+    from liftgate_hil.runs.result import Result
     from liftgate_plant.vehicle import Vehicle
 
 ON_A_BUS = "bus"  # the ECU is somebody else's
@@ -40,15 +41,16 @@ def run_loop(
     """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
     it is a second process there. Raises LiftgateError, also for what went wrong in the run.
     """
-    from liftgate_hil import runs
+    from liftgate_hil.runs.job import resolve
+    from liftgate_hil.runs.run import execute
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
     job = _job_of(args, has_wire, trace, teller)
-    parts = runs.resolve(job)
+    parts = resolve(job)
     is_here = parts.way is None or parts.way.is_interface("virtual")
     try:
         if args.ecu == ON_A_BUS or is_here:
-            result = runs.execute(job, stopped, parts)
+            result = execute(job, stopped, parts)
         else:
             result = _with_process(args, job, parts, stopped)
     except EcuError as error:  # it could not be made, or its process failed
@@ -62,10 +64,10 @@ def run_loop(
 
 def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
     """With the ECU in a second process on the same bus. Raises LiftgateError."""
-    from liftgate_hil import runs
+    from liftgate_hil.runs.run import execute
 
     with _ecu_process(args, parts.setup.vehicle, job.listener) as child:
-        result = runs.execute(
+        result = execute(
             replace(job, ecu=ON_A_BUS, ecu_elsewhere=job.ecu),
             lambda: stopped() or child.has_failed(),
             parts,
@@ -75,7 +77,7 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
 
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
-    from liftgate_hil.runs import Job
+    from liftgate_hil.runs.job import Job
     from liftgate_hil.session import variant_of
 
     return Job(

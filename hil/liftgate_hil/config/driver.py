@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from liftgate_hil.codec.watch import signal_unit
-from liftgate_hil.conditions import parsed
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.restbus import Press, value_in
-from liftgate_hil.config.schema import Key, Label, Number, Text, Texts, read_table
+from liftgate_hil.config.schema import Choice, Key, Label, Number, Text, Texts, read_table
 from liftgate_hil.config.toml import Table, known_keys, table
+from liftgate_hil.diagnostics.services import RESETS
+from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.requests import BUTTONS
 from liftgate_hil.stimuli.restbus import BusTables, start_value
@@ -27,11 +29,13 @@ RESET = (
     Key("value", Label(), "while it is off", None, "required with a signal"),
     Key("rest", Label(), "while it is on", None, "the signal's start value"),
     Key("hold_s", Number(0.001, 60.0, "s"), "how long it is off", 1.0),
-    Key("command", Texts("a program and its arguments"), "run instead of or after the signal; 0 is what it has to "
-        "end with", (), "none"),
+    Key("uds", Choice(tuple(RESETS)), "the ECUReset (UDS service 0x11) that the bench's tester requests",
+        None, "none"),
+    Key("command", Texts("a program and its arguments"), "run; 0 is what it has to end with", (), "none"),
     Key("ready", Text("a condition"), "waited for after that, as conditions of a scenario are written", None,
         "none"),
-    Key("timeout_s", Number(0.1, 3600.0, "s"), "how long at most, the command and the condition each", 30.0),
+    Key("timeout_s", Number(0.1, 3600.0, "s"), "how long at most, ECUReset, command and condition each",
+        30.0),
 )  # fmt: skip
 
 
@@ -40,9 +44,17 @@ class Reset:
     """How the ECU is started anew."""
 
     press: Press | None = None
+    uds: str = ""  # ECUReset's sub-function, one of services.RESETS
     command: tuple[str, ...] = ()
     ready: str = ""
     timeout: float = 30.0  # s
+
+    @property
+    def way(self) -> str:
+        """How while a scenario goes on, which is one way only: "signal", "uds" or "command"."""
+        if self.press is not None:
+            return "signal"
+        return "uds" if self.uds else "command"
 
 
 @dataclass(frozen=True)
@@ -56,8 +68,14 @@ class Driver:
 NO_DRIVER = Driver({})
 
 
-def driver_of(raw: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues) -> Driver:
-    """The sections; what is wrong with them is noted."""
+def driver_of(
+    raw: Table,
+    tables: BusTables,
+    taken: Sequence[str],
+    diagnostics: Diagnostics | None,
+    issues: ConfigIssues,
+) -> Driver:
+    """The sections, of a rig with these diagnostics; what is wrong with them is noted."""
     given = table(issues, "requests", raw.get("requests", {}))
     known_keys(issues, "requests", given, BUTTONS)
     buttons = {}
@@ -74,14 +92,23 @@ def driver_of(raw: Table, tables: BusTables, taken: Sequence[str], issues: Confi
     press = None
     if values["signal"]:
         press = _press("reset", values, tables, taken, issues)
-    elif not values["command"]:
-        issues.add("reset", "neither signal nor command; allowed: one of them, or both")
+    elif not values["uds"] and not values["command"]:
+        issues.add("reset", "neither signal, uds nor command; allowed: one of them, or several")
+    if values["uds"] and diagnostics is None:
+        said = "the rig has no [diagnostics]; allowed: with that, with request and response"
+        issues.add("reset.uds", f"{values['uds']}: {said}")
     if values["ready"]:
         try:
             parsed(values["ready"], {}, lambda name: signal_unit(tables.messages, name))
         except ValueError as error:
             issues.add("reset.ready", str(error))
-    reset = Reset(press, values["command"], values["ready"] or "", values["timeout_s"])
+    reset = Reset(
+        press,
+        values["uds"] or "",
+        values["command"],
+        values["ready"] or "",
+        values["timeout_s"],
+    )
     return Driver(buttons, reset)
 
 

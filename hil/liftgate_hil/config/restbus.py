@@ -13,6 +13,7 @@ from liftgate_hil.codec.bus_config import (
 )
 from liftgate_hil.codec.frames import MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.signal_name import find_signal, told, told_signals
 from liftgate_hil.config.toml import show
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant, moved
@@ -21,8 +22,6 @@ from liftgate_hil.stimuli.restbus import BusTables, SignalChange
 if TYPE_CHECKING:
     from cantools.database.can import Message
     from cantools.database.can import Signal as DatabaseSignal
-
-_MOST_NAMES = 20  # that are told
 
 
 @dataclass(frozen=True)
@@ -90,47 +89,58 @@ def value_in(
         return float(signal.scale) * labels[value] + float(signal.offset)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not is_number or not low <= float(str(value)) <= high:
-        words = f", or one of {', '.join(list(labels)[:_MOST_NAMES])}" if labels else ""
+        words = f", or one of {told(list(labels))}" if labels else ""
         unit = f" {signal.unit}" if signal.unit else ""
         issues.add(f"{key}value", f"{show(value)}; allowed: {low:g} to {high:g}{unit}{words}")
         return None
     return float(str(value))
 
 
+def check_signal(
+    key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+) -> None:
+    """Note what is wrong with a signal that the bench is to send."""
+    _signal_in(key, name, tables, taken, issues)
+
+
 def _signal_in(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> DatabaseSignal | None:
     """The database's signal of a name, where the bench may send it."""
-    message_name, _, signal_name = name.partition(".")
-    message = tables.messages.get(message_name)
-    if message is None:
-        free = [each for each in tables.messages if each not in taken]
-        issues.add(key, f"{show(name)}: no such message; allowed: a signal of {_told(free)}")
+    message = tables.messages.get(name.partition(".")[0])
+    made = set() if message is None else _made(message, tables)
+    free = [each for each in tables.messages if each not in taken]
+    signal = find_signal(issues, key, name, tables.messages, free, made)
+    if signal is None or message is None:
         return None
-    options = tables.options.get(message_name, MessageOptions())
-    protection = {options.counter, options.checksum, options.e2e and options.e2e.nibble}
-    multiplexers = {each.name for each in message.signals if each.is_multiplexer}
-    names = [each.name for each in message.signals if each.name not in protection | multiplexers]
-    if signal_name not in names:
-        is_made = signal_name in protection | multiplexers
-        said = "its protection or multiplexer makes it" if is_made else "no such signal"
-        issues.add(key, f"{show(name)}: {said}; allowed: {message_name}.{{{_told(names)}}}")
-        return None
-    wrong = _why_not(message, message_name in taken, options, signal_name)
+    if signal.name in made:
+        wrong = f"its protection or multiplexer makes it; allowed: {told_signals(message, made)}"
+    else:
+        options = tables.options.get(message.name, MessageOptions())
+        wrong = _why_not(message, message.name in taken, options, signal)
     if wrong:
         issues.add(key, f"{show(name)}: {wrong}")
         return None
-    return message.get_signal_by_name(signal_name)
+    return signal
 
 
-def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: str) -> str:
+def _made(message: Message, tables: BusTables) -> set[str]:
+    """The signals that a message's protection or multiplexer makes."""
+    options = tables.options.get(message.name, MessageOptions())
+    nibble = options.e2e.nibble if options.e2e else None
+    multiplexers = [each.name for each in message.signals if each.is_multiplexer]
+    return {each for each in (options.counter, options.checksum, nibble, *multiplexers) if each}
+
+
+def _why_not(
+    message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal
+) -> str:
     """Why a message cannot be the restbus's; "": it can."""
     if is_taken:
         return "the rig has the gate or the ECU send it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:
         return f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
-    found = message.get_signal_by_name(signal)
-    if (found.is_float and found.length not in (32, 64)) or float(found.scale) == 0.0:
+    if (signal.is_float and signal.length not in (32, 64)) or float(signal.scale) == 0.0:
         return "cannot carry a number; allowed: a factor other than 0, floats of 32 or 64 bits"
     if not 0.0 < cycle_of(message, options) <= LONGEST_MS:
         return (
@@ -138,8 +148,3 @@ def _why_not(message: Message, is_taken: bool, options: MessageOptions, signal: 
             f"messages.{message.name}.cycle_ms in the rig"
         )
     return ""
-
-
-def _told(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"

@@ -22,6 +22,7 @@ from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.database import KINDS, find_database, load_messages
 from liftgate_hil.config.diagnostics import diagnostics_of
 from liftgate_hil.config.driver import NO_DRIVER, Driver, driver_of
+from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message
 
 _SECTIONS = (
-    "dbc", "bitrate", "inputs", "outputs", "messages", "requests", "reset", "diagnostics",
+    "dbc", "bitrate", "inputs", "outputs", "messages", "requests", "reset", "inject", "diagnostics",
 )  # fmt: skip
 COMMANDS = ("left_duty", "right_duty", "left_direction", "right_direction")
 
@@ -55,11 +56,26 @@ class Rig:
     source: str
     diagnostics: Diagnostics | None = None  # how the ECU is asked for its trouble codes
     driver: Driver = NO_DRIVER
+    orders: tuple[OrderMessage, ...] = ()  # of a test bench, what to inject
 
     @cached_property
     def tables(self) -> BusTables:
         """What the bench sends by it."""
         return BusTables(self.messages, self.outputs, self.options)
+
+    @property
+    def settable(self) -> tuple[str, ...]:
+        """The signals that can be set while a run goes on: by a test bench, and for requests."""
+        names = [each.signal for each in self.driver.buttons.values()]
+        if self.driver.reset is not None and self.driver.reset.press is not None:
+            names.append(self.driver.reset.press.signal)
+        names += [label for each in self.orders if each.what == SIGNAL for label in each.labels]
+        return tuple(dict.fromkeys(names))
+
+    @property
+    def ordering(self) -> tuple[int, ...]:
+        """The identifiers of the messages that inject."""
+        return tuple(dict.fromkeys(each.identifier for each in self.orders))
 
     @property
     def mapped(self) -> tuple[str, ...]:
@@ -162,8 +178,8 @@ def rig_of_content(
         diagnostics_of(issues, raw, messages, mapped),
     )
     _check_whole(issues, rig)
-    driver = driver_of(raw, rig.tables, rig.mapped, issues)
-    rig = replace(rig, driver=driver)
+    driver = driver_of(raw, rig.tables, rig.mapped, rig.diagnostics, issues)
+    rig = replace(rig, driver=driver, orders=orders_of(raw, rig.tables, rig.mapped, issues))
     for make in (rig.input_config, rig.output_config):
         with _collecting(issues):
             make()

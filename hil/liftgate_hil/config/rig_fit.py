@@ -14,6 +14,8 @@ from typing import NamedTuple
 from liftgate_hil.codec.bus_config import LONGEST_MS, SignalMapping, cycle_of
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.enumerations import missing_values
+from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.units import conversion
 from liftgate_hil.issues import ConfigIssues
@@ -116,6 +118,11 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
                 f"messages.{name}.cycle_ms",
                 f"{cycle_ns / 1e6:g}; allowed: {1e3 / rate:g} or more, a tick at `rate` {rate:g} Hz",
             )
+    for order in rig.orders:
+        unknown = [each for each in order.labels if order.what == FAULT and each not in FAULT_KINDS]
+        if unknown:
+            signal, allowed = order.signals["kind"], ", ".join(FAULT_KINDS)
+            issues.add("inject.fault.kind", f"{signal}: {', '.join(unknown)}; allowed: {allowed}")
     issues.raise_if_any()
 
 

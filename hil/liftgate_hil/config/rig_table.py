@@ -6,9 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, pages_of
+from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL
 from liftgate_plant.signals import Signal
 
@@ -57,10 +60,21 @@ def asked_by(rig: Rig) -> dict[str, str]:
     reset = rig.driver.reset
     if reset is not None:
         parts = [_press(reset.press)] if reset.press is not None else []
+        parts += [f"sends ECUReset {reset.uds} (11 {RESETS[reset.uds]:02X})"] if reset.uds else []
         parts += [f"runs {' '.join(reset.command)}"] if reset.command else []
         parts.append(f"then waits for {reset.ready or 'its first command'}")
         found["reset"] = ", ".join(parts)
     return found
+
+
+def injected_by(rig: Rig) -> dict[str, str]:
+    """What a test bench may order: the message and its signals, in words."""
+    return {
+        each.what: f"{each.message} 0x{each.identifier & ~EXTENDED:X}: "
+        + ", ".join(f"{key} {signal}" for key, signal in each.signals.items())
+        + (f"; {', '.join(each.labels)}" if each.what in (REQUEST, SIGNAL) else "")
+        for each in rig.orders
+    }
 
 
 def _press(press: Press) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from liftgate_hil.conditions import parsed
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_keys as keys
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
 from liftgate_hil.config.files import is_there, issue_with

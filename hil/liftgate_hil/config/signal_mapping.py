@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import SignalMapping
 from liftgate_hil.config.enumerations import check_complete, check_values
+from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.config.units import (
     SAME,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from cantools.database.can import Signal as DatabaseSignal
 
 _KEYS = ("signal", "unit", "scale", "offset", "values", "saturates")
-_MOST_NAMES = 20  # of messages, in a message
 
 
 def signal_mappings(
@@ -69,7 +69,7 @@ def _mapping(
     if not isinstance(saturates, bool) or (saturates and section != "outputs"):
         allowed = "true or false" if section == "outputs" else "of an output"
         issues.add(f"{key}.saturates", f"{show(saturates)}; allowed: {allowed}")
-    theirs = _find_signal(issues, key, name, messages) if name else None
+    theirs = find_signal(issues, key, name, messages) if name else None
     if theirs is None:
         return None
     message, _, signal = name.partition(".")
@@ -130,25 +130,6 @@ def _given_values(
         if not isinstance(each, str):
             number(issues, f"{key}.values.{label}", each, -1e15, 1e15)
     return values
-
-
-def _find_signal(
-    issues: ConfigIssues, key: str, name: str, messages: Mapping[str, Message]
-) -> DatabaseSignal | None:
-    """The signal of MESSAGE.SIGNAL."""
-    message, dot, signal = name.partition(".")
-    if not dot or message not in messages:
-        names = sorted(messages)
-        more = ", …" if len(names) > _MOST_NAMES else ""
-        allowed = ", ".join(names[:_MOST_NAMES]) + more
-        issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {allowed}")
-        return None
-    for each in messages[message].signals:
-        if each.name == signal:
-            return each
-    allowed = ", ".join(each.name for each in messages[message].signals)
-    issues.add(key, f"{show(name)}: no such signal; allowed: {allowed}")
-    return None
 
 
 def _unit_of(issues: ConfigIssues, key: str, given: Table, theirs: DatabaseSignal) -> str:

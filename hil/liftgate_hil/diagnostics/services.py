@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-MISSING = "trouble codes need udsoncan; allowed after: pip install 'liftgate-hil[uds]'"
+MISSING = "need udsoncan; allowed after: pip install 'liftgate-hil[uds]'"
 
 READ, CLEAR = 0x19, 0x14
+RESETS = {"hardReset": 0x01, "keyOffOnReset": 0x02, "softReset": 0x03}  # ECUReset's sub-functions
 _ALL = 0xFFFFFF  # group of all trouble codes
 
 
@@ -44,6 +45,20 @@ def clear_request() -> bytes:
     return bytes(ClearDiagnosticInformation.make_request(_ALL).get_payload())
 
 
+def reset_request(kind: str) -> bytes:
+    """ECUReset, one of RESETS."""
+    from udsoncan.services.ECUReset import ECUReset
+
+    return bytes(ECUReset.make_request(reset_type=RESETS[kind]).get_payload())
+
+
+def refusal_of(code: int) -> str:
+    """A negative response code in words: ConditionsNotCorrect (0x22)."""
+    from udsoncan.Response import Response
+
+    return f"{Response.Code.get_name(code)} (0x{code:02X})"
+
+
 def answer_of(message: bytes) -> Answer | None:
     """What a message says of trouble codes; None: nothing, as it is of another service, or malformed."""
     from udsoncan.exceptions import InvalidResponseException
@@ -56,11 +71,10 @@ def answer_of(message: bytes) -> Answer | None:
         if not response.valid or service is None or service.request_id() not in (READ, CLEAR):
             return None
         if not response.positive:
-            if response.code == Response.Code.RequestCorrectlyReceived_ResponsePending:
+            code = response.code
+            if code in (None, Response.Code.RequestCorrectlyReceived_ResponsePending):
                 return None
-            return Answer(
-                None, f"{service.get_name()}: {response.code_name} (0x{response.code:02X})"
-            )
+            return Answer(None, f"{service.get_name()}: {refusal_of(code)}")
         kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
         if service.request_id() != READ or not response.data or response.data[0] != kind:
             return None

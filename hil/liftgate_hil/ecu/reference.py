@@ -27,14 +27,7 @@ from liftgate_hil.config.rig import COMMANDS, Rig
 from liftgate_hil.diagnostics.isotp import MOST_SPOKEN
 from liftgate_hil.ecu.buttons import Buttons, ButtonState, buttons_of, nothing_pressed, pressed_in
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
-from liftgate_hil.ecu.controller import (
-    COASTING,
-    DriveCommand,
-    Feedback,
-    is_moving,
-    lose_feedback,
-    update,
-)
+from liftgate_hil.ecu.controller import COASTING, DriveCommand, Feedback, lose_feedback, update
 from liftgate_hil.ecu.diagnostics import (
     Server,
     ServerState,
@@ -45,6 +38,7 @@ from liftgate_hil.ecu.diagnostics import (
 )
 from liftgate_hil.ecu.events import note_statuses
 from liftgate_hil.ecu.memory import NO_REQUEST, Constants, Memory, constants_of, new_memory
+from liftgate_hil.ecu.states import is_moving
 from liftgate_hil.ecu.wire import next_time
 from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import conditions as codes
-from liftgate_hil.conditions import COLUMN, SIGNAL, Condition
+from liftgate_hil.conditions import condition as codes
+from liftgate_hil.conditions.condition import COLUMN, SIGNAL, Condition
 from liftgate_hil.signals import SENSED_PREFIX
 
 Floats = NDArray[np.float64]

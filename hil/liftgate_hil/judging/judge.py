@@ -12,17 +12,9 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit, watched
-from liftgate_hil.conditions import (
-    COLUMN,
-    CONST,
-    EQ,
-    NOT,
-    SIGNAL,
-    Condition,
-    parsed,
-    table_of,
-    work_for,
-)
+from liftgate_hil.conditions.condition import COLUMN, CONST, EQ, NOT, SIGNAL, Condition
+from liftgate_hil.conditions.evaluator import table_of, work_for
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.diagnostics import services
 from liftgate_hil.diagnostics.answers import MOST_CODES, Answers
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -148,7 +140,7 @@ def codes_of(
         said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
         issues.add(key, f"{asking[0].condition}: {said}")
     if not services.is_there():
-        issues.add(key, f"{asking[0].condition}: {services.MISSING}")
+        issues.add(key, f"{asking[0].condition}: trouble codes {services.MISSING}")
     if len(codes) > MOST_CODES:
         issues.add(key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
     return codes
@@ -165,14 +157,15 @@ def _reported(expectation: Expectation) -> Condition:
 
 class Judge:
     """Judges rows and frames as they come; a Taker. `rate` [Hz] is that of the rows, `end` [s] that of the run and
-    of every window. A frame may wait for `tolerance` [s] until the gate picks it up.
+    of every window. A frame may wait for `tolerance` [s] until the gate picks it up; None: on the
+    rows' clock none waits, and the bench is never late.
     """
 
     def __init__(
-        self, expected: Expected, rate: float, end: float, tolerance: float = math.inf
+        self, expected: Expected, rate: float, end: float, tolerance: float | None = None
     ) -> None:
         self.expected = expected
-        self._timeliness = Timeliness(tolerance)
+        self._timeliness = None if tolerance is None else Timeliness(tolerance)
         self._end = end
         self._last = -math.inf
         self._frames = no_logged()
@@ -202,7 +195,8 @@ class Judge:
             return
         if (np.diff(frames["time_ns"]) < 0).any():  # what came while the gate was sending
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
-        self._timeliness.take(rows)
+        if self._timeliness is not None:
+            self._timeliness.take(rows)
         self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
         frames = frames.view(np.recarray)
         payloads = np.ascontiguousarray(frames["payload"])
@@ -223,7 +217,8 @@ class Judge:
     def _on_time(self, place: int, verdict: Verdict) -> Verdict:
         """A verdict that no lateness of the bench in its window, until it was decided, could have changed."""
         progress = self._judged.progress[place]
-        if verdict.verdict not in (PASS, FAIL) or np.isnan(progress.begin):
+        is_sure = verdict.verdict not in (PASS, FAIL) or np.isnan(progress.begin)
+        if is_sure or self._timeliness is None:
             return verdict
         end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
         late = self._timeliness.lateness(float(progress.begin), end)

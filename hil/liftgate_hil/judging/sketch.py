@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.codec.watch import signal_unit
-from liftgate_hil.conditions import COLUMN, SIGNAL, unit_of_column
+from liftgate_hil.conditions.condition import COLUMN, SIGNAL, unit_of_column
 from liftgate_hil.judging.comparisons import (
     Comparison,
     Side,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.watch import watch
-from liftgate_hil.conditions import Conditions, Work, evaluate
+from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import compilable
 
@@ -189,6 +189,27 @@ def note_stretch(
 
 
 @compilable
+def note_ticks(
+    own: Any, progress: Any, work: Work, rows: NDArray[np.float64], first: int, last: int
+) -> None:
+    """The ticks from `first` to before `last` of an expectation whose single tick decides."""
+    is_always, best, best_at, decided_at = own.kind == ALWAYS, progress.margin, -1, -1
+    for i in range(first, last):
+        margin = work.numbers[0, i]
+        if np.isnan(margin):
+            continue
+        progress.counted += 1
+        if np.isnan(best) or (margin < best if is_always else margin > best):
+            best, best_at = margin, i
+        if decided_at < 0 and (work.truths[0, i] != 0) != is_always:
+            decided_at = i
+    if best_at >= 0:
+        note_margin(progress, own.kind, rows[best_at, _TIME], best, work.deciders[0, best_at])
+    if decided_at >= 0 and progress.is_decided == 0:
+        progress.is_decided, progress.decided_at = 1, rows[decided_at, _TIME]
+
+
+@compilable
 def judge_one(
     expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
 ) -> None:
@@ -203,22 +224,23 @@ def judge_one(
         return
     work = judged.work
     evaluate(expectations.conditions, own.condition, rows, judged.signals, len(rows), work)
-    for i in range(len(rows)):
-        time, margin = rows[i, _TIME], work.numbers[0, i]
-        if not (progress.begin - SLACK <= time <= progress.end + SLACK):
-            continue
-        progress.ticks += 1
+    first, behind = 0, len(rows)
+    while first < behind and rows[first, _TIME] < progress.begin - SLACK:
+        first += 1
+    while behind > first and rows[behind - 1, _TIME] > progress.end + SLACK:
+        behind -= 1
+    progress.ticks += behind - first
+    if own.hold == 0.0:
+        note_ticks(own, progress, work, rows, first, behind)
+        return
+    for i in range(first, behind):
+        margin = work.numbers[0, i]
         if np.isnan(margin):
             progress.since = np.nan
             continue
         progress.counted += 1
         truth, decider = work.truths[0, i] != 0, work.deciders[0, i]
-        if own.hold > 0.0:
-            note_stretch(own, progress, judged.stretches, time, truth, margin, decider)
-            continue
-        note_margin(progress, own.kind, time, margin, decider)
-        if progress.is_decided == 0 and truth == (own.kind == EVENTUALLY):
-            progress.is_decided, progress.decided_at = 1, time
+        note_stretch(own, progress, judged.stretches, rows[i, _TIME], truth, margin, decider)
 
 
 @compilable

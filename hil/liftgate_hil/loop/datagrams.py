@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD, Frames
+from liftgate_hil.stimuli.bus_faults import MOST
 from liftgate_plant.compiler import System, compilable, last_error
 
 POSSIBLE = sys.platform == "linux" and sys.maxsize > 2**32 and sys.byteorder == "little"
 
 BATCH = 64  # frames a system call
-CAPACITY = 1024  # frames a tick; more wait in the kernel for the next one
+CAPACITY = MOST  # frames a tick; more wait in the kernel for the next one
 CLASSIC, LONG = 16, 72  # bytes of the two structs
 _ROW = LONG + 8  # and our own pump's time stamp
 _CONTROL = 64  # bytes of ancillary data: a time stamp and a drop counter

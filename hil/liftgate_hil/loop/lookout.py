@@ -113,7 +113,7 @@ class Lookout:
             )
             self._listener.say(
                 f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"
-                + (heard if others.count else "")
+                + (heard if others.count and int(others.found) not in self._rig.ordering else "")
             )
             self._is_waiting = True
 

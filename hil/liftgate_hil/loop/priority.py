@@ -49,14 +49,17 @@ class Realtime:
 
     @contextlib.contextmanager
     def beside(self) -> Iterator[None]:
-        """The calling thread goes before all others but the loop: an ECU in this process answers from it. What is
-        refused is told by `enter`.
+        """The calling thread goes before all others but the loop: an ECU in this process answers from it. Then it
+        has the policy and the priority that it had before. What is refused is told by `enter`.
         """
-        ask_for_fifo(PRIORITY_BESIDE)
+        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        if ask_for_fifo(PRIORITY_BESIDE):
+            yield
+            return
         try:
             yield
         finally:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            give_back(policy, parameters)
 
     def release(self) -> None:
         """Give back what the process holds."""
@@ -99,6 +102,16 @@ def ask_for_fifo(priority: int) -> str:
             "/etc/security/limits.conf), or CAP_SYS_NICE"
         )
     return ""
+
+
+def give_back(policy: int, parameters: os.sched_param) -> None:
+    """The calling thread's scheduling as it was, as far as it is allowed to have that again: without CAP_SYS_NICE
+    reset-on-fork stays, and so does a priority below a former one that is above RLIMIT_RTPRIO (sched(7)).
+    """
+    for flag in (0, os.SCHED_RESET_ON_FORK):
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, policy | flag, parameters)
+            return
 
 
 def wake_sharply() -> None:

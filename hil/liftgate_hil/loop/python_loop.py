@@ -13,7 +13,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames, logged
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.lookout import Lookout, Moment
-from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.recorder import Attendant, Taker
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force, tick
@@ -74,6 +74,7 @@ class Loop:
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     lookout: Lookout | None = None
+    attendants: Sequence[Attendant] = ()
     bitrate: float = 500_000.0
     load: BusLoad = field(default_factory=BusLoad)
     ticks_missed: int = 0
@@ -116,6 +117,8 @@ class Loop:
         seen = np.concatenate([logged(frames, time_ns, False), logged(replies, time_ns, True)])
         for taker in self.takers:
             taker.take(rows, seen)
+        for attendant in self.attendants:
+            attendant.look(seen, self.time)
         if self.lookout is not None:
             moment = Moment(self.ticks, rows[0], self.frames_sent, self.ticks_missed)
             self.lookout.look(moment, is_last=stop)

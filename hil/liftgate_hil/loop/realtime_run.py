@@ -6,6 +6,7 @@ an in-process bus their turns. None of it can hold up a tick.
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
 import time
@@ -23,8 +24,8 @@ from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.lookout import Lookout, Moment
 from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.python_loop import Peer
-from liftgate_hil.loop.recorder import Taker
-from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
+from liftgate_hil.loop.recorder import Attendant, Taker
+from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.mailbox import post
@@ -34,6 +35,7 @@ from liftgate_plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
 _PEERS = 0.001  # s between two turns of a peer
+_ATTENDANTS = 0.002  # s between two looks of those who attend to the run
 _FIGURES = 0.05  # s between two looks at the histograms
 _FOREVER = 2**62
 _HISTORY = 4.0  # s that the rings hold
@@ -68,6 +70,7 @@ class RealtimeRun:
     peers: Sequence[Peer] = ()
     takers: Sequence[Taker] = ()
     lookout: Lookout | None = None
+    attendants: Sequence[Attendant] = ()
     realtime: Realtime | None = None
     # False: another one goes on where it ends, which also asks for `realtime`, and gives it back.
     is_last: bool = True
@@ -85,6 +88,8 @@ class RealtimeRun:
         scratch.close()
         if self.realtime is not None and self.is_last:
             self.realtime.prepare()
+        else:
+            gc.collect()  # not in the middle of a peer's turns
         for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
@@ -191,7 +196,8 @@ class RealtimeRun:
         batch = int(1.0 / self.config.step)
         rows = RingReader(shared.rows, shared.control, "tick", batch)
         frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
-        pause = _PEERS if self.peers else _WATCH
+        heard = ArrivalReader(shared, CAPACITY)
+        pause = _PEERS if self.peers else _ATTENDANTS if self.attendants else _WATCH
         next_look = next_figures = 0.0
         while thread.is_alive():
             if stopped():
@@ -204,16 +210,29 @@ class RealtimeRun:
                     seconds = int(control.tick) * self.config.step
                     self.say(f"{seconds:.3f} s: {self.line.name} {news}")
                 self._look_out()
+                self._hand_on(rows, frames)
+            self._attend(heard)
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
                 post(shared.box[0], timing._asdict())
-            self._hand_on(rows, frames)
             for peer in self.peers:
                 peer.poll(int(control.tick + self.scene.origin[0]) * self.config.step_ns)
             thread.join(pause)
+        self._attend(heard)
         self._hand_on(rows, frames)
         self._look_out(is_last=True)
+
+    def _attend(self, heard: ArrivalReader) -> None:
+        if not self.attendants:
+            return
+        lost, come = heard.lost, heard.take()
+        if heard.lost > lost:
+            self.say(
+                f"{heard.lost - lost} frames were overwritten before anybody looked for orders among them"
+            )
+        for attendant in self.attendants:
+            attendant.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)
 
     def _look_out(self, is_last: bool = False) -> None:
         if self.lookout is None:

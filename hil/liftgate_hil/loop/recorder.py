@@ -37,9 +37,9 @@ class Recorder(Protocol):
         """Complete the file."""
 
 
-def whole_us(epoch_ns: int) -> int:
-    """A run's start on the wall clock [ns], to the microsecond: so a frame's stamp since the start is the same,
-    in whole microseconds, in a log that has the wall clock.
+def truncated_to_us(epoch_ns: int) -> int:
+    """A run's start on the wall clock [ns], without what is below a microsecond: so a frame's stamp since the
+    start is the same, in whole microseconds, in a log that has the wall clock.
     """
     return epoch_ns // 1000 * 1000
 
@@ -49,6 +49,13 @@ class Taker(Protocol):
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """Rows (n, ROW_WIDTH) of signals.COLUMNS, frames (m,) LOGGED; good until it returns."""
+
+
+class Attendant(Protocol):
+    """Attends to a run beside the loop: does what frames or its scene ask for that no machine code does."""
+
+    def look(self, frames: Any, now: float) -> None:
+        """Do what is due by a time [s] of the scenario; frames (n,) LOGGED have come since the last look."""
 
 
 class Sieve(Protocol):
@@ -72,7 +79,7 @@ class RecordingTaker:
         self._rows: list[NDArray[np.float64]] = []
         self._frames: list[Any] = [no_logged()]
         for recorder in recorders:
-            recorder.begin(whole_us(epoch_ns))
+            recorder.begin(truncated_to_us(epoch_ns))
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
         """See Taker."""

@@ -30,6 +30,7 @@ CONTROL = np.dtype(
         ("tick", "i8"),  # plant steps done
         ("overruns", "i8"),  # periods skipped
         ("sent", "i8"),  # frames
+        ("received", "i8"),  # frames in the ring, counted before `frames`
         ("bits", "i8"),  # on the wire, either way
         ("unsent", "i8"),  # frames that the wire did not take
         ("unsent_full", "i8"),  # of these, because its queue was full
@@ -91,6 +92,7 @@ def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], sta
     """Put frames into the ring that have come to the gate, `stamps` and start on the monotonic clock."""
     for i in range(frames.count):
         note_frame(shared, frames, i, int(stamps[i] - start_ns), 0)
+    shared.control[0].received += frames.count
     shared.control[0].frames += frames.count
 
 
@@ -162,3 +164,39 @@ class RingReader:
         self.lost += safe - self._next
         self._next = head
         return rows[safe - start :]
+
+    def skip(self, head: int) -> None:
+        """Leave out the rows before a head."""
+        self._next = max(self._next, head)
+
+
+class ArrivalReader:
+    """Reads the frames that have come to the gate, each once; where none has, that costs next to nothing. `batch`
+    as of a RingReader.
+    """
+
+    def __init__(self, shared: Shared, batch: int = 1) -> None:
+        self._control = shared.control
+        self._frames = RingReader(shared.frames, shared.control, "frames", batch)
+        self._nothing = shared.frames[:0].copy()
+        self._seen = 0
+        self._head = 0  # at the last look
+
+    @property
+    def lost(self) -> int:
+        """Frames, either way, that were overwritten before."""
+        return self._frames.lost
+
+    def take(self) -> Any:
+        """Copies of those that have come since the last call."""
+        received, head = int(self._control["received"][0]), int(self._control["frames"][0])
+        # What was in the ring at the last look is counted by now: `received` goes up first.
+        last, self._head = self._head, head
+        if received == self._seen:
+            self._frames.skip(last)
+            return self._nothing
+        lost = self._frames.lost
+        rows = self._frames.take()
+        found = rows[rows["is_sent"] == 0]
+        self._seen = received if self._frames.lost > lost else self._seen + len(found)
+        return found

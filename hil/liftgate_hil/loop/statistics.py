@@ -64,6 +64,7 @@ class Timing(NamedTuple):
 
 
 NO_TIMING = Timing()
+_MOST_TOLD = 5  # orders
 _CYCLES_S = 0.1  # in which every message of a rig has been sent, usually
 # Of a link, told with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
@@ -87,6 +88,9 @@ class Summary:
     recordings: list[str] = field(default_factory=list)  # files that were written
     recording_windows: int | None = None  # around so many triggers it was recorded; None: all of it
     recording_lost_rows: int = 0  # that the recorder was too slow for
+    injections: int = 0  # orders of a test bench that were obeyed
+    injected: list[str] = field(default_factory=list)  # the first of them, with their times
+    injections_refused: int = 0  # those that were wrong
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
     def _load(self) -> float:
@@ -112,17 +116,28 @@ class Summary:
             "link": self.link._asdict(),
         }
 
+    def refusals_told(self) -> str:
+        """Why frames for the gate were refused; "": none was."""
+        causes = {
+            "wrong length": self.received.wrong_length,
+            "out of range": self.received.out_of_range,
+            "checksum": self.received.checksum,
+            "counter": self.received.counter,
+            "remote": self.received.remote,
+        }
+        return ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
+
+    def injections_told(self) -> str:
+        """What a test bench had done."""
+        first = "; ".join(self.injected[:_MOST_TOLD])
+        more = "; …" if self.injections > _MOST_TOLD else ""
+        said = f": {first}{more}" if first else ""
+        return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{said}"
+
     def lines(self) -> list[str]:
         """For a person."""
         received = self.received
-        causes = {
-            "wrong length": received.wrong_length,
-            "out of range": received.out_of_range,
-            "checksum": received.checksum,
-            "counter": received.counter,
-            "remote": received.remote,
-        }
-        why = ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
+        why = self.refusals_told()
         percent = self._load()
         load = "" if math.isnan(percent) else f", bus load {percent:.1f} %"
         lines = [
@@ -159,6 +174,8 @@ class Summary:
                 + "".join(rarer)
                 + (f", last: {self.link_error}" if self.link_error else "")
             )
+        if self.injections or self.injections_refused:
+            lines.append(self.injections_told())
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:

@@ -29,7 +29,7 @@ import numpy as np
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.datagrams import CAPACITY
-from liftgate_hil.loop.recorder import Recorder, Sieve, whole_us
+from liftgate_hil.loop.recorder import Recorder, Sieve, truncated_to_us
 from liftgate_hil.loop.rings import Memory, RingReader
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.guarded import GuardedRecorder, Say, failures_of, silent
@@ -181,7 +181,7 @@ class Writer:
         frames = self._in_order(come, is_last)
         if not self._has_begun and (len(rows) or len(frames)):
             self._has_begun = True
-            epoch_ns = whole_us(int(self._control["epoch_ns"][0]))
+            epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
             for recorder in self._recorders:
                 recorder.begin(epoch_ns)
         if self._sieve is not None:

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import LOGGED, no_logged
 from liftgate_hil.codec.watch import signal_unit, watched
-from liftgate_hil.conditions import SIGNAL, Condition, evaluate, parsed, table_of, work_for
+from liftgate_hil.conditions.condition import SIGNAL, Condition
+from liftgate_hil.conditions.evaluator import evaluate, table_of, work_for
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.table import (

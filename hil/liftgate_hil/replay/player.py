@@ -80,6 +80,7 @@ class Played:
     is_complete: bool = False  # else it was stopped
     rounds: int = 0  # that were begun, or played to their end
     played_s: float = 0.0  # from when the first frame was due to the last one that was sent
+    took_s: float = 0.0  # by the clock
     frames_due: int = 0  # whose time has come
     frames_sent: int = 0
     frames_not_sent: int = 0
@@ -104,7 +105,7 @@ class Played:
         rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""
         which = "" if self.direction == "both" else f" of those {self.direction} in the recording"
         lines = [
-            f"frames sent {self.frames_sent}{which}, in {self.played_s:.3f} s{rounds}",
+            f"frames sent {self.frames_sent}{which}, in {self.took_s:.3f} s{rounds}",
             f"lateness {told(self.lateness)}",
         ]
         if self.frames_not_sent:
@@ -185,6 +186,7 @@ class Player:
         self._begins: list[int] = []  # number of the first frame of each round that is read
         self._count = 0  # frames read
         self._failure: BaseException | None = None
+        self._took_s = 0.0
 
     def run(self) -> None:
         """Raises ConfigError, TransportError; `played` tells how far it came, whatever happens."""
@@ -282,6 +284,7 @@ class Player:
                 self._failure = error
 
         thread = threading.Thread(target=in_thread, name="replay")
+        began = time.monotonic()
         thread.start()
         try:
             while thread.is_alive():
@@ -296,6 +299,7 @@ class Player:
         finally:
             control.stop = 1
             thread.join()
+            self._took_s = time.monotonic() - began
             if realtime is not None:
                 realtime.release()
         if self._failure is not None:
@@ -331,6 +335,7 @@ class Player:
             is_complete=bool(position.is_whole and position.played == position.written),
             rounds=bisect.bisect_left(self._begins, int(position.played)),
             played_s=self._seconds(),
+            took_s=self._took_s,
             frames_due=int(position.played),
             frames_sent=int(position.played) - link.send_failures,
             frames_not_sent=link.send_failures,

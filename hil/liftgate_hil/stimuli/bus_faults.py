@@ -30,12 +30,15 @@ KINDS = (
     LOST, DELAYED, REPEATED, CORRUPTED, COUNTER, CHECKSUM, LENGTH, FROZEN, BABBLING, BUS_OFF,
 ) = range(len(KINDS))  # fmt: skip
 
+NO_KIND = -1  # of a row that is free
+
 SENT, RECEIVED = 1, 2  # by the gate
 DIRECTIONS = {"sent": SENT, "received": RECEIVED}
 EVERY = -1  # in place of an identifier: all messages of the rig in that direction
 
 MOST = 1024  # frames a tick either way; more are lost
 _BUSIEST = 25_000.0  # frames/s that may be on their way
+_TO_COME = 65_536  # frames that those faults may delay that are yet to come: 10 s of a full bus of 500 kbit/s
 _FD_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
 
 BUS_FAULT = np.dtype(
@@ -94,34 +97,45 @@ class BusFaults(NamedTuple):
     held: Any  # (n, messages) HELD; written in place, as what follows
     queue: Any  # QUEUED, what is delayed, in the order in which it came
     waiting: NDArray[np.int64]  # (1,) how many of it
-    was_on: NDArray[np.int64]  # (1,) 1: one was in force when last looked at
+    is_on: NDArray[np.int64]  # (1,) 1: one is in force, see `note_force`
+    was_on: NDArray[np.int64]  # (1,) 1: one was when frames were last looked at
+    always_received: NDArray[np.int64]  # identifiers, also while the gate is off its bus
     sent: Frames  # room for a tick's
     received: Frames
     origins: NDArray[np.int64]  # (MOST,) which of those that came each of `received` was; -1: none
     stamps: NDArray[np.int64]  # (MOST,) in hand
 
 
-def bus_faults_of(faults: Sequence[tuple[int, BusFault]], messages: int) -> BusFaults:
+def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
+    """BUS_FAULT of a fault on the bus, which has that row in `faults`."""
+    return (
+        own.kind, own.direction, fault, own.identifier, own.probability, round(own.delay * 1e9), own.rate,
+        own.seed, 0, 0.0, -1,
+    )  # fmt: skip
+
+
+def bus_faults_of(
+    faults: Sequence[tuple[int, BusFault]],
+    messages: int,
+    slots: int = 0,
+    always_received: Sequence[int] = (),
+) -> BusFaults:
     """The tables of faults, each with its row in `faults`, on a bus where the gate has so many messages either
-    way.
+    way; behind them so many slots for others. What has the identifiers `always_received` is received also where
+    the gate is off its bus.
     """
-    rows = [
-        (
-            each.kind, each.direction, place, each.identifier, each.probability, round(each.delay * 1e9),
-            each.rate, each.seed, 0, 0.0, -1,
-        )
-        for place, each in faults
-    ]  # fmt: skip
+    rows = [row_of(*each) for each in faults] + [row_of(0, BusFault(NO_KIND, 0))] * slots
     most = MOST if rows else 0
-    delay = sum(each.delay for _, each in faults)
+    waiting = math.ceil(sum(each.delay for _, each in faults) * _BUSIEST)
+    waiting += _TO_COME if slots else 0
     return BusFaults(
         np.array(rows, dtype=BUS_FAULT).view(np.recarray),
         np.zeros((len(rows), messages if rows else 0), dtype=HELD).view(np.recarray),
-        np.zeros(math.ceil(delay * _BUSIEST) + most if delay else 0, dtype=QUEUED).view(
-            np.recarray
-        ),
+        np.zeros(waiting + most if waiting else 0, dtype=QUEUED).view(np.recarray),
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.array(always_received, dtype=np.int64),
         empty_frames(most),
         empty_frames(most),
         np.zeros(most, dtype=np.int64),
@@ -150,7 +164,11 @@ def going_on(before: BusFaults, after: BusFaults) -> BusFaults:
     queue = np.zeros(max(len(after.queue), waiting), dtype=QUEUED).view(np.recarray)
     queue[:waiting] = before.queue[:waiting]
     return before._replace(
-        rows=after.rows, held=after.held, queue=queue, waiting=before.waiting.copy()
+        rows=after.rows,
+        held=after.held,
+        queue=queue,
+        waiting=before.waiting.copy(),
+        is_on=after.is_on,
     )
 
 
@@ -167,7 +185,7 @@ def on_bus(
     """What becomes of the frames of a tick in a direction; `shares` is how much of each fault is in force, `bus`
     what the gate sends or receives. Good until the next tick.
     """
-    if faults.waiting[0] == 0 and faults.was_on[0] == 0 and not is_on(faults, shares):
+    if faults.waiting[0] == 0 and faults.was_on[0] == 0 and faults.is_on[0] == 0:
         if direction == RECEIVED:
             for i in range(min(frames.count, len(faults.origins))):
                 faults.origins[i] = i
@@ -178,12 +196,13 @@ def on_bus(
 
 
 @compilable
-def is_on(faults: BusFaults, shares: NDArray[np.float64]) -> bool:
-    """Whether any is in force."""
-    found = False
+def note_force(faults: BusFaults, shares: NDArray[np.float64]) -> None:
+    """Whether any is in force now; `shares` is how much of each fault is."""
+    faults.is_on[0] = 0
     for row in range(len(faults.rows)):
-        found = found or shares[faults.rows[row].fault] > 0.0
-    return found
+        own = faults.rows[row]
+        if own.kind != NO_KIND and shares[own.fault] > 0.0:
+            faults.is_on[0] = 1
 
 
 @outlined
@@ -199,10 +218,10 @@ def impaired(
 ) -> int:
     """See `on_bus`; how many there are in `room`: those whose delay is over, those of now, those of nobody."""
     forget_what_is_over(faults, shares)
-    faults.was_on[0] = int(is_on(faults, shares))
+    faults.was_on[0] = faults.is_on[0]
     count = overdue(faults, room, direction, now_ns)
     if is_off(faults, shares):
-        return 0
+        return put_always_received(faults, frames, room) if direction == RECEIVED else 0
     for i in range(frames.count):
         count = put(faults, shares, bus, frames, i, room, count, direction, now_ns, seed)
     for row in range(len(faults.rows)):
@@ -228,6 +247,19 @@ def is_off(faults: BusFaults, shares: NDArray[np.float64]) -> bool:
         fault = faults.rows[row]
         off = off or (fault.kind == BUS_OFF and shares[fault.fault] > 0.0)
     return off
+
+
+@compilable
+def put_always_received(faults: BusFaults, frames: Frames, room: Frames) -> int:
+    """Put those frames into `room` that come all the same; how many."""
+    count = 0
+    for i in range(frames.count):
+        for identifier in faults.always_received:
+            if frames.identifiers[i] & ~FD == identifier and count < MOST:
+                copy_frame(frames, i, room, count)
+                faults.origins[count] = i
+                count += 1
+    return count
 
 
 @compilable

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.stimuli.bus_faults import BusFault
-from liftgate_hil.stimuli.moments import NEVER, START, Instant, Moments, Sheet, time_of
+from liftgate_hil.stimuli.moments import BY_TIME, NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants, numbers_of
 
@@ -30,6 +30,10 @@ FAULT = np.dtype(
         ("period", "f8"),  # s; 0: on all the time
         ("share", "f8"),  # of each period, its first part
         ("ramp", "f8"),  # s from nothing to all of it
+        (
+            "rank",
+            "i8",
+        ),  # of what is injected, when that was; 0: the scenario's, in the order of the file
         ("first", "i8"),  # rows of its edits
         ("count", "i8"),
     ]
@@ -72,8 +76,10 @@ class Faults(NamedTuple):
     next: NDArray[np.float64]  # (1,) s, when to look again
 
 
-def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Sheet) -> Faults:
-    """The tables of faults of a gate; their moments go to the sheet."""
+def faults_of(
+    constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0
+) -> Faults:
+    """The tables of faults of a gate, with so many slots for others behind them; their moments go to the sheet."""
     numbers = numbers_of(constants)
     places = {name: place for place, name in enumerate(numbers)}
     rows: list[tuple[float, ...]] = []
@@ -83,8 +89,11 @@ def faults_of(constants: Constants, injections: Sequence[Injection], sheet: Shee
         end = sheet.place(each.end, start)
         made = [(places[edit.name], edit.how, edit.value) for edit in each.edits]
         times = (each.period, each.share, each.ramp)
-        rows.append((*start, *end, *times, len(edits), len(made)))
+        rows.append((*start, *end, *times, 0, len(edits), len(made)))
         edits += made
+    for _ in range(slots):  # each may change all constants
+        rows.append((math.nan, BY_TIME, math.inf, BY_TIME, 0.0, 1.0, 0.0, 0, len(edits), 0))
+        edits += [(0, SET, 0.0)] * len(numbers)
     sound = np.array(list(numbers.values()))
     return Faults(
         np.array(rows, dtype=FAULT).view(np.recarray),
@@ -148,19 +157,48 @@ def is_changed(faults: Faults, moments: Moments, now: float) -> bool:
 
 @compilable
 def put_together(faults: Faults) -> None:
-    """The row in force: the constants, changed by one fault after the other in the order of the file."""
-    row = faults.row
-    for place in range(len(row)):
-        row[place] = faults.sound[place]
+    """The row in force: the constants, changed by one fault after the other in the order of the file, then by
+    what is injected in the order in which that was.
+    """
+    for place in range(len(faults.row)):
+        faults.row[place] = faults.sound[place]
+    first = len(faults.rows)
     for place in range(len(faults.rows)):
-        fault, share = faults.rows[place], faults.shares[place]
-        if share == 0.0:
-            continue
-        for k in range(fault.first, fault.first + fault.count):
-            edit = faults.edits[k]
-            before = row[edit.place]
-            if edit.how == ADD:
-                row[edit.place] = before + share * edit.value
-            else:
-                after = before * edit.value if edit.how == SCALE else edit.value
-                row[edit.place] = after if share == 1.0 else before + share * (after - before)
+        if faults.rows[place].rank == 0:
+            change(faults, place)
+        else:
+            first = min(first, place)
+    rank, place = 0, 0
+    while place >= 0:
+        place = next_injected(faults, first, rank)
+        if place >= 0:
+            rank = faults.rows[place].rank
+            change(faults, place)
+
+
+@compilable
+def next_injected(faults: Faults, first: int, rank: int) -> int:
+    """Of the faults from a row on the one in force with the next rank; -1: none."""
+    found = -1
+    for place in range(first, len(faults.rows)):
+        own = faults.rows[place].rank
+        is_next = own > rank and (found < 0 or own < faults.rows[found].rank)
+        if is_next and faults.shares[place] != 0.0:
+            found = place
+    return found
+
+
+@compilable
+def change(faults: Faults, place: int) -> None:
+    """Change the row in force by as much of a fault as there is."""
+    row, fault, share = faults.row, faults.rows[place], faults.shares[place]
+    if share == 0.0:
+        return
+    for k in range(fault.first, fault.first + fault.count):
+        edit = faults.edits[k]
+        before = row[edit.place]
+        if edit.how == ADD:
+            row[edit.place] = before + share * edit.value
+        else:
+            after = before * edit.value if edit.how == SCALE else edit.value
+            row[edit.place] = after if share == 1.0 else before + share * (after - before)

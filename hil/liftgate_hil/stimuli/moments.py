@@ -16,15 +16,22 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.watch import watch, watched
-from liftgate_hil.conditions import (
+from liftgate_hil.conditions.condition import (
+    ABS,
+    AND,
+    COLUMN,
+    CONST,
+    EQ,
+    GE,
+    GT,
+    LE,
+    LT,
+    NEG,
+    NOT,
     SIGNAL,
     Condition,
-    Conditions,
-    Work,
-    evaluate,
-    table_of,
-    work_for,
 )
+from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate, table_of, work_for
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import compilable, outlined
@@ -40,6 +47,10 @@ MOMENT = np.dtype(
         ("delay", "f8"),  # s, from when it comes true
         ("after", "f8"),  # s: it does not count before
         ("after_moment", "i8"),  # or not before this moment; BY_TIME: `after`
+        # It is only true where this column of the row is from `low` to `high`; -1: no such column is known.
+        ("column", "i8"),
+        ("low", "f8"),
+        ("high", "f8"),
     ]
 )
 
@@ -92,8 +103,9 @@ class Sheet:
         """The table, with the conditions of `instants`."""
         signals = list(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
         count = len(self._rows)
+        rows = [(*row, *necessary(conditions[row[0]])) for row in self._rows]
         return Moments(
-            np.array(self._rows, dtype=MOMENT).view(np.recarray),
+            np.array(rows, dtype=MOMENT).view(np.recarray),
             table_of(conditions, signals),
             watched(messages, signals, ConfigIssues("")),
             np.full(count, math.nan),
@@ -101,6 +113,45 @@ class Sheet:
             np.full(1, count, dtype=np.int64),
             work_for(1),
         )
+
+
+# A column's place, and the range that it has to be in.
+_Range = tuple[int, float, float]
+_ANY_RANGE: _Range = (-1, -math.inf, math.inf)
+_MIRRORED = {LT: GT, LE: GE, GT: LT, GE: LE, EQ: EQ}
+
+
+def necessary(condition: Condition) -> _Range:
+    """A column's place in the row and the range, both ends in, that it is in wherever a condition is true: by it
+    alone most ticks are told. -1 where no comparison of a column with a number decides.
+    """
+    stack: list[_Range | str | float | None] = []
+    for code, what in condition.ops:
+        if code in (CONST, COLUMN, SIGNAL):
+            stack.append(None if code == SIGNAL else what)
+        elif code in (NEG, ABS, NOT):
+            top = stack.pop()
+            stack.append(-top if code == NEG and isinstance(top, float) else None)
+        else:
+            right, left = stack.pop(), stack.pop()
+            stack.append(_of_two(code, left, right))
+    found = stack.pop() if stack else None  # nothing of one that there are issues with
+    return found if isinstance(found, tuple) else _ANY_RANGE
+
+
+def _of_two(
+    code: int, left: _Range | str | float | None, right: _Range | str | float | None
+) -> _Range | None:
+    """What is known of two parts that an operation joins."""
+    if code == AND:
+        return next((each for each in (left, right) if isinstance(each, tuple)), None)
+    if isinstance(right, str) and code in _MIRRORED:
+        code, left, right = _MIRRORED[code], right, left
+    if not (code in _MIRRORED and isinstance(left, str) and isinstance(right, float)):
+        return None
+    low = -math.inf if code in (LT, LE) else right
+    high = math.inf if code in (GT, GE) else right
+    return COLUMN_PLACE[left], low, high
 
 
 def no_moments() -> Moments:
@@ -142,6 +193,8 @@ def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Fram
     has_come, now, work = False, rows[0, _TIME], moments.work
     for place in range(len(moments.rows)):
         own = moments.rows[place]
+        if own.column >= 0 and not own.low <= rows[0, own.column] <= own.high:
+            continue
         if np.isnan(moments.when[place]) and time_of(moments, own.after, own.after_moment) < now:
             evaluate(moments.conditions, own.condition, rows, moments.values, 1, work)
             if work.truths[0, 0] != 0:

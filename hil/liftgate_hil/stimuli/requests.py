@@ -91,6 +91,18 @@ def first_open(requests: Requests, now_ns: int) -> int:
 
 
 @compilable
+def take_due(requests: Requests, moments: Moments, now_ns: int) -> int:
+    """How many are to be made at a time [ns] by the gate's clock; they are made then."""
+    found, place = 0, first_open(requests, now_ns)
+    while place < len(requests.rows):
+        if is_due(requests, place, moments, now_ns, now_ns):
+            note_made(requests, place)
+            found += 1
+        place += 1
+    return found
+
+
+@compilable
 def note_made(requests: Requests, place: int) -> None:
     """A request is made."""
     requests.rows[place].is_made = 1

@@ -96,10 +96,16 @@ class Restbus(NamedTuple):
 
 
 def restbus_of(
-    changes: Sequence[SignalChange], sheet: Sheet, tables: BusTables = NO_BUS
+    changes: Sequence[SignalChange],
+    sheet: Sheet,
+    tables: BusTables = NO_BUS,
+    later: Sequence[str] = (),
 ) -> Restbus:
-    """The restbus of the signals that change, which are to be of messages with a cycle that nobody else sends."""
-    names = list(dict.fromkeys(each.signal for each in changes))
+    """The restbus of the signals that change, which are to be of messages with a cycle that nobody else sends; and
+    of those that may get a value `later`, whose messages are not sent before.
+    """
+    known = dict.fromkeys(each.signal for each in changes)
+    names = list(dict.fromkeys([*later, *known]))  # so are the places of the former known
     issues = ConfigIssues("")
     bus = tables_named(tables.messages, names, tables.options, issues, True)
     everything = tables.with_signals(names, issues) if names else tables.sent
@@ -110,8 +116,8 @@ def restbus_of(
         if each.when != START
     ]
     transmission = first_transmission(bus, len(names))
-    for place, name in enumerate(names):
-        transmission.values[place] = start_value(tables.messages, name)
+    for name in known:
+        transmission.values[names.index(name)] = start_value(tables.messages, name)
     for change in changes:
         if change.when == START:
             transmission.values[names.index(change.signal)] = change.value

@@ -10,13 +10,27 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.conditions import Condition, parsed
-from liftgate_hil.diagnostics.tester import Tester, no_tester, tester_hears, with_requests
-from liftgate_hil.stimuli.bus_faults import RECEIVED, SENT, BusFaults, bus_faults_of, on_bus
+from liftgate_hil.conditions.condition import Condition
+from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.diagnostics.tester import (
+    Tester,
+    no_tester,
+    tester_hears,
+    wants_reset,
+    with_requests,
+)
+from liftgate_hil.stimuli.bus_faults import (
+    RECEIVED,
+    SENT,
+    BusFaults,
+    bus_faults_of,
+    note_force,
+    on_bus,
+)
 from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
 from liftgate_hil.stimuli.mailbox import nothing_held
 from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
-from liftgate_hil.stimuli.requests import Request, Requests, requests_of
+from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
 from liftgate_hil.stimuli.restbus import (
     NO_BUS,
     BusTables,
@@ -25,8 +39,9 @@ from liftgate_hil.stimuli.restbus import (
     restbus_of,
     with_restbus,
 )
+from liftgate_hil.stimuli.slots import CLOSED, Opening, Slots, slots_of, take_letters
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants
 
 _AT_ONCE = -1e300
@@ -43,7 +58,8 @@ class Scene(NamedTuple):
     held: NDArray[np.float64]  # what was posted, see mailbox
     requests: Requests
     restbus: Restbus
-    tester: Tester  # of the ECU's trouble codes
+    tester: Tester  # of the ECU's diagnostics
+    slots: Slots  # for what is injected while it runs
 
 
 class Stimuli(NamedTuple):
@@ -65,35 +81,44 @@ def scene_of(
     tables: BusTables = NO_BUS,
     changes: Sequence[SignalChange] = (),
     tester: Tester | None = None,
+    opening: Opening = CLOSED,
 ) -> Scene:
     """A scene before the first tick, of a gate with these constants that sends these tables, beside a restbus with
     these signals.
     """
     sheet = Sheet()
     timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
-    faults = faults_of(constants, injections, sheet)
+    faults = faults_of(constants, injections, sheet, opening.slots)
     asked = requests_of(requests, sheet)
-    restbus = restbus_of(changes, sheet, tables)
+    restbus = restbus_of(changes, sheet, tables, opening.signals)
     conditions = [condition_of(each) for each in sheet.instants]
     moments = sheet.moments(conditions, tables.messages)
     on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
+    bus_faults = bus_faults_of(on_its_way, len(tables.messages), opening.slots, opening.messages)
     return Scene(
         timeline,
         np.zeros(1, dtype=np.int64),
         moments,
         faults,
-        bus_faults_of(on_its_way, len(tables.messages)),
+        bus_faults,
         nothing_held(),
         asked,
         restbus,
         tester or no_tester(),
+        slots_of(opening.slots, faults, bus_faults),
     )
 
 
 @compilable
 def turns(scene: Scene, time: float) -> bool:
-    """Whether the constants in force (`faults.row`) are others from a time [s] on."""
-    return is_changed(scene.faults, scene.moments, time)
+    """Whether the constants in force (`faults.row`) are others from a time [s] on, with what was injected."""
+    slots = scene.slots
+    if slots.head[0] != slots.head[1]:
+        take_letters(slots, scene.faults, scene.bus_faults, scene.restbus, scene.tester, time)
+    changed = is_changed(scene.faults, scene.moments, time)
+    if changed:
+        note_force(scene.bus_faults, scene.faults.shares)
+    return changed
 
 
 @compilable
@@ -121,6 +146,15 @@ def sent(scene: Scene, frames: Frames, ticks: int, step_ns: int, seed: int) -> F
     now_ns, restbus = ticks * step_ns, scene.restbus
     time = (ticks - scene.origin[0]) * step_ns / 1e9
     given = with_restbus(restbus, scene.moments, frames, time, now_ns)
+    if scene.tester.head[0].takes_resets != 0:
+        note_resets(scene, now_ns - scene.origin[0] * step_ns)
     given = with_requests(scene.tester, given, now_ns)
     shares = scene.faults.shares
     return on_bus(scene.bus_faults, shares, restbus.everything, given, SENT, now_ns, seed)
+
+
+@outlined
+def note_resets(scene: Scene, now_ns: int) -> None:
+    """Hand the tester what is due of the scenario's requests at its time [ns]: resets, where there are any."""
+    for _ in range(take_due(scene.requests, scene.moments, now_ns)):
+        wants_reset(scene.tester)

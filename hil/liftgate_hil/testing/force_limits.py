@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from liftgate_hil.codec.watch import signal_unit
-from liftgate_hil.conditions import parsed
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.report.page import section, table, text
 from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT

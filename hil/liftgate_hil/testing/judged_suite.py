@@ -13,7 +13,8 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.measurement.read import BUS_LOGS
-from liftgate_hil.runs import Job, Parts, Result
+from liftgate_hil.runs.job import Job, Parts
+from liftgate_hil.runs.result import Result
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, judged
 from liftgate_hil.testing.suite import Case, Outcome, not_run

@@ -20,7 +20,8 @@ import pytest
 if TYPE_CHECKING:
     from liftgate_hil.gate import Gate
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.runs import Job, Result
+    from liftgate_hil.runs.job import Job
+    from liftgate_hil.runs.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
 _GROUP = "liftgate-bus"
@@ -60,9 +61,9 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
         return None
     if b"expect" not in file_path.read_bytes():
         return None
-    from liftgate_hil.testing.suite import is_scenario
+    from liftgate_hil.testing.suite import may_be_scenario
 
-    return ScenarioFile.from_parent(parent, path=file_path) if is_scenario(file_path) else None
+    return ScenarioFile.from_parent(parent, path=file_path) if may_be_scenario(file_path) else None
 
 
 class ScenarioFile(pytest.File):
@@ -147,7 +148,7 @@ def _allow_imports_from_root(config: pytest.Config) -> None:
 
 def _template(config: pytest.Config) -> Job:
     """How the flags say that scenarios are run. Raises ConfigError."""
-    from liftgate_hil.runs import Job
+    from liftgate_hil.runs.job import Job
     from liftgate_hil.session import RunOptions
     from liftgate_hil.transport.can_arguments import WireChoice
 
@@ -186,7 +187,7 @@ class Liftgate:
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
         """`liftgate_hil.run`, with the flags' ECU, bus, vehicle and rig where none is named."""
-        from liftgate_hil.runs import run
+        from liftgate_hil.runs.run import run
 
         for name in ("ecu", "bus", "vehicle", "rig"):
             given = self._config.getoption(f"liftgate_{name}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +23,7 @@ from liftgate_hil.measurement.bus_log import refusals_in, span_of, tracks_of, un
 from liftgate_hil.measurement.log_frames import SILENT_S, read_frames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
 from liftgate_hil.signals import BUS_OUTPUTS, OUTPUT_COLUMNS, Bench
-from liftgate_hil.testing.recorded_run import RecordedRun, Track, whole_us
+from liftgate_hil.testing.recorded_run import RecordedRun, Track, rounded_to_us
 from liftgate_hil.testing.run_source import Source, converted, opened
 
 Floats = NDArray[np.float64]
@@ -85,10 +87,19 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
         run = _by_rows(tables[0], tracks, frames, has_frames, notes)
     else:
         run = _by_raster(sources, tracks, frames, has_frames, notes, asked)
+    run.is_on_a_real_bus = any(map(_is_on_a_real_bus, sources))
     run.gaps += _until_heard([each for each in run.gaps if not each.names], frames, asked)
     run.gaps += _silences(sources, asked)
     run.gaps += _cut_off(sources, asked, float(run.times[-1]))
     return run
+
+
+def _is_on_a_real_bus(source: Source) -> bool:
+    """Whether a recording says that its run was on a bus that others are on, too."""
+    about = source.ours.about if source.ours is not None else ""
+    with contextlib.suppress(ValueError, AttributeError):
+        return bool(about) and json.loads(about).get("bus", "virtual") != "virtual"
+    return False
 
 
 Places = Mapping[
@@ -179,7 +190,7 @@ def _frames(sources: Iterable[Source]) -> Any:
         times, own = source.log.times, source.log.frames
         rows = np.zeros(len(times), dtype=LOGGED)
         if source.zero_us:  # seconds since 1970 hold no more than microseconds
-            rows["time_ns"] = (whole_us(times) - source.zero_us) * 1000
+            rows["time_ns"] = (rounded_to_us(times) - source.zero_us) * 1000
         else:
             rows["time_ns"] = np.round(times * 1e9).astype(np.int64)
         rows["identifier"] = own.identifiers[: len(times)]
@@ -212,7 +223,7 @@ def _tracks(
             if name not in source.samples:
                 continue
             times, values, unit = source.samples[name]
-            times_us, path = whole_us(times) - source.zero_us, source.path
+            times_us, path = rounded_to_us(times) - source.zero_us, source.path
         tracks[ours] = Track(times_us, converted(values, ours, theirs, unit, path, issues))
     return tracks | _by_rig(_wires(places, sources, asked), frames, asked.rig, notes)
 
@@ -224,7 +235,7 @@ def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats
     table = np.concatenate(blocks)
     values = table[:, list(decoder.signals).index(name)]
     there = np.isfinite(values)
-    return whole_us(table[there, 0]), values[there]
+    return rounded_to_us(table[there, 0]), values[there]
 
 
 def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, Track]:

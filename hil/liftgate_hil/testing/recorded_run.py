@@ -60,13 +60,14 @@ class RecordedRun:
     rate: float  # Hz; no more rows than that
     tracks: Mapping[str, Track]  # by column
     frames: Any  # (m,) LOGGED, of the messages that are asked for, in the order of time
+    is_on_a_real_bus: bool = field(default=False, kw_only=True)  # as far as it says so
     has_frames: bool  # whether any are recorded
     gaps: list[Gap] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # what was noticed
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
         """Rows (n, ROW_WIDTH), NaN where nothing is known, and the frames up to the last of them."""
-        rows_us = whole_us(self.times)
+        rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0
         for first in range(0, len(self.times), _BLOCK):
@@ -86,6 +87,6 @@ class RecordedRun:
         return not self.has_frames
 
 
-def whole_us(times: Floats) -> Integers:
-    """Times [s] in whole microseconds."""
+def rounded_to_us(times: Floats) -> Integers:
+    """Times (n,) [s], each as the nearest microsecond (n,) [µs]."""
     return np.round(times * 1e6).astype(np.int64)

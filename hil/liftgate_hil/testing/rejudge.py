@@ -9,20 +9,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from liftgate_hil import session
-from liftgate_hil.conditions import COLUMN
+from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import KINDS, load_messages
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.diagnostics.reset_watch import ResetWatch
+from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.injection.orders import Nobody, Orders
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.judge import Expected, Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
 from liftgate_hil.measurement.recorded import holds_nothing
-from liftgate_hil.runs import tolerance_of
+from liftgate_hil.runs.result import tolerance_of
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.staging import expected_in
+from liftgate_hil.staging import expected_in, off_not_made, reset_failure
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun
 from liftgate_plant.vehicle import Vehicle
@@ -86,8 +89,17 @@ class Expectations:
         found = frozenset(columns), signals, self.rig, self.mapping
         is_off = any(each.kind == "bus_off" for each in self.setup.scenario.faults)
         own = self.expected.diagnostics
-        others = frozenset([own.response] if own is not None else [])
-        return Asked(*found, self.rate, self.longest_gap, others, is_off)
+        others = [own.response] if own is not None else []
+        others += self.rig.ordering
+        if self.resets is not None:
+            others += [self.resets.request, self.resets.response]
+        return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off)
+
+    @property
+    def resets(self) -> Diagnostics | None:
+        """By which the bench resets the ECU over UDS; None: not so."""
+        reset = self.rig.driver.reset
+        return self.rig.diagnostics if reset is not None and reset.way == "uds" else None
 
 
 @dataclass(frozen=True)
@@ -139,18 +151,35 @@ def judged(
     tolerance = tolerance_of(scenario, about.rig) if about.rig.inputs else math.inf
     found = Judge(about.expected, run.rate, last if end is None else end, tolerance)
     sketcher = Sketcher(found, run.rate) if is_sketched else None
+    watch = None if about.resets is None else ResetWatch(about.resets)
+    orders = Orders(about.rig, Nobody())
     for rows, frames in run.blocks():
         if stopped():
             raise StoppedJudgingError
         found.take(rows, frames)
+        if watch is not None:
+            watch.take(frames)
+        orders.look(frames, math.nan)
         if sketcher is not None:
             sketcher.take(rows, frames)
     verdicts = [
         _explained(each, run, about.expected.names(place))
-        for place, each in enumerate(found.verdicts(gaps=run.gaps))
+        for place, each in enumerate(
+            found.verdicts(late=_not_made(about, run, watch, orders), gaps=run.gaps)
+        )
     ]
     sketches = {} if sketcher is None else sketcher.sketches()
     return Judged({each.name: each for each in verdicts}, sketches, len(run.times), last, run.notes)
+
+
+def _not_made(
+    about: Expectations, run: RecordedRun, watch: ResetWatch | None, orders: Orders
+) -> str:
+    """What the run could not make of what was asked for, as it told then, and as far as the recording shows it."""
+    found = [] if watch is None else [reset_failure(watch.failure, about.rig)]
+    if run.is_on_a_real_bus:
+        found.append(off_not_made(about.setup.scenario, orders.kinds))
+    return "; ".join(filter(None, found))
 
 
 def _holds_nothing(path: Path) -> bool:

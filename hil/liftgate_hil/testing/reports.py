@@ -30,6 +30,7 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
         "file": outcome.case.file,
         "verdict": outcome.verdict,
         "reason": outcome.reason,
+        "notes": outcome.notes,
         "description": setup.scenario.description,
         "requirement": list(setup.scenario.requirement),
         "vehicle": setup.vehicle_name,

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import os
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from liftgate_hil import runs
+from liftgate_hil.codec.receive import rejected
 from liftgate_hil.config.files import is_there
 from liftgate_hil.config.scenario_keys import TOP
 from liftgate_hil.config.shipped import find_config, shipped_folder
@@ -19,8 +21,11 @@ from liftgate_hil.ecu.find import ON_A_BUS, is_library
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, Verdict, worst
-from liftgate_hil.runs import Job, Parts, Result
+from liftgate_hil.runs.job import Job, Parts, resolve
+from liftgate_hil.runs.result import Result
+from liftgate_hil.runs.run import execute
 
+_EXPECT = re.compile(rb"^[ \t]*\[\[[ \t]*expect[ \t]*\]\]", re.MULTILINE)
 _MOST_FILES = 100  # that include each other
 
 
@@ -45,6 +50,21 @@ class Outcome:
     result: Result | None
     wall_s: float
 
+    @property
+    def notes(self) -> list[str]:
+        """What may explain it beside the verdicts: frames of the ECU that were refused, faults from outside."""
+        if self.result is None:
+            return []
+        summary, found = self.result.summary, []
+        if why := summary.refusals_told():
+            came = summary.received.accepted + rejected(summary.received)
+            found.append(
+                f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}"
+            )
+        if summary.injections or summary.injections_refused:
+            found.append(summary.injections_told())
+        return found
+
 
 def scenario_files(paths: Sequence[str]) -> list[Path]:
     """The scenario files of paths and shipped names (`pack` is a folder of them): a folder stands for all
@@ -52,22 +72,37 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
     """
     found: list[Path] = []
     for name in paths:
+        if not name:
+            raise ConfigError("a path that is empty; allowed: files, folders, shipped names")
         path = Path(name)
         if not is_there(path):
             path = shipped_folder("scenarios", name) or path
         if path.is_dir():
-            inside = sorted(each for each in path.rglob("*.toml") if is_scenario(each))
+            inside = sorted(each for each in path.rglob("*.toml") if may_be_scenario(each))
             if not inside:
                 raise ConfigError(
                     f"{path}: no scenario with [[expect]]; allowed: a folder with some"
                 )
             found += inside
         else:
-            found.append(path if is_there(path) else find_config("scenarios", name))
+            found.append(path if is_there(path) else find_config("scenarios", name, "PATH"))
     kept: dict[Path, Path] = {}
     for path in found:
-        kept.setdefault(path.resolve(), path)
+        kept.setdefault(Path(os.path.realpath(path)), path)
     return list(kept.values())
+
+
+def may_be_scenario(path: Path) -> bool:
+    """Whether a TOML file is one, or is none that can be read but speaks of [[expect]]: its mistake is to be told,
+    or a scenario would be missing without a word.
+    """
+    try:
+        read_toml(path)
+    except ConfigError:
+        with contextlib.suppress(OSError):
+            return _EXPECT.search(path.read_bytes()) is not None
+        return False
+    return is_scenario(path)
 
 
 def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
@@ -98,7 +133,7 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
     for path in files:
         job = replace(template, scenario=path)
         try:
-            parts = runs.resolve(job)
+            parts = resolve(job)
             scenario = parts.setup.scenario
             if not scenario.expectations:
                 issues.append(f"{path}: expect: missing; allowed: [[expect]] tables")
@@ -121,7 +156,7 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
         job = replace(job, is_isolated=True)
     result, reason = None, ""
     try:
-        result = runs.execute(job, stopped, case.parts)
+        result = execute(job, stopped, case.parts)
         reason = result.reason
     except LiftgateError as error:
         reason = "; ".join(causes(error))

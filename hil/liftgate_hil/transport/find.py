@@ -25,6 +25,11 @@ class Way(NamedTuple):
         return self.can is not None and self.can["interface"] == name
 
     @property
+    def interface(self) -> str:
+        """Of python-can's, or serial."""
+        return "serial" if self.can is None else str(self.can["interface"])
+
+    @property
     def reach(self) -> str:
         """In words, who can reach it, where that is not plain."""
         if not self.is_interface("udp_multicast"):

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from liftgate_hil import runs
 from liftgate_hil.cli.main import main
 from liftgate_hil.compiling import told_of_compiling
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.listener import Listener
+from liftgate_hil.runs.job import Job
+from liftgate_hil.runs.run import execute
 from liftgate_hil.session import RunOptions
 from liftgate_plant import compiler
 
@@ -42,8 +43,8 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     # Entry points keep what they have: fresh ones, and an empty disk.
     monkeypatch.setattr(compiler, "_entry", compiler.Entry)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    job = runs.Job("demo", "reference", options=RunOptions(clock=clock, duration=1.0), trace=1)
-    result = runs.execute(job, stopped=lambda: True)
+    job = Job("demo", "reference", options=RunOptions(clock=clock, duration=1.0), trace=1)
+    result = execute(job, stopped=lambda: True)
     assert (result.verdict, result.reason, result.summary.ticks) == ("pass", "", 0)
     assert np.isnan(result.maxima["pinch_force_n"])
     assert len(result.trace["time_s"]) == 0

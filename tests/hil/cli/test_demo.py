@@ -25,7 +25,7 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
-from liftgate_hil.runs import Result
+from liftgate_hil.runs.result import Result
 from liftgate_plant.compiler import GivenUpError
 
 TEXT = """
@@ -325,7 +325,7 @@ def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
         signal.raise_signal(signal.SIGTERM)
         raise GivenUpError
 
-    monkeypatch.setattr("liftgate_hil.runs._run", given_up)
+    monkeypatch.setattr("liftgate_hil.runs.in_process._run", given_up)
     assert demo() == 143
     assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
     assert not (folder / "demo.png").exists()

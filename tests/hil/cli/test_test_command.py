@@ -122,6 +122,56 @@ def test_a_folder_stands_for_its_scenarios_and_results_keep_recordings(tmp_path:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        b'duration = = 5\n[[expect]]\nname = "x"\nalways = "time_s > 0"\n',
+        b'duration = 5\n# 20 \xb0C\n[[ expect ]]\nname = "x"\nalways = "time_s > 0"\n',
+    ],
+)
+def test_a_scenario_in_a_folder_that_cannot_be_read_is_told(
+    content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("suite").mkdir()
+    scenario("suite/a.toml", RESTS)
+    Path("suite/b.toml").write_bytes(content)
+    assert main(["test", "suite"]) == 2
+    assert "suite/b.toml" in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_read_and_are_no_scenarios_are_left_alone() -> None:
+    Path("suite").mkdir()
+    scenario("suite/a.toml", RESTS)
+    Path("suite/tool.toml").write_text("a = = 1\nexpect = 3\n")
+    Path("suite/loop.toml").symlink_to("loop.toml")
+    assert main(["test", "suite"]) == 0
+
+
+@pytest.mark.parametrize("path", ["", "loop.toml"])
+def test_what_is_no_path_is_told(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("loop.toml").symlink_to("loop.toml")
+    assert main(["test", path]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_frames_that_the_gate_refuses_are_told_beside_the_verdicts(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("wrong_ecu.py").write_text(
+        "import can\n"
+        "class Ecu:\n"
+        "    def step(self, now_s, frames):\n"
+        "        return [can.Message(arbitration_id=0x120, data=bytes(8), is_extended_id=False)]\n"
+    )
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    name = scenario("a.toml", MOVES)
+    assert main(["test", name, "--ecu", "wrong_ecu:Ecu", "--json", "out.json"]) == 1
+    assert " frames to the gate were refused: " in capsys.readouterr().out
+    told = json.loads(Path("out.json").read_text())["scenarios"][0]
+    assert " checksum" in told["notes"][0]
+    assert told["sources"]["ecu"]["path"].endswith("wrong_ecu.py")
+
+
 def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:
     names = [scenario("a.toml", RESTS, MOVES), scenario("b.toml", NEVER)]
     assert main(["test", *names, "--html", "out.html", "--jobs", "2"]) == 1

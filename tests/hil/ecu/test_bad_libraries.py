@@ -12,11 +12,12 @@ import pytest
 from c_library import build, needs_compiler
 
 import liftgate_hil as lh
-from liftgate_hil import runs, session
+from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.isolation import run_isolated
+from liftgate_hil.runs.job import Job
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
@@ -135,7 +136,7 @@ def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path, clock: s
 )
 def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
     options = session.RunOptions(clock="free")
-    job = runs.Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
+    job = Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
     with pytest.raises(EcuError) as caught:
         run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no answer for 1 s"
@@ -245,7 +246,7 @@ def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
-    job = runs.Job(scenario=scenario, ecu=str(path), options=options)
+    job = Job(scenario=scenario, ecu=str(path), options=options)
     stopped = (tmp_path / "flag").exists
     result = pickle.loads(run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped))
     assert result.verdict == "pass"

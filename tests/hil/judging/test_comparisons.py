@@ -8,7 +8,7 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
-from liftgate_hil.conditions import parsed
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.judging.comparisons import comparisons_of, sides_of
 
 READ = {"gate_angle_deg": np.array([3.0, -1.0]), "gate_rate_degps": np.array([0.5, np.nan])}

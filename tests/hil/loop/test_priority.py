@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 import pytest
 
 from liftgate_hil.loop import priority
-from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu, cpus_of
+from liftgate_hil.loop.priority import PRIORITY, PRIORITY_BESIDE, Realtime, best_cpu, cpus_of
 
 DROP = """
 import json, os, resource, subprocess, sys, threading
@@ -119,6 +120,75 @@ def test_fifo_is_asked_for_so_that_children_do_not_inherit_it(monkeypatch: pytes
     assert asked[1][:2] == (0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK)
     assert asked[1][2].sched_priority == PRIORITY
     assert realtime.refused == []
+
+
+class FakeThread:
+    """Its scheduling, as the kernel keeps it."""
+
+    def __init__(self, policy: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = (policy, number)
+        self.limit: float = math.inf  # RLIMIT_RTPRIO; infinite: it has CAP_SYS_NICE
+        monkeypatch.setattr(os, "sched_getscheduler", lambda thread: self.now[0])
+        monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(self.now[1]))
+        monkeypatch.setattr(os, "sched_setscheduler", self.change)
+
+    def change(self, thread: int, policy: int, parameters: os.sched_param) -> None:
+        assert thread == 0
+        loses_flag = bool(self.now[0] & ~policy & os.SCHED_RESET_ON_FORK)
+        rises = parameters.sched_priority > max(self.limit, self.now[1])
+        if rises or (loses_flag and math.isfinite(self.limit)):
+            raise PermissionError(1, "Operation not permitted")
+        self.now = (policy, parameters.sched_priority)
+
+
+BESIDE = (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY_BESIDE)
+FORMER = [
+    (os.SCHED_OTHER, 0),
+    (os.SCHED_BATCH, 0),
+    (os.SCHED_RR, 7),
+    (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 42),
+]
+
+
+@pytest.mark.parametrize("former", FORMER)
+def test_a_thread_beside_the_loop_has_its_former_policy_and_priority_again(
+    former: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+):
+    thread = FakeThread(*former, monkeypatch)
+    with Realtime().beside():
+        assert thread.now == BESIDE
+    assert thread.now == former
+    with pytest.raises(KeyError), Realtime().beside():
+        raise KeyError
+    assert thread.now == former
+
+
+def test_who_may_not_take_back_a_threads_flag_leaves_it_the_flag_alone(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    thread = FakeThread(os.SCHED_OTHER, 0, monkeypatch)
+    thread.limit = PRIORITY_BESIDE
+    with Realtime().beside():
+        assert thread.now == BESIDE
+    assert thread.now == (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0)
+
+
+def test_a_priority_above_the_threads_own_limit_is_lost_and_the_run_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    thread = FakeThread(os.SCHED_FIFO, 50, monkeypatch)
+    thread.limit = 0
+    with Realtime().beside():
+        assert thread.now == BESIDE
+    assert thread.now == BESIDE
+
+
+def test_a_thread_that_is_refused_fifo_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch):
+    thread = FakeThread(os.SCHED_BATCH, 0, monkeypatch)
+    thread.limit = 0
+    with Realtime().beside():
+        assert thread.now == (os.SCHED_BATCH, 0)
+    assert thread.now == (os.SCHED_BATCH, 0)
 
 
 def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch):

@@ -12,7 +12,8 @@ from hil_support import CALM
 from hypothesis import given
 from hypothesis import strategies as st
 
-from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.loop.rings import ArrivalReader, Memory, RingReader, note_arrivals, note_frames
 from liftgate_hil.stimuli.mailbox import post
 
 
@@ -169,4 +170,44 @@ def test_its_parts_do_not_overlap():
         array.view(np.uint8).reshape(-1)[:] = number + 1
     for number, array in enumerate(memory.shared):
         assert set(array.view(np.uint8).reshape(-1).tolist()) == {number + 1}
+    memory.close()
+
+
+def frames_of(*numbers: int) -> Frames:
+    count = len(numbers)
+    return Frames(
+        count, np.array(numbers), np.zeros(count, np.int64), np.zeros((count, 64), np.uint8)
+    )
+
+
+@CALM
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3), st.booleans()), max_size=60))
+def test_each_frame_that_came_is_read_once_among_those_that_were_sent(
+    ticks: list[tuple[int, int, bool]],
+):
+    memory = Memory(4, 4096)
+    reader, arrivals, came, seen = ArrivalReader(memory.shared), np.zeros(2, np.int64), [], []
+    for number, (received, sent, is_looked_at) in enumerate(ticks):
+        own = [2 * number + k for k in range(received)]
+        note_arrivals(memory.shared, frames_of(*own), arrivals, 0)
+        note_frames(memory.shared, frames_of(*[999] * sent), 0, 1)
+        came += own
+        if is_looked_at:
+            seen += reader.take()["identifier"].tolist()
+            assert seen == came
+    seen += reader.take()["identifier"].tolist()
+    assert seen == came
+    memory.close()
+
+
+def test_a_frame_that_is_counted_before_it_is_there_is_read_when_it_is():
+    memory = Memory(4, 64)
+    control, reader = memory.shared.control, ArrivalReader(memory.shared)
+    note_arrivals(memory.shared, frames_of(7), np.zeros(1, np.int64), 0)
+    control["frames"][0] -= 1  # the loop is held up between the two counts
+    assert len(reader.take()) == 0
+    assert len(reader.take()) == 0
+    control["frames"][0] += 1
+    assert reader.take()["identifier"].tolist() == [7]
+    assert len(reader.take()) == 0
     memory.close()

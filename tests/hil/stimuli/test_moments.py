@@ -7,9 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from formulas import COLUMNS, FORMULAS, PARAMETERS, SIGNALS, VALUES, Made
+from hil_support import CALM
+from hypothesis import given, reject
+from hypothesis import strategies as st
 
 import liftgate_hil as lh
+from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.moments import necessary
 
 
 def ran(folder: Path, text: str, **more: Any) -> lh.Result:
@@ -166,3 +173,43 @@ def test_what_ticks_cannot_show_is_refused(tmp_path: Path) -> None:
     ):
         ran(tmp_path, OPENING + fault)
     ran(tmp_path, OPENING + fault, rate=10_000.0, duration=0.05)
+
+
+@CALM
+@given(FORMULAS, st.lists(VALUES, min_size=5, max_size=5))
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_no_tick_in_which_a_condition_is_true_is_left_out_unevaluated(
+    formula: Made, values: list[float]
+) -> None:
+    text, value = formula
+    known = dict(zip([*COLUMNS, *SIGNALS], values, strict=True))
+    try:
+        column, low, high = necessary(parsed(text, PARAMETERS))
+    except ValueError:  # such as seconds beside their square
+        reject()
+    if column >= 0 and value(known)[0]:
+        name = next(each for each, own in COLUMNS.items() if COLUMN_PLACE[own] == column)
+        assert low <= known[name] <= high
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "low", "high"),
+    [
+        ("gate_angle_deg > 20", "gate_angle_deg", 20.0, np.inf),
+        ("20 >= gate_angle_deg", "gate_angle_deg", -np.inf, 20.0),
+        ("-5 < gate_rate_degps", "gate_rate_degps", -5.0, np.inf),
+        ("latched == 1 and gate_angle_deg < 3", "latched", 1.0, 1.0),
+        ("abs(gate_rate_degps) > 5 and time_s > 2", "time_s", 2.0, np.inf),
+        ("(latched == 0 or time_s > 2) and time_s < 9", "time_s", -np.inf, 9.0),
+        ("latched == 0 or time_s > 2", "", -np.inf, np.inf),
+        ("not time_s > 2", "", -np.inf, np.inf),
+        ("time_s != 2", "", -np.inf, np.inf),
+        ("Gate.Angle > 33", "", -np.inf, np.inf),
+        ("2 * gate_angle_deg > 33", "", -np.inf, np.inf),
+    ],
+)
+def test_by_which_column_most_ticks_are_told(
+    text: str, column: str, low: float, high: float
+) -> None:
+    place = COLUMN_PLACE[column] if column else -1
+    assert necessary(parsed(text, {}, lambda name: "deg")) == (place, low, high)

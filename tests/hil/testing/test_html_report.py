@@ -12,7 +12,7 @@ import pytest
 from html_page import Page
 
 from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.runs import Job
+from liftgate_hil.runs.job import Job
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport

@@ -17,7 +17,7 @@ from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.open import open_recorder
-from liftgate_hil.runs import tolerance_of
+from liftgate_hil.runs.result import tolerance_of
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, columns_of
 
 FORMATS = [

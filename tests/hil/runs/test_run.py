@@ -10,7 +10,8 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.listener import Listener
-from liftgate_hil.runs import Job, execute
+from liftgate_hil.runs.job import Job
+from liftgate_hil.runs.run import execute
 from liftgate_hil.session import RunOptions
 from liftgate_hil.signals import COLUMNS
 

@@ -1,38 +1,38 @@
-"""Conditions on what a run shows: text → postfix table, and the one evaluator, for triggers, expectations, judge.
-
-    gate_angle_deg > 20 and (sensed.left_current_a > 2 * $idle or Gate.LatchState == 1)
-
-A condition has, in each tick, a truth and a margin: how much is left before the truth changes, in the unit of the
-comparison that decides.
-
-    a < b: b − a      a == b: −|a − b|      a != b: |a − b|      and: the smaller    or: the larger    not: negated
-
-A tick in which one of its columns has no value, or a value that is not finite, has neither (margin NaN).
-"""
+"""The text of a condition, read: recursive descent, with a check of units."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+from liftgate_hil.conditions.condition import (
+    ABS,
+    ADD,
+    AND,
+    COLUMN,
+    CONST,
+    DEEPEST,
+    DIV,
+    EQ,
+    GE,
+    GT,
+    LE,
+    LT,
+    MUL,
+    NE,
+    NEG,
+    NOT,
+    OR,
+    SIGNAL,
+    SUB,
+    Condition,
+    unit_of_column,
+)
+from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
-from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, SENSED_PREFIX
-from liftgate_plant.compiler import compilable, outlined
-
-OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
-
-# Codes: what is put on the stack, what is made of its top, comparisons, what joins them.
-CONST, COLUMN, SIGNAL = 0, 1, 2
-ADD, SUB, MUL, DIV, NEG, ABS = 3, 4, 5, 6, 7, 8
-LT, LE, GT, GE, EQ, NE = 9, 10, 11, 12, 13, 14
-AND, OR, NOT = 15, 16, 17
-
-DEEPEST = 32  # parentheses in each other, and values that wait on the stack
 _LONGEST = 4000  # characters
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
@@ -47,47 +47,6 @@ _TOKEN = re.compile(
 )
 
 
-class Conditions(NamedTuple):
-    """Several conditions: (ops,) OP in postfix order, and where each begins (n + 1,)."""
-
-    ops: Any
-    begins: NDArray[np.int64]
-
-
-class Work(NamedTuple):
-    """What an evaluation works in, and gives in its first rows, for n ticks."""
-
-    numbers: NDArray[np.float64]  # (DEEPEST, n): values, and margins; NaN: the tick does not count
-    truths: NDArray[np.int8]  # (DEEPEST, n)
-    deciders: NDArray[np.int64]  # (DEEPEST, n): which comparison the margin is of
-
-
-@dataclass(frozen=True)
-class Condition:
-    """One condition, checked."""
-
-    text: str
-    ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value
-    units: tuple[str, ...] = ()  # of its comparisons, in the order of the text
-
-    def names(self, code: int) -> list[str]:
-        """The columns, or the signals, that it reads, each once."""
-        return list(dict.fromkeys(str(name) for each, name in self.ops if each == code))
-
-    def beyond(self, drives: int) -> list[str]:
-        """What it reads that a gate with so many drives does not have, in words."""
-        return [
-            f"{name}: this gate has one drive; allowed: the left one's"
-            for name in self.names(COLUMN)
-            if drives == 1 and name.removeprefix(SENSED_PREFIX).startswith("right_")
-        ]
-
-
-def unit_of_column(name: str) -> str | None:
-    """The unit of a recording's column; None: there is none of that name."""
-    return COLUMNS[name].unit if name in COLUMNS else None
-
-
 def parsed(
     text: str,
     parameters: Mapping[str, float],
@@ -99,138 +58,6 @@ def parsed(
     Raises ValueError with what is wrong and what is allowed.
     """
     return _Parser(text, parameters, signal_unit).condition()
-
-
-def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
-    """The table of conditions; `signals` are those of the bus, in the order of the evaluator's columns."""
-    rows: list[tuple[int, int, float]] = []
-    begins = [0]
-    for condition in conditions:
-        for code, what in condition.ops:
-            place, value = 0, 0.0
-            if code == COLUMN:
-                place = COLUMN_PLACE[str(what)]
-            elif code == SIGNAL:
-                place = list(signals).index(str(what))
-            else:
-                value = float(what)
-            rows.append((code, place, value))
-        begins.append(len(rows))
-    return Conditions(np.array(rows, dtype=OP).view(np.recarray), np.array(begins, dtype=np.int64))
-
-
-def work_for(ticks: int) -> Work:
-    """Room to evaluate so many ticks at once."""
-    return Work(
-        np.zeros((DEEPEST, ticks)),
-        np.zeros((DEEPEST, ticks), dtype=np.int8),
-        np.zeros((DEEPEST, ticks), dtype=np.int64),
-    )
-
-
-@compilable
-def calculated(code: int, a: float, b: float) -> float:
-    """An arithmetic operation; NaN where it has no finite result."""
-    if code == ADD:
-        return a + b
-    if code == SUB:
-        return a - b
-    if code == MUL:
-        return a * b
-    return a / b if b != 0.0 else np.nan
-
-
-@compilable
-def compared(code: int, a: float, b: float) -> tuple[bool, float]:
-    """A comparison's truth and margin; NaN where one side has no value."""
-    if not (math.isfinite(a) and math.isfinite(b)):
-        return False, np.nan
-    if code == LT:
-        return a < b, b - a
-    if code == LE:
-        return a <= b, b - a
-    if code == GT:
-        return a > b, a - b
-    if code == GE:
-        return a >= b, a - b
-    if code == EQ:
-        return a == b, 0.0 - abs(a - b)
-    return a != b, abs(a - b)
-
-
-@compilable
-def join(code: int, work: Work, low: int, ticks: int) -> None:
-    """What `and` or `or` makes of two rows of the work, the second one above `low`."""
-    numbers, truths, deciders = work
-    high = low + 1
-    for i in range(ticks):
-        below, above = numbers[low, i], numbers[high, i]
-        first, second = truths[low, i] != 0, truths[high, i] != 0
-        if np.isnan(below) or np.isnan(above):
-            numbers[low, i], truths[low, i] = np.nan, 0
-            continue
-        if code == AND:
-            takes = above < below or (above == below and first and not second)
-            truths[low, i] = int(first and second)
-        else:
-            takes = above > below or (above == below and second and not first)
-            truths[low, i] = int(first or second)
-        if takes:
-            numbers[low, i], deciders[low, i] = above, deciders[high, i]
-
-
-@outlined
-def evaluate(  # noqa: PLR0912
-    conditions: Conditions,
-    which: int,
-    rows: NDArray[np.float64],
-    signals: NDArray[np.float64],
-    ticks: int,
-    work: Work,
-) -> None:
-    """Evaluate a condition in so many ticks, from rows (n, ROW_WIDTH) of signals.COLUMNS and the bus's signals
-    (n, m): truths, margins and deciders to the first rows of `work`.
-    """
-    numbers, truths, deciders = work
-    top, comparison = -1, -1
-    for place in range(conditions.begins[which], conditions.begins[which + 1]):
-        op = conditions.ops[place]
-        code, at = op.code, op.place
-        if code <= SIGNAL:
-            top += 1
-            if code == CONST:
-                for i in range(ticks):
-                    numbers[top, i] = op.value
-            elif code == COLUMN:
-                for i in range(ticks):
-                    numbers[top, i] = rows[i, at]
-            else:
-                for i in range(ticks):
-                    numbers[top, i] = signals[i, at]
-        elif code <= DIV:
-            top -= 1
-            for i in range(ticks):
-                numbers[top, i] = calculated(code, numbers[top, i], numbers[top + 1, i])
-        elif code == NEG:
-            for i in range(ticks):
-                numbers[top, i] = -numbers[top, i]
-        elif code == ABS:
-            for i in range(ticks):
-                numbers[top, i] = abs(numbers[top, i])
-        elif code <= NE:
-            top -= 1
-            comparison += 1
-            for i in range(ticks):
-                truth, numbers[top, i] = compared(code, numbers[top, i], numbers[top + 1, i])
-                truths[top, i] = int(truth)
-                deciders[top, i] = comparison
-        elif code == NOT:
-            for i in range(ticks):
-                numbers[top, i] = 0.0 - numbers[top, i]
-                truths[top, i] = int(truths[top, i] == 0 and not np.isnan(numbers[top, i]))
-        else:
-            top -= 1
-            join(code, work, top, ticks)
 
 
 class _Part(NamedTuple):

@@ -1,0 +1,219 @@
+"""Conditions as a table, and the one evaluator of it, in machine code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.conditions.condition import (
+    ABS,
+    ADD,
+    AND,
+    COLUMN,
+    CONST,
+    DEEPEST,
+    DIV,
+    EQ,
+    GE,
+    GT,
+    LE,
+    LT,
+    MUL,
+    NE,
+    NEG,
+    NOT,
+    SIGNAL,
+    SUB,
+    Condition,
+)
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_plant.compiler import compilable, outlined
+
+# Of a table alone: a column compared with a number, the comparison's code behind it, in one pass over the rows.
+_COMPARED_COLUMN = 32
+
+OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
+
+
+class Conditions(NamedTuple):
+    """Several conditions: (ops,) OP in postfix order, and where each begins (n + 1,)."""
+
+    ops: Any
+    begins: NDArray[np.int64]
+
+
+class Work(NamedTuple):
+    """What an evaluation works in, and gives in its first rows, for n ticks."""
+
+    numbers: NDArray[np.float64]  # (DEEPEST, n): values, and margins; NaN: the tick does not count
+    truths: NDArray[np.int8]  # (DEEPEST, n)
+    deciders: NDArray[np.int64]  # (DEEPEST, n): which comparison the margin is of
+
+
+def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
+    """The table of conditions; `signals` are those of the bus, in the order of the evaluator's columns."""
+    rows: list[tuple[int, int, float]] = []
+    begins = [0]
+    for condition in conditions:
+        for code, what in condition.ops:
+            place, value = 0, 0.0
+            if code == COLUMN:
+                place = COLUMN_PLACE[str(what)]
+            elif code == SIGNAL:
+                place = list(signals).index(str(what))
+            else:
+                value = float(what)
+            rows.append((code, place, value))
+            _join_last(rows)
+        begins.append(len(rows))
+    return Conditions(np.array(rows, dtype=OP).view(np.recarray), np.array(begins, dtype=np.int64))
+
+
+def _join_last(rows: list[tuple[int, int, float]]) -> None:
+    """Make one row of the last three where they are a column, a number and their comparison."""
+    if len(rows) < 3:
+        return
+    column, number, comparison = rows[-3:]
+    if column[0] == COLUMN and number[0] == CONST and LT <= comparison[0] <= NE:
+        rows[-3:] = [(_COMPARED_COLUMN + comparison[0], column[1], number[2])]
+
+
+def work_for(ticks: int) -> Work:
+    """Room to evaluate so many ticks at once."""
+    return Work(
+        np.zeros((DEEPEST, ticks)),
+        np.zeros((DEEPEST, ticks), dtype=np.int8),
+        np.zeros((DEEPEST, ticks), dtype=np.int64),
+    )
+
+
+@compilable
+def calculated(code: int, a: float, b: float) -> float:
+    """An arithmetic operation; NaN where it has no finite result."""
+    if code == ADD:
+        return a + b
+    if code == SUB:
+        return a - b
+    if code == MUL:
+        return a * b
+    return a / b if b != 0.0 else np.nan
+
+
+@compilable
+def compared(code: int, a: float, b: float) -> tuple[bool, float]:
+    """A comparison's truth and margin; NaN where one side has no value."""
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return False, np.nan
+    if code == LT:
+        return a < b, b - a
+    if code == LE:
+        return a <= b, b - a
+    if code == GT:
+        return a > b, a - b
+    if code == GE:
+        return a >= b, a - b
+    if code == EQ:
+        return a == b, 0.0 - abs(a - b)
+    return a != b, abs(a - b)
+
+
+@compilable
+def join(code: int, work: Work, low: int, ticks: int) -> None:
+    """What `and` or `or` makes of two rows of the work, the second one above `low`."""
+    numbers, truths, deciders = work
+    high = low + 1
+    for i in range(ticks):
+        below, above = numbers[low, i], numbers[high, i]
+        first, second = truths[low, i] != 0, truths[high, i] != 0
+        if np.isnan(below) or np.isnan(above):
+            numbers[low, i], truths[low, i] = np.nan, 0
+            continue
+        if code == AND:
+            takes = above < below or (above == below and first and not second)
+            truths[low, i] = int(first and second)
+        else:
+            takes = above > below or (above == below and second and not first)
+            truths[low, i] = int(first or second)
+        if takes:
+            numbers[low, i], deciders[low, i] = above, deciders[high, i]
+
+
+@compilable
+def compare_column(
+    code: int,
+    rows: NDArray[np.float64],
+    column: int,
+    number: float,
+    work: Work,
+    top: int,
+    ticks: int,
+) -> None:
+    """A comparison of a column with a number, to a row of the work."""
+    numbers, truths, _ = work
+    for i in range(ticks):
+        truth, numbers[top, i] = compared(code, rows[i, column], number)
+        truths[top, i] = int(truth)
+
+
+@outlined
+def evaluate(  # noqa: PLR0912
+    conditions: Conditions,
+    which: int,
+    rows: NDArray[np.float64],
+    signals: NDArray[np.float64],
+    ticks: int,
+    work: Work,
+) -> None:
+    """Evaluate a condition in so many ticks, from rows (n, ROW_WIDTH) of signals.COLUMNS and the bus's signals
+    (n, m): truths, margins and deciders to the first rows of `work`.
+    """
+    numbers, truths, deciders = work
+    top, comparison = -1, -1
+    for place in range(conditions.begins[which], conditions.begins[which + 1]):
+        op = conditions.ops[place]
+        code, at = op.code, op.place
+        if code <= SIGNAL:
+            top += 1
+            if code == CONST:
+                for i in range(ticks):
+                    numbers[top, i] = op.value
+            elif code == COLUMN:
+                for i in range(ticks):
+                    numbers[top, i] = rows[i, at]
+            else:
+                for i in range(ticks):
+                    numbers[top, i] = signals[i, at]
+        elif code <= DIV:
+            top -= 1
+            for i in range(ticks):
+                numbers[top, i] = calculated(code, numbers[top, i], numbers[top + 1, i])
+        elif code == NEG:
+            for i in range(ticks):
+                numbers[top, i] = -numbers[top, i]
+        elif code == ABS:
+            for i in range(ticks):
+                numbers[top, i] = abs(numbers[top, i])
+        elif code <= NE:
+            top -= 1
+            comparison += 1
+            for i in range(ticks):
+                truth, numbers[top, i] = compared(code, numbers[top, i], numbers[top + 1, i])
+                truths[top, i] = int(truth)
+                deciders[top, i] = comparison
+        elif code == NOT:
+            for i in range(ticks):
+                numbers[top, i] = 0.0 - numbers[top, i]
+                truths[top, i] = int(truths[top, i] == 0 and not np.isnan(numbers[top, i]))
+        elif code >= _COMPARED_COLUMN:
+            top += 1
+            comparison += 1
+            compare_column(code - _COMPARED_COLUMN, rows, at, op.value, work, top, ticks)
+            for i in range(ticks):
+                deciders[top, i] = comparison
+        else:
+            top -= 1
+            join(code, work, top, ticks)

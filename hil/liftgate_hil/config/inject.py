@@ -1,0 +1,136 @@
+"""The section [inject] of a rig file: the test bench's messages that break something, ask the ECU for something or
+set a signal while the emulator runs, so that a panel can.
+
+What a message's labels say is what counts: kinds of faults and requests by their names, places by a drive, a
+message or a key of the vehicle file, signals as `Message.Signal`. So another place is a line of the database.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from liftgate_hil.codec.bus_config import identifier_of
+from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.config.restbus import check_signal
+from liftgate_hil.config.schema import Key, Text, read_table
+from liftgate_hil.config.signal_name import find_signal
+from liftgate_hil.config.toml import Table, known_keys, show, table
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.requests import REQUESTS
+from liftgate_hil.stimuli.restbus import BusTables
+
+if TYPE_CHECKING:
+    from cantools.database.can import Signal as DatabaseSignal
+
+NOTHING = "none"  # the label that says so
+_SIGNAL = Text("MESSAGE.SIGNAL")
+
+FAULT, BABBLING, REQUEST, SIGNAL = "fault", "babbling", "request", "signal"
+ORDERS: Mapping[str, tuple[Key, ...]] = {
+    FAULT: (
+        Key("kind", _SIGNAL, "its labels are kinds of docs/scenario.md; `none` with `on` 0 ends all of them"),
+        Key("on", _SIGNAL, "1: it begins, or begins anew with another value; 0: it ends"),
+        Key("place", _SIGNAL, "its labels are left, right, both, messages, for `parameter` keys of the vehicle "
+            "file, and `none`", None, "none"),
+        Key("value", _SIGNAL, "what the kind takes: its value, ohm, factor, probability, delay_s, or the number "
+            "of its state", None, "none"),
+        Key("direction", _SIGNAL, "its labels are sent and received, by the gate; with another one the place says "
+            "which", None, "none"),
+    ),
+    BABBLING: (
+        Key("identifier", _SIGNAL, "of its frames, above 0x7FF an extended one"),
+        Key("on", _SIGNAL, "1: it begins; 0: it ends"),
+        Key("rate", _SIGNAL, "how many frames [1/s]"),
+        Key("direction", _SIGNAL, "its labels are sent and received"),
+    ),
+    REQUEST: (
+        Key("action", _SIGNAL, "its labels are open, close, stop, reset and `none`: the rig's buttons"),
+    ),
+    SIGNAL: (
+        Key("name", _SIGNAL, "its labels are signals of the database that the bench may send, as Message.Signal"),
+        Key("value", _SIGNAL, "which it has from now on, in the database's unit"),
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OrderMessage:
+    """A message that gives an order where it holds all of these signals."""
+
+    what: str  # of ORDERS
+    message: str
+    identifier: int  # with SocketCAN's flag where it is extended
+    signals: Mapping[str, str]  # a key of ORDERS → the signal's name
+    labels: tuple[str, ...] = ()  # what can be ordered: kinds, actions, names of signals
+
+
+def orders_of(
+    raw: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+) -> tuple[OrderMessage, ...]:
+    """The section; what is wrong with it is noted. `taken` are the messages that gate or ECU send."""
+    given = table(issues, "inject", raw.get("inject", {}))
+    known_keys(issues, "inject", given, ORDERS)
+    found = [_order(what, given[what], tables, taken, issues) for what in ORDERS if what in given]
+    return tuple(each for each in found if each is not None)
+
+
+def _order(
+    what: str, given: object, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
+) -> OrderMessage | None:
+    key, before = f"inject.{what}", issues.count
+    values = read_table(issues, key, table(issues, key, given), ORDERS[what])
+    if issues.count > before:
+        return None
+    signals = {
+        name: find_signal(issues, f"{key}.{name}", said, tables.messages)
+        for name, said in values.items()
+        if said is not None
+    }
+    messages = list(dict.fromkeys(said.partition(".")[0] for said in values.values() if said))
+    if issues.count > before:
+        return None
+    if len(messages) > 1:
+        issues.add(key, f"signals of {', '.join(messages)}; allowed: of one message")
+        return None
+    message, options = messages[0], tables.options.get(messages[0], MessageOptions())
+    if message in {each.message for each in tables.outputs}:
+        issues.add(key, f"{message}: the gate sends it; allowed: a message of the test bench")
+    if options.counter or options.checksum or options.e2e:
+        issues.add(key, f"{message} is protected; allowed: a message without counter and checksum")
+    labels = _labels(key, what, signals, tables, taken, issues)
+    return OrderMessage(
+        what,
+        message,
+        identifier_of(tables.messages[message]),
+        {name: each.name for name, each in signals.items() if each is not None},
+        labels,
+    )
+
+
+def _labels(
+    key: str,
+    what: str,
+    signals: Mapping[str, DatabaseSignal | None],
+    tables: BusTables,
+    taken: Sequence[str],
+    issues: ConfigIssues,
+) -> tuple[str, ...]:
+    """The labels that an order goes by; what is wrong with them is noted."""
+    name, known = {
+        FAULT: ("kind", []),  # see rig_fit
+        REQUEST: ("action", list(REQUESTS)),
+        SIGNAL: ("name", []),
+    }.get(what, ("direction", ["sent", "received"]))
+    signal = signals[name]
+    assert signal is not None
+    labels = [str(each) for each in (signal.choices or {}).values() if str(each) != NOTHING]
+    wrong = [each for each in labels if known and each not in known]
+    for label in labels if what == SIGNAL else []:
+        check_signal(f"{key}.{name}: {signal.name}", label, tables, taken, issues)
+    if not labels or wrong:
+        said = ", ".join(map(show, wrong)) if wrong else "no value table"
+        allowed = ", ".join(known) or "one with labels"
+        issues.add(f"{key}.{name}", f"{signal.name}: {said}; allowed: {allowed}")
+    return tuple(labels)

@@ -1,0 +1,51 @@
+"""MESSAGE.SIGNAL: how files and programs name a signal of the rig's database."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from liftgate_hil.config.toml import show
+from liftgate_hil.issues import ConfigIssues
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+    from cantools.database.can import Signal as DatabaseSignal
+
+_MOST_NAMES = 20  # that are told
+
+
+def find_signal(
+    issues: ConfigIssues,
+    key: str,
+    name: str,
+    messages: Mapping[str, Message],
+    offered: Collection[str] | None = None,
+    left_out: Collection[str] = (),
+) -> DatabaseSignal | None:
+    """The signal of a name; None, and an issue under `key`, where there is none. That tells which messages are
+    `offered` (None: all) and which signals a message has but those `left_out`.
+    """
+    message_name, _, signal_name = name.partition(".")
+    message = messages.get(message_name)
+    if message is None:
+        names = told(sorted(messages if offered is None else offered))
+        issues.add(key, f"{show(name)}: no such message; allowed: MESSAGE.SIGNAL of {names}")
+        return None
+    for each in message.signals:
+        if each.name == signal_name:
+            return each
+    issues.add(key, f"{show(name)}: no such signal; allowed: {told_signals(message, left_out)}")
+    return None
+
+
+def told_signals(message: Message, left_out: Collection[str] = ()) -> str:
+    """A message's signals in words, but those `left_out`."""
+    names = [each.name for each in message.signals if each.name not in left_out]
+    return f"{message.name}.{{{told(names)}}}"
+
+
+def told(names: Sequence[str]) -> str:
+    """Names in words, the first ones of many."""
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"

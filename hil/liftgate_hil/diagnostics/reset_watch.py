@@ -1,0 +1,42 @@
+"""Was each ECUReset that a tester asked for made? From the frames of a recorded run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from liftgate_hil.diagnostics.tester import NO_FAILURE, NO_RESPONSE, Diagnostics
+
+_RESET, _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x11, 0x51, 0x7F, 0x21, 0x78
+
+
+class ResetWatch:
+    """Takes frames as they come; single frames of ISO-TP, as an ECUReset and its responses are."""
+
+    def __init__(self, diagnostics: Diagnostics) -> None:
+        self._own = diagnostics
+        self._is_asked = False
+        self._failure = NO_FAILURE
+
+    def take(self, frames: Any) -> None:
+        """Frames (n,) LOGGED."""
+        for row in frames[
+            (frames["identifier"] == self._own.request)
+            | (frames["identifier"] == self._own.response)
+        ]:
+            length = int(row["payload"][0])
+            said = row["payload"][1 : 1 + min(length, 7)].tolist()
+            if row["identifier"] == self._own.request:
+                self._is_asked |= said[:1] == [_RESET]
+            elif self._is_asked and said[:1] == [_POSITIVE]:
+                self._is_asked = False
+            elif self._is_asked and said[:2] == [_NEGATIVE, _RESET] and len(said) > 2:
+                self._is_asked = said[2] == _PENDING
+                if said[2] not in (_PENDING, _BUSY):
+                    self._failure = said[2]
+
+    @property
+    def failure(self) -> int:
+        """As `tester.failure_of` tells it."""
+        if self._failure == NO_FAILURE and self._is_asked:
+            return NO_RESPONSE
+        return self._failure

@@ -1,0 +1,123 @@
+"""What ends a motion: the learned end, the stop that the drives stand in, something in the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.ecu import events
+from liftgate_hil.ecu.anti_trap import forget, learn, watch
+from liftgate_hil.ecu.events import NO_VERDICT
+from liftgate_hil.ecu.memory import CLOSING, OPEN, OPENING, REVERSING, STOPPED, Constants, Memory
+from liftgate_hil.ecu.position import gone, is_in_seal, mean_speed, position_of, travel_or
+from liftgate_hil.ecu.speed_control import counts_a_turn
+from liftgate_hil.ecu.states import enter, guard_of
+from liftgate_plant.compiler import compilable
+
+
+@compilable
+def watch_ends(constants: Constants, memory: Memory) -> None:
+    """Learned end, stall in the stop, end of a reversal."""
+    c, control = constants.calibration, memory.control[0]
+    position, state = position_of(memory), control.state
+    if state == REVERSING and gone(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
+        enter(constants, memory, STOPPED, events.REVERSAL_DONE, NO_VERDICT)
+        return
+    # A comparison with NaN (no position, no travel) is false.
+    if state != CLOSING and position >= control.travel - c.end_margin:
+        if state == OPENING:
+            learn(memory.guards[0])
+        enter(constants, memory, OPEN, events.IS_OPEN, NO_VERDICT)
+        return
+    sign = -1.0 if state == CLOSING else 1.0
+    standing = sign * mean_speed(memory) < c.stall_speed
+    control.still = control.still + constants.cycle if standing else 0.0
+    limit = c.seal_stall_time if is_in_seal(constants, memory) else c.stall_time
+    if control.still >= limit and control.now - control.since >= c.stall_blank:
+        stalled(constants, memory)
+
+
+@compilable
+def take_travel(constants: Constants, memory: Memory) -> None:
+    """The drives stand in the stop that was looked for: the travel ends where the load began to rise. Where it was
+    known before, only one that is longer counts, and what was learned place by place is learned anew.
+    """
+    c, control = constants.calibration, memory.control[0]
+    if not np.isnan(control.free):
+        control.travel = max(control.free, position_of(memory) - c.most_squeezed)
+    if np.isnan(control.before):
+        return
+    if control.travel > control.before + c.travel_change:
+        for i in range(len(memory.guards)):
+            forget(memory.guards[i])
+    else:
+        control.travel = control.before
+
+
+@compilable
+def stalled(constants: Constants, memory: Memory) -> None:
+    """The drives stand: in the stop that was looked for, or before something."""
+    control = memory.control[0]
+    if control.state == CLOSING:
+        enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
+    elif control.state == OPENING and np.isnan(control.travel) and control.caught == 0:
+        # The stalled drive has squeezed the mechanism; the stop is where the load began.
+        take_travel(constants, memory)
+        enter(constants, memory, OPEN, events.TRAVEL_LEARNED, NO_VERDICT)
+    else:
+        enter(constants, memory, STOPPED, events.BLOCKED_OPENING, NO_VERDICT)
+
+
+@compilable
+def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
+    """What a change of the wanted speed [counts/s²] may leave in the load [A]: what the inertia may be wrong, or
+    all of it where the bus tells no sharp speed.
+    """
+    c = constants.calibration
+    share = 1.0 if np.isnan(drive.turning) else c.inertia_error
+    return float(share * c.inertia * ramp / counts_a_turn(constants, drive))
+
+
+@compilable
+def watch_trap(constants: Constants, memory: Memory) -> None:
+    """Is something in the way?"""
+    control = memory.control[0]
+    state, position = control.state, position_of(memory)
+    sign = -1.0 if state == CLOSING else 1.0
+    defects, count = constants.calibration.defects, len(memory.drives)
+    if defects.one_drive_watched != 0:
+        count = 1
+    load = 0.0
+    for i in range(count):
+        load += memory.drives[i].load
+    guard = guard_of(memory, state)
+    verdict = watch(
+        constants,
+        guard,
+        sign * load / count,
+        position,
+        control.travel,
+        hidden_by(constants, memory.drives[0], control.ramp),
+        is_in_seal(constants, memory),
+    )
+    if guard.suspect == 0:
+        control.free = position
+    if state == OPENING and np.isnan(control.travel):
+        # While the travel is being learned, the stop that is looked for is no obstacle; nor is it pressed hard.
+        c = constants.calibration
+        is_pressed = verdict.load - verdict.expected > c.learning_excess
+        control.pressed = control.pressed + constants.cycle if is_pressed else 0.0
+        if control.pressed > c.learning_time:
+            stalled(constants, memory)
+        return
+    unwatched = defects.closing_unwatched if state == CLOSING else defects.opening_unwatched
+    if not verdict.is_trapped or unwatched != 0 or control.is_blind != 0:
+        return
+    if defects.learns_disturbed != 0:
+        learn(guard)
+    if state == CLOSING and defects.only_stops == 0:
+        enter(constants, memory, REVERSING, events.TRAPPED_CLOSING, verdict)
+    else:
+        code = events.TRAPPED_CLOSING if state == CLOSING else events.TRAPPED_OPENING
+        enter(constants, memory, STOPPED, code, verdict)

@@ -1,0 +1,51 @@
+"""How fast the gate is to move: a soft start, then what is calibrated for the place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from liftgate_hil.ecu.calibration import PLACES
+from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
+from liftgate_hil.ecu.position import position_of
+from liftgate_plant.compiler import compilable
+
+
+@compilable
+def speed_over(speeds: tuple[float, ...], place: float) -> float:
+    """The speed at a place, both as shares of the travel: straight lines between PLACES."""
+    if place <= PLACES[0]:
+        return speeds[0]
+    for i in range(1, len(PLACES)):
+        if place < PLACES[i]:
+            share = (place - PLACES[i - 1]) / (PLACES[i] - PLACES[i - 1])
+            return speeds[i - 1] + share * (speeds[i] - speeds[i - 1])
+    return speeds[len(PLACES) - 1]
+
+
+@compilable
+def wanted_speed(constants: Constants, memory: Memory) -> float:
+    """A soft start over time, then what is calibrated for the place [counts/s]."""
+    c, control = constants.calibration, memory.control[0]
+    position, travel = position_of(memory), control.travel
+    elapsed = control.now - control.since
+    if np.isnan(position) or np.isnan(travel):
+        return float(min(c.learning_speed, c.creep_speed + c.learning_start * elapsed))
+    if control.state == CLOSING:
+        start = c.closing_start
+        speed = speed_over(c.closing_speed, (position - c.seal_zone) / travel)
+    else:
+        start = c.opening_start
+        speed = speed_over(c.opening_speed, position / travel)
+    started = c.creep_speed + travel * start * elapsed
+    return float(max(min(travel * speed, started), c.creep_speed))
+
+
+@compilable
+def want(constants: Constants, memory: Memory, speed: float) -> None:
+    """Take the wanted speed [counts/s], and note how fast it changes; the gate feels that for a while."""
+    control = memory.control[0]
+    fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
+    rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0
+    control.wanted, control.ramp = speed, max(rate, fading)

@@ -1,0 +1,59 @@
+"""What the ECU knows of where the gate is and how it moves, as means of its drives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from liftgate_hil.ecu.memory import CLOSING, Constants, Memory
+from liftgate_plant.compiler import compilable
+
+
+@compilable
+def gone(memory: Memory) -> float:
+    """Mean of the counts since the motion began."""
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].count - memory.drives[i].start
+    return total / len(memory.drives)
+
+
+@compilable
+def position_of(memory: Memory) -> float:
+    """Mean counts above closed, NaN while closed is not known."""
+    if not memory.control[0].is_zero_known:
+        return np.nan
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].count - memory.drives[i].zero
+    return total / len(memory.drives)
+
+
+@compilable
+def is_in_seal(constants: Constants, memory: Memory) -> bool:
+    """Whether the gate closes where the seal is expected; without a position it is not known to."""
+    is_closing = memory.control[0].state == CLOSING
+    return bool(is_closing and position_of(memory) < constants.calibration.seal_zone)
+
+
+@compilable
+def mean_speed(memory: Memory) -> float:
+    """Mean of the drives' speeds [counts/s]."""
+    total = 0.0
+    for i in range(len(memory.drives)):
+        total += memory.drives[i].speed
+    return total / len(memory.drives)
+
+
+@compilable
+def take_zero(memory: Memory) -> None:
+    """The gate is closed here."""
+    for i in range(len(memory.drives)):
+        memory.drives[i].zero = memory.drives[i].count
+    memory.control[0].is_zero_known = 1
+
+
+@compilable
+def travel_or(memory: Memory, default: float) -> float:
+    """The learned travel [counts]."""
+    travel = memory.control[0].travel
+    return default if np.isnan(travel) else float(travel)

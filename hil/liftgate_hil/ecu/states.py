@@ -1,0 +1,61 @@
+"""The states of the gate: closed, opening, open, closing, stopped, reversing; and going into one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.ecu.anti_trap import begin_run
+from liftgate_hil.ecu.events import Verdict, note_event
+from liftgate_hil.ecu.memory import CLOSING, OPENING, REVERSING, STOPPED, Constants, Memory
+from liftgate_hil.ecu.monitor import begin_monitoring
+from liftgate_plant.compiler import compilable
+
+SILENT = -1  # no event
+
+
+@compilable
+def is_moving(state: int) -> bool:
+    """Whether the motors are to run."""
+    return state in (OPENING, CLOSING, REVERSING)
+
+
+@compilable
+def guard_of(memory: Memory, state: int) -> Any:
+    """The guard of a direction of motion."""
+    return memory.guards[1 if state == CLOSING else 0]
+
+
+@compilable
+def begin_motion(memory: Memory) -> None:
+    """Whatever goes on in a state begins here."""
+    control = memory.control[0]
+    control.since = control.now
+    control.still = 0.0
+    control.wanted = control.ramp = 0.0
+    control.free, control.pressed = np.nan, 0.0
+    for i in range(len(memory.drives)):
+        memory.drives[i].start = memory.drives[i].count
+        memory.drives[i].integral = 0.0
+    begin_monitoring(memory)
+    if control.state in (OPENING, CLOSING):
+        begin_run(guard_of(memory, control.state))
+
+
+@compilable
+def enter(constants: Constants, memory: Memory, state: int, event: int, verdict: Verdict) -> None:
+    """Go into a state."""
+    control = memory.control[0]
+    if is_moving(control.state) and not is_moving(state):
+        control.brake_until = control.now + constants.calibration.hold_time
+    control.came_from, control.state = control.state, state
+    control.entered = control.now
+    control.is_latch_told = 0
+    if event != SILENT:
+        note_event(memory, event, verdict)
+    if state == REVERSING:
+        control.is_blind = constants.calibration.defects.second_run_unwatched
+    elif not is_moving(state) and state != STOPPED:
+        control.is_blind = 0
+    begin_motion(memory)

@@ -1,0 +1,215 @@
+"""Orders of a test bench: read beside the loop, as its ring has the frames, and handed to whom they are for.
+
+What they say is checked as a scenario's lines are; what is wrong is told and counted, and changes nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+from liftgate_hil.codec.frames import FD
+from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
+from liftgate_hil.config.restbus import Press, value_in
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Fault
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.injection.decoding import (
+    Said,
+    Which,
+    decoded,
+    fault_ordered,
+    value_key,
+    which_ordered,
+)
+from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.stimuli.moments import Instant
+
+_MOST_TOLD = 1000  # orders of a run; more are obeyed, and more that are wrong counted
+
+
+class Target(Protocol):
+    """Whom the orders are for."""
+
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """These are in force from the next tick on, of all that can be ordered, the later ones on top. Raises
+        ConfigError, and changes nothing then.
+        """
+
+    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
+        """Give a signal of `Rig.settable` a value [the database's unit] where it has that one (NaN: any). Raises
+        ConfigError.
+        """
+
+    def reset(self) -> None:
+        """Restart the ECU by what the rig has but a signal. Raises ConfigError where that cannot be."""
+
+
+class Nobody:
+    """Obeys none: where orders are only to be known, see Target."""
+
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """See Target."""
+
+    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
+        """See Target."""
+
+    def reset(self) -> None:
+        """See Target."""
+
+
+class Orders:
+    """Reads the orders of a rig's test bench, and has a target obey them."""
+
+    def __init__(
+        self, rig: Rig, target: Target, say: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self._rig = rig
+        self._target = target
+        self._say = say
+        self._known: dict[int, list[OrderMessage]] = {}
+        for each in rig.orders:
+            self._known.setdefault(each.identifier, []).append(each)
+        self._faults: dict[Which, Fault] = {}
+        self._pressed: dict[str, tuple[float, Press]] = {}  # until when, by signal
+        self.count = 0  # obeyed
+        self.done: list[str] = []  # the first of them, with their times
+        self.kinds: set[str] = set()  # of faults that were injected
+        self.refused = 0
+
+    @property
+    def next_release(self) -> float:
+        """When the next button is released [s]; inf: none is pressed."""
+        return min((when for when, _ in self._pressed.values()), default=math.inf)
+
+    def is_one(self, identifier: int) -> bool:
+        """Whether a frame may be an order."""
+        return identifier & ~FD in self._known
+
+    def look(self, frames: Any, now: float) -> None:
+        """See Attendant: obey what frames say, release what was pressed."""
+        for row in frames:
+            if not row["is_sent"] and self.is_one(int(row["identifier"])):
+                self._read(row, now)
+        for signal, (when, press) in list(self._pressed.items()):
+            if now >= when - 1e-9:
+                with contextlib.suppress(ConfigError):  # no room now: then at the next look
+                    self._target.set_signal(signal, press.rest, instead_of=press.value)
+                    del self._pressed[signal]
+
+    def _read(self, row: Any, now: float) -> None:
+        """One frame's orders, told either way."""
+        own = self._known[int(row["identifier"]) & ~FD]
+        name, time = own[0].message, row["time_ns"] * 1e-9
+        try:
+            values = decoded(self._rig, name, row["payload"][: row["length"]].tobytes())
+            orders = [each for each in own if set(each.signals.values()) <= set(values)]
+            if not orders:
+                allowed = " | ".join(each.what for each in own)
+                raise ConfigError(f"no order has just {', '.join(values)}; allowed: {allowed}")
+        except ConfigError as error:
+            self._refuse(name, time, error)
+            return
+        for each in orders:
+            said = {key: values[signal] for key, signal in each.signals.items()}
+            try:
+                done = self._order(each, said, now)
+            except ConfigError as error:
+                self._refuse(name, time, error)
+                continue
+            if not done:
+                continue
+            self.count += 1
+            if self.count <= _MOST_TOLD:
+                self.done.append(f"{time:.3f} s: {done}")
+            self._tell(self.count, f"{time:.3f} s: {name}: {done}")
+
+    def _refuse(self, name: str, time: float, error: ConfigError) -> None:
+        self.refused += 1
+        why = "; ".join(
+            each.removeprefix(": ").removeprefix("`fault`.").removeprefix("`fault`: ")
+            for each in error.issues
+        )
+        self._tell(self.refused, f"{time:.3f} s: {name} refused: {why}")
+
+    def _tell(self, number: int, said: str) -> None:
+        """The first ones of a kind, as so many there were with this one."""
+        if number <= _MOST_TOLD:
+            last = "; more are counted, not told" if number == _MOST_TOLD else ""
+            self._say(said + last)
+
+    def _order(self, order: OrderMessage, said: Mapping[str, Said], now: float) -> str:
+        """Have an order obeyed: what it was, in words; "": it is so already. Raises ConfigError."""
+        what = order.what
+        if what == REQUEST:
+            return self._request(said["action"].label, now)
+        if what in (FAULT, BABBLING):
+            return self._fault(what, said, now)
+        name, value = said["name"].label, said["value"].number
+        if name not in order.labels:
+            raise ConfigError(f"signal {name}; allowed: {', '.join(order.labels)}")
+        issues = ConfigIssues("")
+        number = value_in("", name, value, self._rig.tables, self._rig.mapped, issues)
+        issues.raise_if_any()
+        assert number is not None
+        self._target.set_signal(name, number)
+        self._pressed.pop(name, None)
+        return f"{name} = {_short(value)}"
+
+    def _request(self, action: str, now: float) -> str:
+        if action == NOTHING:
+            return ""
+        driver = self._rig.driver
+        press = driver.buttons.get(action)
+        if action == "reset" and driver.reset is not None:
+            press = driver.reset.press
+            if press is None:
+                self._target.reset()
+                return "request reset"
+        if press is None:
+            where = "[reset]" if action == "reset" else f"[requests] {action}"
+            raise ConfigError(
+                f"request {action}; allowed with {where} in the rig {self._rig.source}"
+            )
+        self._target.set_signal(press.signal, press.value)
+        self._pressed[press.signal] = (now + press.hold, press)
+        return f"request {action}"
+
+    def _fault(self, what: str, said: Mapping[str, Said], now: float) -> str:
+        is_on = said["on"].number != 0.0
+        if what == FAULT and said["kind"].label == NOTHING:
+            return "" if is_on else self._end_all()
+        which = which_ordered(self._rig, what, said)
+        told = " ".join([each for each in which[:2] if each != NOTHING])
+        others = {key: each for key, each in self._faults.items() if key != which}
+        if not is_on:
+            if which not in self._faults:
+                raise ConfigError(f"{told} is not on; allowed: to end what was injected")
+            self._target.inject(tuple(others.values()))
+            self._faults = others
+            return f"{told} ends"
+        fault = replace(fault_ordered(which, what, said), start=Instant(now))
+        before = self._faults.get(which)
+        if before is not None and before.values == fault.values:
+            return ""
+        self._target.inject((*others.values(), fault))
+        self._faults = {**others, which: fault}
+        self.kinds.add(fault.kind)
+        own = [key for key in ("state", "rate") if key in fault.values]
+        with_value = [f"{key} {_short(fault.values[key])}" for key in own]
+        taken = value_key(fault.kind)
+        if taken is not None and what == FAULT:
+            with_value = [f"{taken} {_short(said['value'].number)}"]
+        return ", ".join([f"{told} begins", *with_value, *([which[2]] if which[2] else [])])
+
+    def _end_all(self) -> str:
+        self._target.inject(())
+        self._faults.clear()
+        return "all faults end"
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,131 @@
+"""An ECU on a bus that a program of the rig starts anew, before a scenario or in the middle of it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from liftgate_hil.config.driver import Reset
+from liftgate_hil.stimuli.requests import RESET, is_due, note_made
+from liftgate_hil.stimuli.scene import Scene
+
+_MOST_TEXT = 300  # characters of what a program said
+_POLL = 0.05  # s
+
+
+class Program:
+    """The program of a rig's [reset], which runs beside everything else."""
+
+    def __init__(self, reset: Reset) -> None:
+        self.name = reset.command[0]
+        self.failure = ""  # in words, once it has failed
+        self._command, self._timeout = list(reset.command), reset.timeout
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_stopped = False
+
+    def start(self) -> None:
+        """Once."""
+        self._thread.start()
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it was started."""
+        return self._thread.ident is not None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not come to its end; its time-out is one."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """End it, with all that it has started, if it still runs."""
+        self._is_stopped = True
+        if self._process is not None and self.is_running:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+        if self.has_begun:
+            self._thread.join()
+
+    def _run(self) -> None:
+        # Into a file, not a pipe: what the program leaves running would hold that open.
+        with tempfile.TemporaryFile() as output:
+            try:
+                self._process = subprocess.Popen(
+                    self._command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                )
+            except (OSError, ValueError) as error:
+                self.failure = f"cannot be run: {error}"
+                return
+            if self._is_stopped:
+                os.killpg(self._process.pid, signal.SIGKILL)
+            try:
+                code = self._process.wait(self._timeout)
+            except subprocess.TimeoutExpired:
+                self.failure = f"not at its end after {self._timeout:g} s"
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
+                return
+            if code:
+                output.seek(max(0, output.seek(0, os.SEEK_END) - 4 * _MOST_TEXT))
+                said = output.read().decode(errors="replace").strip()
+                self.failure = f"ended with {code}: {said[-_MOST_TEXT:]}"
+
+
+class Restarts:
+    """Runs the program for each reset that a scene asks for while it goes on, where no machine code does it."""
+
+    def __init__(self, reset: Reset, scene: Scene, say: Callable[[str], None]) -> None:
+        self._reset, self._say = reset, say
+        self._requests, self._moments = scene.requests, scene.moments
+        rows = scene.requests.rows
+        self._open = [place for place in range(len(rows)) if rows[place]["action"] == RESET]
+        self._programs: list[Program] = []  # one after the other
+
+    def restart(self) -> None:
+        """Run it once more, after those that are to run before."""
+        self._programs.append(Program(self._reset))
+
+    def look(self, frames: Any, now: float) -> None:
+        """See Attendant."""
+        now_ns = round(now * 1e9)
+        for place in list(self._open):
+            if is_due(self._requests, place, self._moments, now_ns, now_ns):
+                self._open.remove(place)
+                note_made(self._requests, place)
+                self.restart()
+        self._start_next(now)
+
+    def _start_next(self, now: float) -> None:
+        waiting = [each for each in self._programs if not each.has_begun]
+        if waiting and not any(each.is_running for each in self._programs):
+            waiting[0].start()
+            self._say(f"{now:.3f} s: reset: {waiting[0].name}")
+
+    def not_made(self, stopped: Callable[[], bool]) -> str:
+        """After the run: what went wrong with them; "": nothing. Waits for the one that runs, until `stopped`."""
+        while any(each.is_running for each in self._programs) and not stopped():
+            time.sleep(_POLL)
+        found = [
+            f"request: reset: {each.name}: {each.failure or 'not at its end'}"
+            for each in self._programs
+            if each.failure or each.is_running or not each.has_begun
+        ]
+        self.stop()
+        return "; ".join(found)
+
+    def stop(self) -> None:
+        """End what still runs."""
+        for each in self._programs:
+            each.stop()

@@ -1,0 +1,99 @@
+"""A run on a bus: in lockstep with an ECU, in real time, or without waiting for anybody."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from liftgate_hil import session
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.find import ON_A_BUS
+from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.emulator import Emulator
+from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
+from liftgate_hil.injection.orders import Orders
+from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.preparation import phases_of
+from liftgate_hil.runs.job import PRIVATE_BUS, Job, Parts, identity_of_ecu
+from liftgate_hil.runs.result import Result, nothing_of, result_of
+from liftgate_hil.runs.signs_of_life import Progress, foreign_code
+from liftgate_hil.runs.start import begin
+from liftgate_hil.staging import off_not_made, reset_not_made
+from liftgate_hil.transport.can_arguments import WireChoice
+from liftgate_hil.transport.find import find_way, open_transport
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.rings import Memory
+
+
+def run_on_bus(
+    job: Job,
+    parts: Parts,
+    adapter: Adapter,
+    takers: Sequence[Taker],
+    stopped: Callable[[], bool],
+    memory: Memory | None,
+) -> Result:
+    """Run a job on its bus, or on one of this process alone, for `takers` of `takers_of`. Raises ConfigError."""
+    reason = ""
+    way = parts.way or find_way(WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
+    with contextlib.ExitStack() as stack:
+        peers = []
+        try:
+            config = session.loop_config_of(
+                parts.setup.vehicle, parts.rig, parts.options.rate, parts.setup.seed
+            )
+            scene, start = begin(parts, config, adapter, stopped, memory, True)
+        except PreconditionError as error:
+            return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
+        except LiftgateError as error:
+            return nothing_of(job, "; ".join(causes(error)), 0)
+        if job.ecu != ON_A_BUS:
+            wire = open_transport(way)
+            stack.callback(wire.close)
+            guard = functools.partial(foreign_code, memory)
+            before_ns = int(scene.origin[0]) * round(session.NS / parts.options.rate)
+            peers = [Peer(adapter, wire, (scene.requests, scene.moments), guard, before_ns)]
+        emulator = Emulator(
+            setup=parts.setup,
+            rig=parts.rig,
+            way=way,
+            options=parts.options,
+            scene=scene,
+            start=start,
+            phases=[] if peers else phases_of(parts.setup, parts.rig, 1.0 / parts.options.rate),
+            peers=peers,
+            ecu=identity_of_ecu(job, parts.setup),
+            channel="" if parts.way else PRIVATE_BUS,
+            takers=takers if memory is None else [*takers, Progress(memory)],
+            listener=job.listener,
+            events=adapter.events,
+            stopped=stopped,
+        )
+        stack.callback(emulator.stop_programs)
+        try:
+            emulator.run()
+        except ConfigError:
+            raise
+        except PreconditionError as error:
+            return result_of(takers, adapter, emulator.summary, "", str(error))
+        except LiftgateError as error:
+            reason = "; ".join(causes(error))
+            if isinstance(error, OverrunError) and job.options.clock == "realtime":
+                late = f"the bench was late: {reason}"
+                return result_of(takers, adapter, emulator.summary, "", late)
+        found = [_not_made(parts, emulator.orders), reset_not_made(scene, parts.rig)]
+        if emulator.restarts is not None and not reason:
+            found.append(emulator.restarts.not_made(stopped))
+    not_made = "; ".join(filter(None, found))
+    return result_of(takers, adapter, emulator.summary, reason, not_made)
+
+
+def _not_made(parts: Parts, orders: Orders | None) -> str:
+    """Which faults that were asked for, by the scenario or a test bench, this bus cannot make; "": none."""
+    if parts.way is None or parts.way.is_interface("virtual"):
+        return ""
+    return off_not_made(parts.setup.scenario, orders.kinds if orders is not None else ())

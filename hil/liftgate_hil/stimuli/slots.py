@@ -1,0 +1,170 @@
+"""What is injected while a run goes on: faults in slots that its tables keep free, and signals of the restbus.
+
+One side posts letters, the loop takes them at the beginning of its next tick; neither waits, as in `mailbox`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.diagnostics.tester import Tester, wants_reset
+from liftgate_hil.stimuli.bus_faults import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
+from liftgate_hil.stimuli.faults import EDIT, FAULT, Faults, Injection
+from liftgate_hil.stimuli.moments import BY_TIME
+from liftgate_hil.stimuli.restbus import Restbus
+from liftgate_plant.compiler import compilable, outlined
+
+SLOTS = 32  # faults that may be injected at a time
+LETTERS = 64  # that may wait
+
+_SIGNAL, _RESET = -1, -2  # in place of a slot: the letter is of a signal, or resets the ECU
+LETTER = np.dtype(
+    [
+        ("slot", "i8"),
+        ("is_on", "i8"),
+        ("edits", "i8"),  # how many
+        ("signal", "i8"),  # its place in the restbus
+        ("value", "f8"),
+        ("instead_of", "f8"),  # it changes from this value only; NaN: from any
+    ]
+)
+
+
+class Opening(NamedTuple):
+    """What a run is open to while it goes on."""
+
+    slots: int  # faults at a time
+    signals: Sequence[str]  # `Message.Signal` of the restbus
+    messages: Sequence[
+        int
+    ]  # identifiers of who injects: they come even where the gate is off its bus
+
+
+CLOSED = Opening(0, (), ())
+
+
+class Slots(NamedTuple):
+    """The box, and which rows of the tables are its own. A run without has no letters."""
+
+    head: NDArray[np.int64]  # (2,) letters posted, letters taken
+    letters: Any  # (LETTERS,) LETTER
+    faults: Any  # (LETTERS,) FAULT, of a letter that begins one
+    edits: Any  # (LETTERS, n) EDIT
+    bus: Any  # (LETTERS,) BUS_FAULT
+    first: NDArray[np.int64]  # (2,) the first slot's row in `faults`, and in `bus_faults`
+
+
+def slots_of(count: int, faults: Faults, bus_faults: BusFaults) -> Slots:
+    """The box of a run whose tables end in so many free rows."""
+    letters, most = (LETTERS, len(faults.sound)) if count else (0, 0)
+    return Slots(
+        np.zeros(2, dtype=np.int64),
+        np.zeros(letters, dtype=LETTER).view(np.recarray),
+        np.zeros(letters, dtype=FAULT).view(np.recarray),
+        np.zeros((letters, most), dtype=EDIT).view(np.recarray),
+        np.zeros(letters, dtype=BUS_FAULT).view(np.recarray),
+        np.array([len(faults.rows) - count, len(bus_faults.rows) - count], dtype=np.int64),
+    )
+
+
+def has_room(slots: Slots, letters: int) -> bool:
+    """Whether so many letters can be posted now."""
+    return bool(slots.head[0] - slots.head[1] + letters <= len(slots.letters))
+
+
+def post_fault(slots: Slots, slot: int, made: Injection | None, places: Mapping[str, int]) -> None:
+    """Put a fault into a slot, from the next tick on until another letter ends it; None: what is in it ends.
+    `places` are those of the constants in their row.
+    """
+    at = int(slots.head[0]) % len(slots.letters)
+    letter = slots.letters[at]
+    letter.slot, letter.is_on, letter.edits = slot, int(made is not None), 0
+    if made is not None:
+        letter.edits = len(made.edits)
+        for own, edit in zip(slots.edits[at], made.edits, strict=False):
+            own.place, own.how, own.value = places[edit.name], edit.how, edit.value
+        fault = slots.faults[at]
+        fault.period, fault.share, fault.ramp = made.period, made.share, made.ramp
+        on_bus = made.bus[0] if made.bus else BusFault(NO_KIND, 0)
+        slots.bus[at] = row_of(int(slots.first[0]) + slot, on_bus)
+    slots.head[0] += 1
+
+
+def post_signal(slots: Slots, place: int, value: float, instead_of: float = math.nan) -> None:
+    """Give a signal of the restbus another value from the next tick on, where it has that one then (NaN: any)."""
+    letter = slots.letters[int(slots.head[0]) % len(slots.letters)]
+    letter.slot, letter.signal, letter.value = _SIGNAL, place, value
+    letter.instead_of = instead_of
+    slots.head[0] += 1
+
+
+def post_reset(slots: Slots) -> None:
+    """Have the scene's tester reset the ECU."""
+    slots.letters[int(slots.head[0]) % len(slots.letters)].slot = _RESET
+    slots.head[0] += 1
+
+
+@outlined
+def take_letters(
+    slots: Slots,
+    faults: Faults,
+    bus_faults: BusFaults,
+    restbus: Restbus,
+    tester: Tester,
+    now: float,
+) -> None:
+    """Put into force from a time [s] on what was posted."""
+    posted = slots.head[0]
+    while slots.head[1] < posted:
+        at = slots.head[1] % len(slots.letters)
+        letter = slots.letters[at]
+        if letter.slot >= 0:
+            begin(slots, faults, at, now)
+            begin_on_bus(slots, bus_faults, at)
+        elif letter.slot == _RESET:
+            wants_reset(tester)
+        else:
+            values = restbus.transmission.values
+            if np.isnan(letter.instead_of) or values[letter.signal] == letter.instead_of:
+                values[letter.signal] = letter.value
+        slots.head[1] += 1
+    faults.next[0] = -math.inf
+
+
+@compilable
+def begin(slots: Slots, faults: Faults, at: int, now: float) -> None:
+    """A letter's slot in the table of faults begins now, or ends."""
+    letter, own = slots.letters[at], slots.faults[at]
+    row = slots.first[0] + letter.slot
+    fault = faults.rows[row]
+    fault.start = now if letter.is_on != 0 else np.nan
+    fault.start_moment, fault.end, fault.end_moment = BY_TIME, math.inf, BY_TIME
+    if letter.is_on != 0:
+        fault.period, fault.share, fault.ramp = own.period, own.share, own.ramp
+        fault.rank = slots.head[1] + 1
+        fault.count = letter.edits
+        for k in range(letter.edits):
+            source, target = slots.edits[at, k], faults.edits[fault.first + k]
+            target.place, target.how, target.value = source.place, source.how, source.value
+        faults.shares[row] = -1.0  # another one than before, so that it is seen
+
+
+@compilable
+def begin_on_bus(slots: Slots, bus_faults: BusFaults, at: int) -> None:
+    """The same in the table of faults on the bus."""
+    letter, own = slots.letters[at], slots.bus[at]
+    if letter.is_on == 0:
+        return
+    row = slots.first[1] + letter.slot
+    fault = bus_faults.rows[row]
+    fault.kind, fault.direction, fault.fault = own.kind, own.direction, own.fault
+    fault.identifier, fault.probability = own.identifier, own.probability
+    fault.delay_ns, fault.rate, fault.seed = own.delay_ns, own.rate, own.seed
+    fault.draws, fault.owed, fault.last_ns = 0, 0.0, -1
+    for message in range(bus_faults.held.shape[1]):
+        bus_faults.held[row, message].is_held = 0

@@ -1,0 +1,77 @@
+"""The text of a condition: what it is taken for, and what is told of one that is none."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+from formulas import PARAMETERS
+from hil_support import CALM
+from hypothesis import given
+from hypothesis import strategies as st
+
+from liftgate_hil.conditions.condition import DEEPEST, SIGNAL
+from liftgate_hil.conditions.parser import parsed
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("left_current_a * left_voltage_v > 5", "A V"),
+        ("left_current_a / right_current_a > 5", ""),
+        ("2 * gate_angle_deg > 5", "deg"),
+        ("time_s / 2 > 5", "s"),
+        ("1 / time_s > 5", "1/s"),
+        ("latched == 1", ""),
+    ],
+)
+def test_units_of_products(text: str, unit: str) -> None:
+    assert parsed(text, {}).units == (unit,)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the end; allowed: a column"),
+        ("gate_angle_deg", "compares nothing"),
+        ("gate_angle_deg >", "the end; allowed"),
+        ("1 < gate_angle_deg < 3", "one comparison at a time"),
+        ("gate_angle_deg > 3 )", ") at character 20; allowed: and, or, or the end"),
+        ("(gate_angle_deg > 3", "the end; allowed: )"),
+        ("gate_angle_deg + left_current_a > 3", "takes deg and A together"),
+        ("gate_angle_deg > left_current_a", "takes deg and A together"),
+        ("gate_angle > 3", "no such column; allowed: gate_angle_deg"),
+        ("sensed.gate_angel_deg > 3", "no such column; allowed: sensed.gate_angle_deg"),
+        ("sensed_gate_angle_deg > 3", "no such column"),
+        ("$limit > 3", "$limit: no such parameter; allowed: $p, $q"),
+        ("gate_angle_deg & 3", "'&' at character 16"),
+        ("gate_angle_deg > 1e999", "1e999; allowed: a finite number"),
+        ("not gate_angle_deg", "a number beside `not`"),
+        ("gate_angle_deg and time_s > 1", "a number beside `and`"),
+        ("(time_s > 1) > 2", "a comparison where a number is meant"),
+        ("abs(time_s > 1) > 2", "a comparison where a number is meant"),
+        ("a.b.c > 1", "'.' at character 4"),
+        ("abs > 1", "abs at character 1"),
+        ("(" * (DEEPEST + 1) + "time_s > 1" + ")" * (DEEPEST + 1), "parentheses deeper than"),
+        ("time_s > 1 and " * 400 + "time_s > 1", "characters; allowed"),
+        ("__import__(x)", "no such column"),
+    ],
+)
+def test_what_is_wrong_is_told(text: str, said: str) -> None:
+    with pytest.raises(ValueError, match=r"allowed|meant") as caught:
+        parsed(text, PARAMETERS)
+    assert said in str(caught.value)
+
+
+@CALM
+@given(st.text(alphabet="abs()andornt $p.<>=!+-*/01e_gM\n\té", max_size=40))
+def test_any_text_is_a_condition_or_a_clear_mistake(text: str) -> None:
+    with contextlib.suppress(ValueError):
+        parsed(text, PARAMETERS)
+
+
+def test_signals_are_looked_up_where_there_is_a_database() -> None:
+    units = {"Msg.A": "A"}
+    assert parsed("Msg.A > left_current_a", {}, units.get).names(SIGNAL) == ["Msg.A"]
+    with pytest.raises(ValueError, match="no such signal"):
+        parsed("Msg.B > 1", {}, units.get)

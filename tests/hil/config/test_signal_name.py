@@ -1,0 +1,58 @@
+"""MESSAGE.SIGNAL: whoever names a signal of the database is told in the same words what there is."""
+
+from __future__ import annotations
+
+import pytest
+from cantools.database import load_string
+
+from liftgate_hil.config.signal_name import find_signal
+from liftgate_hil.issues import ConfigIssues
+
+DATABASE = """VERSION ""
+BS_:
+BU_: ECU
+BO_ 256 Body: 8 ECU
+ SG_ Speed : 0|16@1+ (1,0) [0|0] "km/h" ECU
+ SG_ Alive : 16|4@1+ (1,0) [0|15] "" ECU
+BO_ 257 Axle: 8 ECU
+ SG_ Load : 0|16@1+ (1,0) [0|0] "N" ECU
+"""
+MESSAGES = {each.name: each for each in load_string(DATABASE, "dbc").messages}
+
+
+def issue_with(name: str, **more: list[str]) -> str:
+    issues = ConfigIssues("file")
+    assert find_signal(issues, "key", name, MESSAGES, **more) is None
+    (issue,) = issues.lines
+    return issue.removeprefix("file: key: ")
+
+
+def test_a_signal_is_found_by_its_name():
+    issues = ConfigIssues("file")
+    signal = find_signal(issues, "key", "Body.Speed", MESSAGES)
+    assert signal is MESSAGES["Body"].get_signal_by_name("Speed")
+    assert issues.count == 0
+
+
+@pytest.mark.parametrize("name", ["Nope.Speed", "body.Speed", ".Speed", "."])
+def test_a_message_that_there_is_not_is_told_with_those_that_there_are(name: str):
+    assert issue_with(name) == f"'{name}': no such message; allowed: MESSAGE.SIGNAL of Axle, Body"
+
+
+@pytest.mark.parametrize("name", ["Body.Nope", "Body.speed", "Body.", "Body", "Body.Speed.x"])
+def test_a_signal_that_there_is_not_is_told_with_those_of_its_message(name: str):
+    assert issue_with(name) == f"'{name}': no such signal; allowed: Body.{{Speed, Alive}}"
+
+
+def test_what_is_not_for_the_caller_is_not_offered():
+    said = issue_with("Nope.X", offered=["Body"])
+    assert said.endswith("no such message; allowed: MESSAGE.SIGNAL of Body")
+    assert issue_with("Nope.X", offered=[]).endswith("MESSAGE.SIGNAL of none")
+    assert issue_with("Body.X", left_out=["Alive"]).endswith("allowed: Body.{Speed}")
+
+
+def test_of_many_messages_twenty_are_told_and_how_many_more_there_are():
+    many = {f"M{number:02}": MESSAGES["Body"] for number in range(23)}
+    issues = ConfigIssues("file")
+    find_signal(issues, "key", "X.Y", many)
+    assert issues.lines[0].endswith("M17, M18, M19 and 3 more")
