@@ -49,8 +49,7 @@ class Program:
         """End it, with all that it has started, if it still runs."""
         self._is_stopped = True
         if self._process is not None and self.is_running:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)
+            _kill(self._process)
         if self.has_begun:
             self._thread.join()
 
@@ -69,18 +68,24 @@ class Program:
                 self.failure = f"cannot be run: {error}"
                 return
             if self._is_stopped:
-                os.killpg(self._process.pid, signal.SIGKILL)
+                _kill(self._process)
             try:
                 code = self._process.wait(self._timeout)
             except subprocess.TimeoutExpired:
                 self.failure = f"not at its end after {self._timeout:g} s"
-                os.killpg(self._process.pid, signal.SIGKILL)
+                _kill(self._process)
                 self._process.wait()
                 return
             if code:
                 output.seek(max(0, output.seek(0, os.SEEK_END) - 4 * _MOST_TEXT))
                 said = output.read().decode(errors="replace").strip()
                 self.failure = f"ended with {code}: {said[-_MOST_TEXT:]}"
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program with all that it has started; it may just have ended."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 class Restarts:

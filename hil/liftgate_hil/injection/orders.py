@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
 from liftgate_hil.config.restbus import Press, value_in
@@ -91,8 +93,11 @@ class Orders:
 
     def look(self, frames: Any, now: float) -> None:
         """See Attendant: obey what frames say, release what was pressed."""
-        for row in frames:
-            if not row["is_sent"] and self.is_one(int(row["identifier"])):
+        if len(frames):
+            identifiers, is_one = frames["identifier"] & ~FD, np.zeros(len(frames), dtype=bool)
+            for identifier in self._known:
+                is_one |= identifiers == identifier
+            for row in frames[is_one & (frames["is_sent"] == 0)] if is_one.any() else ():
                 self._read(row, now)
         for signal, (when, press) in list(self._pressed.items()):
             if now >= when - 1e-9:

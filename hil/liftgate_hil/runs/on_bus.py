@@ -46,7 +46,7 @@ def run_on_bus(
             config = session.loop_config_of(
                 parts.setup.vehicle, parts.rig, parts.options.rate, parts.setup.seed
             )
-            scene, start = begin(parts, config, adapter, stopped, memory, True)
+            scene, start = begin(parts, config, adapter, stopped, memory, is_open=True)
         except PreconditionError as error:
             return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
         except LiftgateError as error:
