@@ -12,6 +12,9 @@ import pytest
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# python-can with all of its formats, before anything of ours loads it without asammdf.
+import can  # noqa: E402, F401
+
 # A shell starts what is to run in the background without Ctrl-C, and so would the programs under test be.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -129,10 +129,7 @@ class Installation:
         self.env = {
             **kept,
             "PATH": f"{binaries}{os.pathsep}{kept['PATH']}",
-            "XDG_CACHE_HOME": str(
-                folder.parent / "cache"
-            ),  # what the wheel compiled the sdist finds
-        }
+        }  # the cache is the user's: machine code of the same sources is found there, wherever they are
         run(sys.executable, ROOT / "tools/make_venv.py", folder / "environment")
         self.pip("install", str(artifact))
         self.pip("check")

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from liftgate_hil.attachment.description import Description
+from liftgate_hil.attendance import Attendance
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.injection.orders import Orders
-from liftgate_hil.injection.slot_target import SlotTarget
 from liftgate_hil.listener import Listener
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.origin import ON_THE_BUS, origin_of
 from liftgate_hil.recording.content import Content
-from liftgate_hil.restarting import Restarts
 from liftgate_hil.session import NS, RunOptions, Setup, loop_config_of, ticks_of
 from liftgate_hil.signals import columns_of
 from liftgate_hil.staging import trigger_in
+from liftgate_hil.stimuli import mailbox
 from liftgate_hil.stimuli.restbus import going_on
 from liftgate_hil.stimuli.scene import Scene
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.clock import RealtimeClock
     from liftgate_hil.loop.lookout import Lookout
     from liftgate_hil.loop.python_loop import Loop, Peer
-    from liftgate_hil.loop.recorder import Attendant, Taker
+    from liftgate_hil.loop.recorder import Taker
     from liftgate_hil.loop.rings import Memory
     from liftgate_hil.loop.tick import LoopState
     from liftgate_hil.preparation import Phase
@@ -68,8 +69,7 @@ class Emulator:
     listener: Listener = field(default_factory=Listener)
     events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
     stopped: Callable[[], bool] = _never
-    orders: Orders | None = field(default=None, init=False)  # of a test bench, while it runs
-    restarts: Restarts | None = field(default=None, init=False)  # of the ECU, by a program
+    attendance: Attendance = field(default_factory=Attendance)
 
     def run(self) -> None:
         """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
@@ -82,18 +82,13 @@ class Emulator:
         duration = setup.scenario.duration if options.duration is None else options.duration
         self.ticks = ticks_of(duration, options.rate)
         self.summary = Summary(clock=options.clock)
-        self.restarts = self._restarts()
-        self.orders = self._orders()
         try:
             if options.clock == "realtime" and POSSIBLE:
                 self._in_real_time()
             else:
                 self._in_python()
         finally:
-            if self.orders is not None:
-                self.summary.injections = self.orders.count
-                self.summary.injected = self.orders.done
-                self.summary.injections_refused = self.orders.refused
+            self.attendance.note(self.summary)
 
     def _opened(self, open_wire: Callable[[Way], Wire], stack: contextlib.ExitStack) -> Wire:
         """The wire, closed with the stack; tells how far it reaches."""
@@ -146,9 +141,11 @@ class Emulator:
 
                     return go
 
-                attendants = self._attendants()
                 loop = made(self.scene, memory_for(options.rate))
-                loop.peers, loop.takers, loop.attendants = self.peers, self.takers, attendants
+                loop.peers, loop.takers = self.peers, self.takers
+                loop.attendants = self.attendance.attendants()
+                post = functools.partial(mailbox.post_all, loop.memory.shared.box[0])
+                self.attendance.let_in(self._description(name), loop.memory, post, stack)
                 if options.records:
                     content, limit = self._content(name), options.limit()
                     recorder = RecorderProcess(
@@ -214,6 +211,7 @@ class Emulator:
 
                 return go
 
+            takers = [*self.takers, *([recording] if recorders else []), *self._shown(name, stack)]
             self._prepare(begun)
             loop = Loop(
                 config=self.config,
@@ -221,9 +219,9 @@ class Emulator:
                 scene=self.scene,
                 transport=transport,
                 peers=self.peers,
-                takers=[*self.takers, recording] if recorders else self.takers,
+                takers=takers,
                 lookout=self._lookout(),
-                attendants=self._attendants(),
+                attendants=self.attendance.attendants(),
                 bitrate=self.way.bitrate(rig),
             )
             self.listener.starts(f"{self.setup.vehicle_name} on {name}")
@@ -243,29 +241,28 @@ class Emulator:
         self.summary.recordings = [file for each in recorders for file in each.files]
         raise_failures(recorders)
 
-    def stop_programs(self) -> None:
-        """End what it has started beside itself, and still runs."""
-        if self.restarts is not None:
-            self.restarts.stop()
+    def _shown(self, channel: str, stack: contextlib.ExitStack) -> list[Taker]:
+        """Who shows those who are attached what a loop in Python does."""
+        from liftgate_hil.loop.realtime_run import memory_for
+        from liftgate_hil.loop.rings import RingTaker
 
-    def _attendants(self) -> list[Attendant]:
-        """Who looks after the run beside the loop."""
-        return [each for each in (self.orders, self.restarts) if each is not None]
+        host = self.attendance.host
+        if host is None:
+            return []
+        memory = memory_for(self.options.rate)
+        stack.callback(memory.close)
+        self.attendance.let_in(self._description(channel), memory, self._hold, stack)
+        return [RingTaker(memory, host.is_attended)]
 
-    def _orders(self) -> Orders | None:
-        """Of the rig's test bench; None: it has none."""
-        if not len(self.scene.slots.letters):
-            return None
-        restart = self.restarts.restart if self.restarts is not None else None
-        target = SlotTarget(self.scene, self.setup, self.rig, restart)
-        return Orders(self.rig, target, self.listener.say)
+    def _hold(self, values: Mapping[str, float]) -> bool:
+        """What acts from the next tick on, of a loop in this thread."""
+        mailbox.hold(self.scene.held, values)
+        return True
 
-    def _restarts(self) -> Restarts | None:
-        """Of an ECU on a bus by a program of the rig; None: in another way, or not at all."""
-        reset = self.rig.driver.reset
-        if self.peers or reset is None or reset.way != "command":
-            return None
-        return Restarts(reset, self.scene, self.listener.say)
+    def _description(self, channel: str) -> Description:
+        """What those who attach are told."""
+        bitrate, is_here = self.way.bitrate(self.rig), bool(self.peers)
+        return Description(self.setup, self.rig, self.options, channel, bitrate, is_here)
 
     def _content(self, channel: str) -> Content:
         """What recordings hold."""

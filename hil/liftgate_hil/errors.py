@@ -7,6 +7,7 @@
     ├── OverrunError         the loop fell further behind than allowed
     ├── EcuError             the ECU under test did what none may, crashed or hung
     ├── DiagnosticsError     the ECU under test refused a diagnostic request, or did not answer it
+    ├── RunGoneError         a run that was attached to has ended, or does not answer
     ├── PreconditionError    what goes before a scenario did not come to an end
     └── PlantDivergedError   the plant's state is no longer finite
 
@@ -63,6 +64,10 @@ class PreconditionError(LiftgateError):
 
 class TransportError(LiftgateError):
     """A bus that cannot be opened, or is lost."""
+
+
+class RunGoneError(LiftgateError):
+    """A run that was attached to has ended, or does not answer."""
 
 
 class RecordingError(LiftgateError):

@@ -31,6 +31,7 @@ from liftgate_hil.diagnostics.tester import Diagnostics, Tester, is_asking_once
 from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.errors import ConfigError, PlantDivergedError
+from liftgate_hil.injection.by_hand import STIFFNESS, held_obstacle, obstacle_in, surroundings_in
 from liftgate_hil.injection.orders import Orders
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.edges import DRIVES, Edge, edges_since
@@ -38,18 +39,12 @@ from liftgate_hil.loop.episode import DIVERGED, Script, Stretch, run_stretch
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import constants_in, initial_loop
-from liftgate_hil.signals import (
-    COLUMN_PLACE,
-    OBSTACLE,
-    PROFILES,
-    SENSED_PREFIX,
-    columns_of,
-)
+from liftgate_hil.signals import COLUMN_PLACE, SENSED_PREFIX, columns_of
 from liftgate_hil.staging import injections_of
 from liftgate_hil.stimuli import restbus
 from liftgate_hil.stimuli.bus_faults import going_on
 from liftgate_hil.stimuli.faults import Injection
-from liftgate_hil.stimuli.mailbox import HELD
+from liftgate_hil.stimuli.mailbox import hold
 from liftgate_hil.stimuli.moments import START, Instant
 from liftgate_hil.stimuli.restbus import SignalChange
 from liftgate_hil.stimuli.scene import scene_of
@@ -57,7 +52,6 @@ from liftgate_hil.stimuli.slots import CLOSED
 from liftgate_plant.compiler import compiled
 from liftgate_plant.hall import RING_SIZE
 from liftgate_plant.initial import closed_state, initial_state
-from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -210,23 +204,12 @@ class Gate:
         switches (`handle_pulled`) take True and False; None clears. Raises ConfigError.
         """
         self._check_open()
-        held = {}
-        for name, value in surroundings.items():
-            if name not in PROFILES:
-                raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
-            signal = PROFILES[name]
-            if value is None:
-                held[name] = math.nan
-            elif signal.values and isinstance(value, bool):
-                held[name] = float(value)
-            else:
-                held[name] = number_of(name, value, signal.low, signal.high, signal.unit)
-        self._hold(held)
+        self._hold(surroundings_in(surroundings))
 
     def obstacle(
         self,
         angle_deg: float,
-        stiffness: float = 10_000.0,
+        stiffness: float = STIFFNESS,
         distance: float | None = None,
         damping: float = 0.0,
         gap: float = 0.0,
@@ -242,42 +225,22 @@ class Gate:
         given = {
             "angle_deg": angle_deg,
             "stiffness": stiffness,
-            "distance": self._distance if distance is None else distance,
+            "distance": distance,
             "damping": damping,
             "gap": gap,
+            "meets": meets,
             "lateral": lateral,
         }
-        known = {
-            name: number_of(name, given[name], signal.low, signal.high, signal.unit)
-            for name, signal in OBSTACLE.items()
-        }
-        if not isinstance(meets, str) or meets not in ("closing", "opening"):
-            raise ConfigError(f"`meets` {show(meets)}: allowed: closing, opening")
-        self._post_obstacle(
-            Obstacle(
-                angle=math.radians(known["angle_deg"]),
-                distance=known["distance"],
-                stiffness=known["stiffness"],
-                damping=known["damping"],
-                gap=known["gap"],
-                direction=1.0 if meets == "closing" else -1.0,
-                lateral=known["lateral"],
-            )
-        )
+        self._hold(held_obstacle(obstacle_in(given, self._distance)))
 
     def clear_obstacle(self) -> None:
         """Take it away."""
         self._check_open()
-        self._post_obstacle(Obstacle(*(math.nan for _ in Obstacle._fields)))
-
-    def _post_obstacle(self, obstacle: Obstacle) -> None:
-        self._hold({f"obstacle_{name}": value for name, value in obstacle._asdict().items()})
+        self._hold(held_obstacle(None))
 
     def _hold(self, values: Mapping[str, float]) -> None:
         """What acts from the next tick on."""
-        # Nobody else posts, so that they need no letter, of which a box holds 256.
-        for name, value in values.items():
-            self._script.scene.held[getattr(HELD, name)] = value
+        hold(self._script.scene.held, values)
 
     def signal(self, name: str, value: float | str | None) -> None:
         """What another control unit sends (`MESSAGE.SIGNAL` of the rig's database, in its unit or by its label),
@@ -479,11 +442,14 @@ class _GateTarget:
         """See Target."""
         self._gate._inject(faults)
 
-    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
+    def set_signals(
+        self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
+    ) -> None:
         """See Target."""
-        now = self._gate._signals.get(name)
-        if math.isnan(instead_of) or now == instead_of:
-            self._gate.signal(name, value)
+        for name, value in values.items():
+            now = self._gate._signals.get(name)
+            if math.isnan(instead_of) or now == instead_of:
+                self._gate.signal(name, rest if math.isnan(value) else value)
 
     def reset(self) -> None:
         """See Target."""

@@ -13,11 +13,12 @@ from collections.abc import Callable
 from typing import Any
 
 from liftgate_hil.config.driver import Reset
+from liftgate_hil.config.rig import Rig
 from liftgate_hil.stimuli.requests import RESET, is_due, note_made
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.scene import PROGRAMS, Scene
 
+_POLL = 0.005  # s
 _MOST_TEXT = 300  # characters of what a program said
-_POLL = 0.05  # s
 
 
 class Program:
@@ -44,6 +45,11 @@ class Program:
     def is_running(self) -> bool:
         """Whether it has not come to its end; its time-out is one."""
         return self._thread.is_alive()
+
+    @property
+    def is_not_made(self) -> bool:
+        """Whether it is not at its end, or has failed."""
+        return not self.has_begun or self.is_running or bool(self.failure)
 
     def stop(self) -> None:
         """End it, with all that it has started, if it still runs."""
@@ -89,11 +95,21 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 class Restarts:
-    """Runs the program for each reset that a scene asks for while it goes on, where no machine code does it."""
+    """Runs the program for each reset that a scene asks for while it goes on, where no machine code does it. A
+    clock that `waits` stands still meanwhile, until it is `stopped`.
+    """
 
-    def __init__(self, reset: Reset, scene: Scene, say: Callable[[str], None]) -> None:
-        self._reset, self._say = reset, say
+    def __init__(
+        self,
+        reset: Reset,
+        scene: Scene,
+        say: Callable[[str], None],
+        waits: bool,
+        stopped: Callable[[], bool],
+    ) -> None:
+        self._reset, self._say, self._waits, self._stopped = reset, say, waits, stopped
         self._requests, self._moments = scene.requests, scene.moments
+        self._not_made = scene.not_made
         rows = scene.requests.rows
         self._open = [place for place in range(len(rows)) if rows[place]["action"] == RESET]
         self._programs: list[Program] = []  # one after the other
@@ -111,6 +127,12 @@ class Restarts:
                 note_made(self._requests, place)
                 self.restart()
         self._start_next(now)
+        while self._waits and any(each.is_running for each in self._programs):
+            if self._stopped():
+                break
+            time.sleep(_POLL)
+            self._start_next(now)
+        self._not_made[PROGRAMS] = sum(each.is_not_made for each in self._programs)
 
     def _start_next(self, now: float) -> None:
         waiting = [each for each in self._programs if not each.has_begun]
@@ -118,14 +140,12 @@ class Restarts:
             waiting[0].start()
             self._say(f"{now:.3f} s: reset: {waiting[0].name}")
 
-    def not_made(self, stopped: Callable[[], bool]) -> str:
-        """After the run: what went wrong with them; "": nothing. Waits for the one that runs, until `stopped`."""
-        while any(each.is_running for each in self._programs) and not stopped():
-            time.sleep(_POLL)
+    def not_made(self) -> str:
+        """After the run: what went wrong with them; "": nothing."""
         found = [
             f"request: reset: {each.name}: {each.failure or 'not at its end'}"
             for each in self._programs
-            if each.failure or each.is_running or not each.has_begun
+            if each.is_not_made
         ]
         self.stop()
         return "; ".join(found)
@@ -134,3 +154,17 @@ class Restarts:
         """End what still runs."""
         for each in self._programs:
             each.stop()
+
+
+def restarts_of(
+    rig: Rig,
+    scene: Scene,
+    say: Callable[[str], None],
+    waits: bool,
+    stopped: Callable[[], bool],
+) -> Restarts | None:
+    """Of an ECU on a bus, where a rig has a program for it; None: it is done in another way, or not at all."""
+    reset = rig.driver.reset
+    if reset is None or reset.way != "command":
+        return None
+    return Restarts(reset, scene, say, waits, stopped)

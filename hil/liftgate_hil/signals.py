@@ -136,11 +136,28 @@ class Bench(NamedTuple):
     ]
     command_delay_s: Annotated[
         float,
-        Signal("s", 0.0, 1e9, "the longest that a frame waited which this tick took; 0: none"),
+        Signal(
+            "s",
+            0.0,
+            1e9,
+            "the longest that a frame waited which this tick took, or that an ECU in this process waited for its "
+            "turn; 0: none",
+        ),
+    ]
+    stimuli_not_made: Annotated[
+        float,
+        Signal(
+            "",
+            0.0,
+            1e18,
+            "what scenario, test bench or operator have asked for and this bench has not made: a program that "
+            "restarts the ECU and is not at its end or has failed, bus_off on a real bus",
+            is_whole=True,
+        ),
     ]
 
 
-ON_TIME = Bench(0.0, 0.0, 0.0)
+ON_TIME = Bench(0.0, 0.0, 0.0, 0.0)
 
 
 # Scenarios' profiles, and what a panel or a program may set: column of Surroundings.

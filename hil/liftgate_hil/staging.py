@@ -62,23 +62,29 @@ def staged(
     rig: Rig,
     is_on_bus: bool = False,
     awaited: Sequence[Request] = (),
-    is_open: bool = False,
+    opening: Opening = CLOSED,
 ) -> Scene:
-    """A run's scene before its first tick; an ECU on a bus is asked by the rig's buttons, and what is `awaited` is
-    asked of nobody. One that is open has room for what the rig's test bench injects while it runs. Raises
-    ConfigError with all that does not fit vehicle or rig.
+    """A run's scene before its first tick, with that room for what is injected while it runs; an ECU on a bus is
+    asked by the rig's buttons, and what is `awaited` is asked of nobody. Raises ConfigError with all that does not
+    fit vehicle or rig.
     """
     asked, presses, reset = setup.scenario.requests, [], b""
     if is_on_bus:
         resets = _resets_without_signal(setup.scenario, rig)
         asked, presses = (*awaited, *resets), presses_of(setup.scenario, rig)
         by_uds = rig.driver.reset is not None and rig.driver.reset.way == "uds"
-        if by_uds and (resets or (is_open and rig.orders)):
+        if by_uds and (resets or opening.slots):
             reset = reset_request_of(rig)
-    opening = CLOSED
-    if is_open and rig.orders:
-        opening = Opening(SLOTS, rig.settable, rig.ordering)
     return _scene(setup.scenario, setup.vehicle, asked, rig, presses, reset, opening)
+
+
+def opening_of(rig: Rig, has_operator: bool) -> Opening:
+    """What a run on a rig's bus is open to while it goes on: an operator may set any signal, a test bench those
+    that the rig's messages speak of.
+    """
+    if not has_operator and not rig.orders:
+        return CLOSED
+    return Opening(SLOTS, rig.sendable if has_operator else rig.settable, rig.ordering)
 
 
 def presses_of(scenario: Scenario, rig: Rig) -> list[SignalChange]:

@@ -386,7 +386,7 @@ def test_the_frames_say_what_is_sensed() -> None:
         ({"kind": "hall_a_stuck", "where": "left"}, "value: missing; allowed: 0 (low) or 1 (high)"),
         ({"kind": "motor_open", "where": "up"}, "where: 'up'; allowed: one of left, right, both"),
         ({"kind": "supply_open", "where": "left"}, "where: supply_open is the gate's as a whole"),
-        ({"kind": "motor_open", "start": 1.0}, "start: 1.0: unknown key; allowed: seed"),
+        ({"kind": "motor_open", "start": 1.0}, "start: 1.0: unknown key; allowed: period_s, seed, share"),
         ({"kind": "motor_open", "ohm": 1.0}, "ohm: 1.0: unknown key"),
         ({"kind": "parameter", "key": "gate.mas", "value": 1.0}, "'gate.mas': no such parameter"),
         ({"kind": "parameter", "key": "gate.mass", "value": -1.0}, "-1 is out of range; allowed: 0.1"),

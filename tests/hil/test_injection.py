@@ -23,7 +23,8 @@ from liftgate_hil.injection.orders import Orders
 from liftgate_hil.injection.slot_target import SlotTarget
 from liftgate_hil.session import setup_of, vehicle_from
 from liftgate_hil.signals import DIRECTIONS
-from liftgate_hil.staging import staged
+from liftgate_hil.staging import opening_of, staged
+from liftgate_hil.stimuli.restbus import BENCH
 from liftgate_hil.stimuli.scene import turns
 
 RIG = shipped_rig()
@@ -242,8 +243,9 @@ def test_what_is_wrong_is_told_counted_and_changes_nothing(tmp_path: Path) -> No
 def test_faults_act_in_the_order_of_their_orders_in_every_loop(orders: list[Any]) -> None:
     """What is in force in the slots of a running scene is what a Gate makes of the same orders."""
     setup = setup_of(None)
-    scene = staged(setup, RIG, is_open=True)
-    running, rows = Orders(RIG, SlotTarget(scene, setup, RIG)), np.zeros(1, dtype=LOGGED)
+    scene = staged(setup, RIG, opening=opening_of(RIG, has_operator=False))
+    target = SlotTarget(scene, setup, RIG, RIG.settable, is_real=False)
+    running, rows = Orders(RIG, target.layer(BENCH)), np.zeros(1, dtype=LOGGED)
     with lh.Gate() as gate:
         for number, (kind, side, value, is_on) in enumerate(orders):
             place = "gate.mass" if kind == "parameter" else side

@@ -85,7 +85,7 @@ def on_bus() -> Iterator[Callable[..., tuple[Ecu, Any]]]:
     """Runs a scenario with such an ECU."""
     ecus = []
 
-    def run(path: Path, rig: Rig = RIG, **more: Any) -> tuple[Ecu, Any]:
+    def run(path: Path, rig: Rig = RIG, record: Any = (), **more: Any) -> tuple[Ecu, Any]:
         channel = f"prepared-{next(_numbers)}"
         ecus.append(Ecu(channel, rig, **more))
         ecus[-1].start()
@@ -97,6 +97,7 @@ def on_bus() -> Iterator[Callable[..., tuple[Ecu, Any]]]:
             rig=rig,
             wall_timeout=60.0,
             trace=True,
+            record=record,
         )
 
     yield run
@@ -233,8 +234,11 @@ def test_a_reset_in_the_middle_of_a_scenario_may_be_a_program(
         f"timeout_s = {0.5 if 'sleep' in program else 30.0}\n",
     )
     request = f'[[request]]\ntime = {when}\naction = "reset"\n'
-    _, result = on_bus(scenario(tmp_path, request + EXPECT), rig)
+    path, recorded = scenario(tmp_path, request + EXPECT), [tmp_path / "r.csv", tmp_path / "r.log"]
+    _, result = on_bus(path, rig, record=recorded)
     (told,) = result.expectations.values()
+    (again,) = lh.judge(recorded, path, rig=rig).values()
+    assert (again.verdict, again.margin) == (told.verdict, told.margin)
     assert runs.read_text(encoding="utf-8") == "xx"
     assert (told.verdict == "pass") == (program == "pass"), told
     assert said in told.reason

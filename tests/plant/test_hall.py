@@ -127,7 +127,7 @@ def test_the_count_is_the_shafts_at_any_speed_there_and_back(
 ) -> None:
     """Up to thousands of edges a tick; the decoder sees each of them."""
     wheel = encoder(counts)
-    ticks = 200 if speed * counts < 1e5 else 10
+    ticks = 200 if speed * counts < 1e5 else 3
     times = np.concatenate([np.arange(ticks), np.arange(ticks, -ticks, -1)]) * 1e-3
     positions = [float(direction * speed * time) for time in times]
     call = read_hall if which == "plain" else compiled(read_hall)

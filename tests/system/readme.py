@@ -13,7 +13,17 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
 PATIENCE = 300.0  # s until a command must have ended; nothing is judged by it
-_PROGRAMS = ("liftgate-hil", "make", "cc", "python", "candump", "cantools", "mkdir", "tools/")
+_PROGRAMS = (
+    "liftgate-hil",
+    "make",
+    "cc",
+    "python",
+    "candump",
+    "cantools",
+    "mkdir",
+    "curl",
+    "tools/",
+)
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 
 

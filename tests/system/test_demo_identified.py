@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import math
 from pathlib import Path
@@ -58,16 +60,13 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(folder, "--set", "sensors.current_noise=0.05", "--seed", "7")
 
 
-def identified(
-    capsys: pytest.CaptureFixture[str],
-    *arguments: object,
-    within: float = 0.02,
-    sigmas: float = SIGMAS,
-) -> dict[str, Any]:
+def identified(*arguments: object, within: float = 0.02, sigmas: float = SIGMAS) -> dict[str, Any]:
     """The result, within its own uncertainty of the truth."""
     names = ["--estimate", ",".join(TRUTH)]
-    assert main(["identify", *map(str, arguments), *names, "--ideal", "--json", "--quiet"]) == 0
-    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        line = ["identify", *map(str, arguments), *names, "--ideal", "--json", "--quiet"]
+        assert main(line) == 0
+    result: dict[str, Any] = json.loads(said.getvalue())
     assert {"measurement 1", "vehicle", "rig", "dbc"} == set(result["provenance"]["sources"])
     for name, value in TRUTH.items():
         found = result["parameters"][name]
@@ -91,11 +90,17 @@ def with_late_stamps(log: Path, to: Path, seed: int) -> Path:
     return to
 
 
+@pytest.fixture(scope="module")
+def found(log: Path) -> tuple[dict[str, Any], Path]:
+    """What the log tells, and the vehicle made of it."""
+    vehicle = log.parent / "found.toml"
+    return identified(log, "--save-vehicle", vehicle), vehicle
+
+
 def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
-    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str], found: tuple[dict[str, Any], Path], tmp_path: Path
 ) -> None:
-    vehicle = tmp_path / "found.toml"
-    result = identified(capsys, log, "--save-vehicle", vehicle)
+    result, vehicle = found
     assert result["input_jitter"] < 2e-5  # the free clock stamps to the tick
     other = recorded(tmp_path / "second", "--set", "supply.voltage=13")
     flags = ["--vehicle", str(vehicle), "--set", "supply.voltage=13", "--json", "--quiet"]
@@ -105,20 +110,18 @@ def test_the_log_tells_the_vehicle_and_that_predicts_another_demo(
         assert fits[output] > 98.0, fits
 
 
-def test_a_part_of_the_log_after_the_latch_was_released_tells_the_same(
-    capsys: pytest.CaptureFixture[str], log: Path
-) -> None:
-    result = identified(capsys, log, "--from", "3", "--to", "8.3", within=0.3)
+def test_a_part_of_the_log_after_the_latch_was_released_tells_the_same(log: Path) -> None:
+    result = identified(log, "--from", "3", "--to", "8.3", within=0.3)
     assert result["fit_percent"]["left_current_a"] > 50.0
 
 
 def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
-    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+    found: tuple[dict[str, Any], Path], log: Path, tmp_path: Path
 ) -> None:
-    sharp = identified(capsys, log)
+    sharp, _ = found
     # Stamps half a tick off in the mean move the inertia by 0.5 %, in four seeds 5 to 8 of its deviations.
     late = with_late_stamps(log, tmp_path / "late.log", 3)
-    result = identified(capsys, late, within=0.01, sigmas=10.0)
+    result = identified(late, within=0.01, sigmas=10.0)
     # The estimate itself is 0.27 to 0.51 ms from seed to seed.
     assert 0.7 < result["input_jitter"] / (1e-3 / math.sqrt(12.0)) < 2.0
     assert f"scatter by {1e3 * result['input_jitter']:.2g} ms" in result["covariance_kind"]
@@ -126,8 +129,6 @@ def test_stamps_that_are_off_by_up_to_a_tick_widen_the_uncertainty(
     assert max(wider) > 1.5
 
 
-def test_a_log_of_a_foreign_database_tells_the_same(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_log_of_a_foreign_database_tells_the_same(tmp_path: Path) -> None:
     path = recorded(tmp_path / "foreign", "--rig", str(FOREIGN))
-    identified(capsys, path, "--rig", FOREIGN)
+    identified(path, "--rig", FOREIGN)

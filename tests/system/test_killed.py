@@ -31,7 +31,7 @@ from liftgate_hil.cli.main import main
 
 @pytest.mark.filterwarnings("ignore")  # asammdf's own
 def test_a_killed_emulators_recordings_are_whole_to_the_last_second(tmp_path: Path) -> None:
-    check_kills(tmp_path, 12)  # 50: tests/study
+    check_kills(tmp_path, 6)  # 50: tests/study
 
 
 @pytest.mark.parametrize("seed", range(3))

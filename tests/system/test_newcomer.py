@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import threading
@@ -77,6 +78,13 @@ HERE = (
     "liftgate-hil identify out/demo.log",
     "liftgate-hil validate",
     "liftgate-hil identify --plan",
+    "liftgate-hil --bus socketcan:can0 --dashboard",
+    "liftgate-hil dashboard",
+    "liftgate-hil dashboard --recording",
+    'curl "',
+    'curl -d \'{"fault"',
+    'curl -d \'{"signal"',
+    'curl -d \'{"clear"',
 )
 # With what README's rig file names: as a database of somebody else's would have it.
 THEIR_DBC = """VERSION ""
@@ -267,6 +275,59 @@ def test_a_run_is_recorded_around_a_trigger(folder: Path, bus: dict[str, str]) -
     )
     assert "recorded only around the trigger, which never came" in told
     assert (folder / "trapped.mf4").is_file()
+
+
+# The operator's page.
+
+
+@pytest.mark.realtime
+@pytest.mark.skipif(shutil.which("curl") is None, reason="no curl")
+def test_scripts_command_a_run_by_its_page(
+    folder: Path, bus: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
+    line = command("liftgate-hil --bus socketcan:can0 --dashboard")
+    gate = start(line, folder, bus, "--overrun-limit 60 --listen 127.0.0.1:0")
+    processes = [gate]
+    try:
+        assert gate.stderr is not None
+        told = next(each for each in gate.stderr if each.startswith("http"))
+        address, token = told.strip().split("/?token=")
+        places = {"http://127.0.0.1:8765": address, "$TOKEN": token, "curl": "curl -sS"}
+        asked = command('curl "').replace("$TOKEN", token).replace("http://127.0.0.1:8765", address)
+        assert '"gate_angle_deg":' in run(asked, folder)
+        for what, done in (
+            ("fault", "fault kind spring_lost, where left"),
+            ("signal", "signal Body.VehicleSpeed 5, Body.Ignition on"),
+            ("clear", "clear all"),
+        ):
+            said = run(command(f'curl -d \'{{"{what}"'), folder, places)
+            assert f'"done":"{done}"' in said
+        page = start(command("liftgate-hil dashboard"), folder, more="--listen 127.0.0.1:0")
+        processes.append(page)
+        assert page.stdout is not None
+        assert page.stdout.readline().startswith("http://127.0.0.1:")
+        for process in (page, gate):
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=readme.PATIENCE)
+        assert (gate.returncode, page.returncode) == (0, 0)
+    finally:
+        for process in processes:
+            process.kill()
+
+
+@pytest.mark.realtime
+def test_a_recording_has_a_page(folder: Path) -> None:
+    (folder / "out").mkdir(exist_ok=True)
+    run("liftgate-hil demo --clock free --output out", folder)
+    page = start(command("liftgate-hil dashboard --recording"), folder, more="--listen 127.0.0.1:0")
+    try:
+        assert page.stdout is not None
+        assert page.stdout.readline().startswith("http://127.0.0.1:")
+        page.send_signal(signal.SIGINT)
+        assert page.wait(readme.PATIENCE) == 0
+    finally:
+        page.kill()
 
 
 # An own database.

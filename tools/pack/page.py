@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from liftgate_hil.doctor.check import Check
@@ -28,7 +28,9 @@ _REALTIME = """\
 The same scenarios against the reference ECU on a virtual bus in real time, beside their verdicts on the free
 clock, and by how much each margin differs. An ECU in real time answers within its own cycle, not within a tick,
 and the bench has its delay: margins differ by what moves on meanwhile. Where the bench itself was late in the
-window the verdict is inconclusive. Made by `make pack-realtime`, in some 40 minutes with nothing else running."""
+window, if only by one tick that was missed, the verdict is inconclusive; `liftgate-hil doctor --duration 60` says
+for how many windows to expect that on a machine. Made by `make pack-realtime`, in some 40 minutes with nothing
+else running."""
 
 _MOST = 4  # scenarios that are named
 
@@ -83,17 +85,32 @@ def _finders(matrix: Matrix, mutant: str) -> str:
 
 
 def realtime_page(
-    free: Sequence[Outcome], realtime: Sequence[Outcome], checks: Sequence[Check]
+    free: Sequence[Outcome],
+    realtime: Sequence[Outcome],
+    checks: Sequence[Check],
+    stolen: Mapping[str, float],
 ) -> str:
-    """The page of the study, with what `doctor` says of the machine."""
+    """The page of the study, with what `doctor` says of the machine, and what its host took meanwhile [%]."""
     told = [(each.check, each.level, each.found) for each in checks]
     made = page(
         "The pack in real time",
         _REALTIME,
         table(("of the machine", "", "`liftgate-hil doctor --realtime`"), told),
+        _kept_time(realtime, stolen),
         differences(free, realtime),
     )
     return made.replace(MADE, MADE.replace("make docs", "make pack-realtime"), 1)
+
+
+def _kept_time(realtime: Sequence[Outcome], stolen: Mapping[str, float]) -> str:
+    """How well the bench kept time in all of the scenarios."""
+    found = [each.result.summary for each in realtime if each.result is not None]
+    missed, ticks = sum(each.overruns for each in found), sum(each.ticks for each in found)
+    taken = " and ".join(f"{share:.2f} % of {name.upper()}'s" for name, share in stolen.items())
+    return (
+        f"While the scenarios ran, {missed} of {ticks} ticks were missed and made up for, and the machine's host "
+        f"took {taken} time."
+    )
 
 
 def differences(free: Sequence[Outcome], realtime: Sequence[Outcome]) -> str:

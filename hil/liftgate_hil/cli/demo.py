@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_setup(parser)
     options.add_loop(parser)
     options.add_output(parser)
+    options.add_dashboard(parser)
     options.add_ecu(parser, "reference")
     parser.add_argument(
         "--ecu-serial", metavar="PORT[@BAUD]", help="the other end of --serial, for the ECU"

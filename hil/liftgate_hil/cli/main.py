@@ -25,6 +25,7 @@ COMMANDS = {
     "convert": "a recording in another format; bus logs decoded into tables",
     "replay": "a recording's frames onto a bus, with the original timing",
     "plot": "a picture of a recording",
+    "dashboard": "the operator's page of a running emulator, or of a recording",
     "compare": "two recordings: the differences of their columns, when they are largest; pictures",
     "simulate": "the plant alone, offline, as fast as it goes",
     "identify": "parameters of a vehicle from measurements; which experiment tells most",

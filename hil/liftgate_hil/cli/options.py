@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from liftgate_plant.vehicle import Vehicle
 
 MAX_RATE = 10_000.0
+LISTEN = "127.0.0.1:8765"
 _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
 
 
@@ -250,6 +251,38 @@ def ecu_of(args: argparse.Namespace) -> str:
         # Last, so that nothing there comes before what is installed.
         sys.path.append(str(Path.cwd()))
     return str(args.ecu)
+
+
+def add_listen(parser: argparse.ArgumentParser, default: str | None = LISTEN) -> None:
+    """Where a page is served, and what it may do."""
+    parser.add_argument(
+        "--listen",
+        default=default,
+        metavar="HOST:PORT",
+        help=f"of the page; port 0 is any that is free; default: {LISTEN}",
+    )
+    parser.add_argument("--read-only", action="store_true", help="the page commands nothing")
+
+
+def add_dashboard(parser: argparse.ArgumentParser) -> None:
+    """The operator's page of a run."""
+    parser.add_argument(
+        "--dashboard",
+        action="store_true",
+        help="serve the operator's page of this run, see liftgate-hil dashboard",
+    )
+    add_listen(parser, None)
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """Host and port. Raises ConfigError."""
+    from liftgate_hil.errors import ConfigError
+
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not (port.isascii() and port.isdecimal()) or int(port) > 65535:
+        raise ConfigError(f"`listen` {text}: allowed: HOST:PORT, such as {LISTEN}; port 0 to 65535")
+    return host, int(port)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_setup(parser)
     options.add_loop(parser)
     options.add_output(parser)
+    options.add_dashboard(parser)
     options.add_ecu(parser, ON_A_BUS)
 
 

@@ -6,7 +6,7 @@ import argparse
 import collections
 import contextlib
 import ctypes
-import functools
+import os
 import re
 import signal
 import subprocess
@@ -33,6 +33,13 @@ _USAGE = 2  # exit code
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
 _LEAVE_S = 5.0  # for its process to end
 _PDEATHSIG = 1  # PR_SET_PDEATHSIG
+_BEGIN_S = 600.0  # until a run begins, which may have to be compiled before
+_PRCTL = ctypes.CDLL(None).prctl
+
+
+def _ends_with_this_process() -> None:
+    """Have a child that is about to begin end when this process does, even where that is killed."""
+    _PRCTL(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
 def run_loop(
@@ -47,12 +54,14 @@ def run_loop(
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
     job = _job_of(args, has_wire, trace, teller)
     parts = resolve(job)
+    page = _page_process(args, teller)
     is_here = parts.way is None or parts.way.is_interface("virtual")
     try:
-        if args.ecu == ON_A_BUS or is_here:
-            result = execute(job, stopped, parts)
-        else:
-            result = _with_process(args, job, parts, stopped)
+        with page:
+            if args.ecu == ON_A_BUS or is_here:
+                result = execute(job, stopped, parts)
+            else:
+                result = _with_process(args, job, parts, stopped)
     except EcuError as error:  # it could not be made, or its process failed
         raise stopped.failure(str(error)) from error
     finally:
@@ -92,8 +101,52 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
         wire=options.wire_choice(args) if has_wire else None,
         options=options.run_options(args),
         trace=trace,
+        attachable_as=os.getpid(),
         listener=teller,
     )
+
+
+@contextlib.contextmanager
+def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
+    """`liftgate-hil dashboard` of this run, where it is asked for; ended with it. Raises ConfigError."""
+    if not args.dashboard:
+        for name, given in (("listen", args.listen), ("read_only", args.read_only)):
+            if given:
+                raise ConfigError(f"`{name}`: allowed together with `dashboard`")
+        yield
+        return
+    from liftgate_hil.cli import dashboard
+    from liftgate_hil.dashboard.listening import bound
+
+    if args.clock == "free":
+        said = "a run on the free clock is over at once; allowed with clock realtime or lockstep"
+        raise ConfigError(f"`dashboard`: {said}")
+    dashboard.check_installed()
+    listen = args.listen or options.LISTEN
+    wire = bound(options.address_of(listen))
+    command = [sys.executable, "-P", "-m", "liftgate_hil", "dashboard", "--listen", listen]
+    command += ["--attach", str(os.getpid()), "--patience", str(_BEGIN_S)]
+    command += ["--descriptor", str(wire.fileno())]
+    command += ["--read-only"] if args.read_only else []
+    child = subprocess.Popen(
+        command,
+        stdout=sys.stderr or subprocess.DEVNULL,  # a program may read what this run prints
+        start_new_session=True,  # a Ctrl-C is for the run
+        pass_fds=[wire.fileno()],
+        preexec_fn=_ends_with_this_process,  # noqa: PLW1509
+    )
+    wire.close()
+    try:
+        yield
+    finally:
+        if (code := child.poll()) is not None:
+            teller.say(f"the page had ended before (exit code {code})")
+        child.terminate()
+        try:
+            child.wait(_LEAVE_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
 
 
 @contextlib.contextmanager
@@ -122,14 +175,13 @@ class EcuProcess:
     """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
 
     def __init__(self, command: list[str], teller: Listener, has_to_tell: bool) -> None:
-        prctl = ctypes.CDLL(None).prctl
         self._process = subprocess.Popen(
             command,
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
             # This process may be killed; no thread runs in it yet.
-            preexec_fn=functools.partial(prctl, _PDEATHSIG, signal.SIGTERM, 0, 0, 0),  # noqa: PLW1509
+            preexec_fn=_ends_with_this_process,  # noqa: PLW1509
         )
         self._teller = teller
         self._has_to_tell = has_to_tell

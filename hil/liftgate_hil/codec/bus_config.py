@@ -104,10 +104,12 @@ def build_bus_config(
 ) -> BusConfig:
     """The tables for these wires; what cannot be laid out is noted in `issues`."""
     tables = _Tables()
-    order = list(dict.fromkeys(wire.message for wire in mappings))
-    for name in order:
+    places = {quantity: place for place, quantity in enumerate(quantities)}
+    wires: dict[str, list[SignalMapping]] = {}
+    for wire in mappings:
+        wires.setdefault(wire.message, []).append(wire)
+    for name, own in wires.items():
         message = messages[name]
-        own = [wire for wire in mappings if wire.message == name]
         if message.length > MAX_BYTES:
             issues.add(
                 name, f"{message.length} bytes; allowed: a message of one frame, up to {MAX_BYTES}"
@@ -128,7 +130,7 @@ def build_bus_config(
                 continue
             pairs = _enumeration(wire, signal, quantity)
             row = _signal_row(wire, signal, quantity)
-            row["quantity"] = list(quantities).index(wire.quantity)
+            row["quantity"] = places[wire.quantity]
             row["place"] = tables.add_place(place_of(signal))
             chains = multiplexer_values(message, wire.signal)
             row["pages"] = sum(is_on(page, chains) << k for k, page in enumerate(pages))

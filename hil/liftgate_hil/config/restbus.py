@@ -96,6 +96,20 @@ def value_in(
     return float(str(value))
 
 
+def sendable(tables: BusTables, taken: Sequence[str]) -> tuple[str, ...]:
+    """All signals (`Message.Signal`) that the bench may send; `taken` are the messages that gate or ECU send."""
+    found = []
+    for message in tables.messages.values():
+        options, made = tables.options.get(message.name, MessageOptions()), _made(message, tables)
+        found += [
+            f"{message.name}.{signal.name}"
+            for signal in message.signals
+            if signal.name not in made
+            and not _why_not(message, message.name in taken, options, signal)
+        ]
+    return tuple(found)
+
+
 def check_signal(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> None:

@@ -24,6 +24,7 @@ from liftgate_hil.config.diagnostics import diagnostics_of
 from liftgate_hil.config.driver import NO_DRIVER, Driver, driver_of
 from liftgate_hil.config.inject import SIGNAL, OrderMessage, orders_of
 from liftgate_hil.config.messages import message_options
+from liftgate_hil.config.restbus import sendable
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
@@ -71,6 +72,11 @@ class Rig:
             names.append(self.driver.reset.press.signal)
         names += [label for each in self.orders if each.what == SIGNAL for label in each.labels]
         return tuple(dict.fromkeys(names))
+
+    @cached_property
+    def sendable(self) -> tuple[str, ...]:
+        """All signals of the database that the bench may send."""
+        return sendable(self.tables, self.mapped)
 
     @property
     def ordering(self) -> tuple[int, ...]:

@@ -32,7 +32,11 @@ from liftgate_plant.obstacle import Obstacle
 
 _MOST_FILES = 100  # that include each other
 _PARAMETER = re.compile(r"\$\w+")
+_COMMON = ("seed", "period_s", "share")  # of faults that programs name, beside their own keys
 _FREE = ("parameters", "description", "requirement", "include")  # keys without $name
+
+
+_IDENTIFYING = ("key", "direction", "id")  # of a kind's own keys
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,12 @@ class Fault:
     period: float = 0.0
     share: float = 1.0
     key: str = ""  # of the file: fault[0]
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """Which fault it is: one of these that is ordered again gets other values."""
+        own = (self.values.get(name) for name in _IDENTIFYING)
+        return (self.kind, self.where, *own)
 
 
 @dataclass(frozen=True)
@@ -465,12 +475,9 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
         name: value.item() if isinstance(value, np.generic) else value
         for name, value in values.items()
     }
-    known_keys(issues, "", given, ("seed", *(key.name for key in own)))
-    given = {
-        name: value
-        for name, value in given.items()
-        if name == "seed" or name in {key.name for key in own}
-    }
+    known = {*_COMMON, *(key.name for key in own)}
+    known_keys(issues, "", given, sorted(known))
+    given = {name: value for name, value in given.items() if name in known}
     given |= {"kind": kind} | ({} if where is None else {"where": where})
     found = _Reader(Path(), issues, {}).fault("", given)
     issues.raise_if_any()

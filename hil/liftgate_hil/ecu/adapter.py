@@ -13,7 +13,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.ecu.calibration import CALIBRATED, Calibration
 from liftgate_hil.ecu.events import Event, events_since
 from liftgate_hil.ecu.needs import check_rig
-from liftgate_hil.ecu.node import NO_ECU, REFERENCE, Node, NodeState
+from liftgate_hil.ecu.node import NO_ECU, PORT, REFERENCE, Node, NodeState
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu
 from liftgate_hil.ecu.status import begin_cycle
 
@@ -75,6 +75,10 @@ class Adapter:
     def last_frames(self) -> Frames | None:
         """What it sends when it is switched off."""
         return None
+
+    def takes(self, action: str) -> bool:
+        """Whether the driver can ask for open, close, stop or reset here."""
+        return action == "reset" or self.node.kind != PORT or self.node.port.request != 0
 
     def reset(self) -> None:
         """Make the ECU anew, as one that is switched on. Raises EcuError."""

@@ -12,7 +12,8 @@ from liftgate_hil.codec.frames import FD, empty_frames
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.node import NO_ECU, REFERENCE, ask, turn
 from liftgate_hil.errors import EcuError
-from liftgate_hil.stimuli.requests import by_the_clock
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.requests import Request, by_the_clock
 from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
@@ -43,10 +44,23 @@ class Peer:
         self._heard_ns = 0 if adapter.shares_clock else -1
         self._guard = guard
         self._before_ns = before_ns
+        self._commanded: list[tuple[Requests, Moments]] = []
         self._turn = compiled(turn)
         # Compiled before it counts how long the ECU's own code takes.
         nobody = adapter.node._replace(kind=NO_ECU)
         self._turn(nobody, adapter.state, empty_frames(0), 0)
+
+    def request(self, action: str) -> bool:
+        """See `loop.python_loop.Peer`."""
+        if not self._adapter.takes(action):
+            return False
+        self._commanded.append(by_the_clock([Request(Instant(), action)]))
+        return True
+
+    @property
+    def is_ours(self) -> bool:
+        """See `loop.python_loop.Peer`."""
+        return self._adapter.kind == REFERENCE
 
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at a time [ns]. Raises EcuError."""
@@ -55,7 +69,12 @@ class Peer:
         if self._heard_ns < 0 and self._is_gates(frames):
             self._heard_ns = now_ns
         began = self._began_ns()
+        commanded, self._commanded = self._commanded, []
         with self._guard():
+            for each in commanded:
+                if ask(adapter.node, adapter.state, *each, 0, 0):
+                    adapter.reset()
+                    return
             if began >= 0 and ask(
                 adapter.node,
                 adapter.state,

@@ -63,10 +63,15 @@ class PythonEcu(Adapter):
         port = wire.Port(step, request if self._request else 0, 0, round(seconds * 1e9))
         self.node = self.node._replace(port=port)
 
+    def takes(self, action: str) -> bool:
+        """See Adapter."""
+        can_reset = self._another is not None or callable(getattr(self._ecu, "reset", None))
+        return can_reset if action == "reset" else super().takes(action)
+
     def reset(self) -> None:
         """See Adapter."""
         own = getattr(self._ecu, "reset", None)
-        if self._another is None and not callable(own):
+        if not self.takes("reset"):
             raise EcuError(
                 f"the ECU {shown(self._ecu)} cannot be made anew; allowed: MODULE:CLASS, or an object with reset()"
             )

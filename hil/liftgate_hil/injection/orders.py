@@ -5,20 +5,19 @@ What they say is checked as a scenario's lines are; what is wrong is told and co
 
 from __future__ import annotations
 
-import contextlib
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from liftgate_hil.codec.frames import FD
 from liftgate_hil.config.inject import BABBLING, FAULT, NOTHING, REQUEST, OrderMessage
-from liftgate_hil.config.restbus import Press, value_in
+from liftgate_hil.config.restbus import value_in
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Fault
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.injection.buttons import Buttons
 from liftgate_hil.injection.decoding import (
     Said,
     Which,
@@ -27,40 +26,11 @@ from liftgate_hil.injection.decoding import (
     value_key,
     which_ordered,
 )
+from liftgate_hil.injection.target import Target
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant
 
 _MOST_TOLD = 1000  # orders of a run; more are obeyed, and more that are wrong counted
-
-
-class Target(Protocol):
-    """Whom the orders are for."""
-
-    def inject(self, faults: Sequence[Fault]) -> None:
-        """These are in force from the next tick on, of all that can be ordered, the later ones on top. Raises
-        ConfigError, and changes nothing then.
-        """
-
-    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
-        """Give a signal of `Rig.settable` a value [the database's unit] where it has that one (NaN: any). Raises
-        ConfigError.
-        """
-
-    def reset(self) -> None:
-        """Restart the ECU by what the rig has but a signal. Raises ConfigError where that cannot be."""
-
-
-class Nobody:
-    """Obeys none: where orders are only to be known, see Target."""
-
-    def inject(self, faults: Sequence[Fault]) -> None:
-        """See Target."""
-
-    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
-        """See Target."""
-
-    def reset(self) -> None:
-        """See Target."""
 
 
 class Orders:
@@ -76,7 +46,7 @@ class Orders:
         for each in rig.orders:
             self._known.setdefault(each.identifier, []).append(each)
         self._faults: dict[Which, Fault] = {}
-        self._pressed: dict[str, tuple[float, Press]] = {}  # until when, by signal
+        self._buttons = Buttons(rig, target)
         self.count = 0  # obeyed
         self.done: list[str] = []  # the first of them, with their times
         self.kinds: set[str] = set()  # of faults that were injected
@@ -85,7 +55,7 @@ class Orders:
     @property
     def next_release(self) -> float:
         """When the next button is released [s]; inf: none is pressed."""
-        return min((when for when, _ in self._pressed.values()), default=math.inf)
+        return self._buttons.next_release
 
     def is_one(self, identifier: int) -> bool:
         """Whether a frame may be an order."""
@@ -99,11 +69,7 @@ class Orders:
                 is_one |= identifiers == identifier
             for row in frames[is_one & (frames["is_sent"] == 0)] if is_one.any() else ():
                 self._read(row, now)
-        for signal, (when, press) in list(self._pressed.items()):
-            if now >= when - 1e-9:
-                with contextlib.suppress(ConfigError):  # no room now: then at the next look
-                    self._target.set_signal(signal, press.rest, instead_of=press.value)
-                    del self._pressed[signal]
+        self._buttons.release(now)
 
     def _read(self, row: Any, now: float) -> None:
         """One frame's orders, told either way."""
@@ -160,27 +126,14 @@ class Orders:
         number = value_in("", name, value, self._rig.tables, self._rig.mapped, issues)
         issues.raise_if_any()
         assert number is not None
-        self._target.set_signal(name, number)
-        self._pressed.pop(name, None)
+        self._target.set_signals({name: number})
+        self._buttons.forget(name)
         return f"{name} = {_short(value)}"
 
     def _request(self, action: str, now: float) -> str:
         if action == NOTHING:
             return ""
-        driver = self._rig.driver
-        press = driver.buttons.get(action)
-        if action == "reset" and driver.reset is not None:
-            press = driver.reset.press
-            if press is None:
-                self._target.reset()
-                return "request reset"
-        if press is None:
-            where = "[reset]" if action == "reset" else f"[requests] {action}"
-            raise ConfigError(
-                f"request {action}; allowed with {where} in the rig {self._rig.source}"
-            )
-        self._target.set_signal(press.signal, press.value)
-        self._pressed[press.signal] = (now + press.hold, press)
+        self._buttons.request(action, now)
         return f"request {action}"
 
     def _fault(self, what: str, said: Mapping[str, Said], now: float) -> str:

@@ -3,61 +3,95 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Fault
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.injection.target import Target
 from liftgate_hil.session import Setup
 from liftgate_hil.staging import injections_of
 from liftgate_hil.stimuli.faults import Injection
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.restbus import LAYERS
+from liftgate_hil.stimuli.scene import OFF_A_REAL_BUS, Scene
 from liftgate_hil.stimuli.slots import SLOTS, has_room, post_fault, post_reset, post_signal
 from liftgate_plant.constants import constants_of, numbers_of
 
 
 class SlotTarget:
-    """See Target. `restart` runs the rig's program that restarts the ECU, where that is how it is done."""
+    """See `layer`. `signals` are those that the scene is open to (`Opening`), on a bus that `is_real` or not;
+    `restart` runs the rig's program that restarts the ECU, where that is how it is done.
+    """
 
     def __init__(
-        self, scene: Scene, setup: Setup, rig: Rig, restart: Callable[[], None] | None = None
+        self,
+        scene: Scene,
+        setup: Setup,
+        rig: Rig,
+        signals: Sequence[str],
+        is_real: bool,
+        restart: Callable[[], None] | None = None,
     ) -> None:
-        self._slots, self._tester = scene.slots, scene.tester
+        self._slots, self._tester, self._not_made = scene.slots, scene.tester, scene.not_made
+        self._is_real = is_real
         self._setup, self._rig, self._restart = setup, rig, restart
-        names = (*rig.settable, *(each.signal for each in setup.scenario.signals))
+        self._signals = {name: place for place, name in enumerate(signals)}
+        names = (*signals, *(each.signal for each in setup.scenario.signals))
         self._restbus = {name.partition(".")[0] for name in names}
         self._places = {
             name: place for place, name in enumerate(numbers_of(constants_of(setup.vehicle)))
         }
-        self._taken: dict[tuple[Any, ...], tuple[int, Injection]] = {}
+        self._faults: list[tuple[Fault, ...]] = [()] * LAYERS
+        self._taken: dict[_Key, tuple[int, Injection]] = {}
 
-    def inject(self, faults: Sequence[Fault]) -> None:
+    def layer(self, place: int) -> Target:
+        """For who gives orders in a layer, BENCH or OPERATOR: what is in it lies over what is in those before."""
+        return _Layer(self, place)
+
+    def inject(self, layer: int, faults: Sequence[Fault]) -> None:
         """See Target."""
+        before = self._faults
+        self._faults = [*before[:layer], tuple(faults), *before[layer + 1 :]]
+        try:
+            self._inject()
+        except ConfigError:
+            self._faults = before
+            raise
+
+    def _inject(self) -> None:
+        layers = [layer for layer, own in enumerate(self._faults) for _ in own]
+        faults = [each for own in self._faults for each in own]
         if len(faults) > SLOTS:
             raise ConfigError(f"{len(faults)} faults; allowed: up to {SLOTS} at a time")
         vehicle, beside = self._setup.vehicle, self._setup.scenario.faults
         made = injections_of(faults, vehicle, self._rig, self._restbus, beside)
-        wanted = dict(zip(map(_key_of, faults), made, strict=True))
+        wanted = dict(zip(map(_key_of, layers, faults), made, strict=True))
         ended = [key for key in self._taken if key not in wanted]
         changed = [key for key, each in wanted.items() if self._now(key) != each]
         self._check_room(len(ended) + len(changed))
+        if self._is_real and any(each.kind == "bus_off" for each in faults):
+            self._not_made[OFF_A_REAL_BUS] = 1
         for key in ended:
-            post_fault(self._slots, self._taken.pop(key)[0], None, self._places)
+            post_fault(self._slots, self._taken.pop(key)[0], None, self._places, key.layer)
         for key in changed:
             taken = {slot for slot, _ in self._taken.values()}
             free = next(slot for slot in range(SLOTS) if slot not in taken)
             slot = self._taken[key][0] if key in self._taken else free
             self._taken[key] = slot, wanted[key]
-            post_fault(self._slots, slot, wanted[key], self._places)
+            post_fault(self._slots, slot, wanted[key], self._places, key.layer)
 
-    def _now(self, key: tuple[Any, ...]) -> Injection | None:
+    def _now(self, key: _Key) -> Injection | None:
         return self._taken[key][1] if key in self._taken else None
 
-    def set_signal(self, name: str, value: float, instead_of: float = math.nan) -> None:
+    def set_signals(
+        self, layer: int, values: Mapping[str, float], instead_of: float, rest: float
+    ) -> None:
         """See Target."""
-        self._check_room(1)
-        post_signal(self._slots, self._rig.settable.index(name), value, instead_of)
+        self._check_room(len(values))
+        for name, value in values.items():
+            post_signal(self._slots, self._signals[name], value, instead_of, rest, layer)
 
     def reset(self) -> None:
         """See Target."""
@@ -74,6 +108,34 @@ class SlotTarget:
             raise ConfigError("the loop has not taken the last orders yet; allowed: fewer at once")
 
 
-def _key_of(fault: Fault) -> tuple[Any, ...]:
-    own = fault.values
-    return fault.kind, fault.where, own.get("key"), own.get("direction"), own.get("id"), fault.start
+class _Layer:
+    """See Target."""
+
+    def __init__(self, target: SlotTarget, place: int) -> None:
+        self._target, self._place = target, place
+
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """See Target."""
+        self._target.inject(self._place, faults)
+
+    def set_signals(
+        self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
+    ) -> None:
+        """See Target."""
+        self._target.set_signals(self._place, values, instead_of, rest)
+
+    def reset(self) -> None:
+        """See Target."""
+        self._target.reset()
+
+
+class _Key(NamedTuple):
+    """Which fault it is."""
+
+    layer: int
+    identity: tuple[Any, ...]
+    start: Instant
+
+
+def _key_of(layer: int, fault: Fault) -> _Key:
+    return _Key(layer, fault.identity, fault.start)

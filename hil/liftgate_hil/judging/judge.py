@@ -168,6 +168,7 @@ class Judge:
         self._timeliness = None if tolerance is None else Timeliness(tolerance)
         self._end = end
         self._last = -math.inf
+        self._not_made = 0.0  # of stimuli, at the last row
         self._frames = no_logged()
         self._marks = _NO_MARKS
         self._answers = (
@@ -197,6 +198,9 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
+        inside = rows[rows[:, COLUMN_PLACE["time_s"]] <= self._end + SLACK]
+        if len(inside):
+            self._not_made = float(inside[-1, COLUMN_PLACE["stimuli_not_made"]])
         self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
         frames = frames.view(np.recarray)
         payloads = np.ascontiguousarray(frames["payload"])
@@ -206,8 +210,11 @@ class Judge:
 
     def verdicts(self, error: str = "", late: str = "", gaps: Sequence[Gap] = ()) -> list[Verdict]:
         """What came of them, in the order of the file; `error` is why the run has not come to its end, `late` how
-        late the bench itself was, so that nothing can be said of the ECU, `gaps` what was not recorded.
+        late the bench itself was, or what it has not made, so that nothing can be said of the ECU, `gaps` what was
+        not recorded.
         """
+        if self._not_made > 0.0 and not late:
+            late = f"the bench has not made {self._not_made:g} of the stimuli that it was asked for"
         count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
         found = [self._on_time(place, each) for place, each in enumerate(found)]
@@ -215,15 +222,25 @@ class Judge:
         return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
 
     def _on_time(self, place: int, verdict: Verdict) -> Verdict:
-        """A verdict that no lateness of the bench in its window, until it was decided, could have changed."""
+        """A verdict that no lateness of the bench in its window, until it was decided, could have changed.
+
+        One that fails, or whose trigger never came, tells of lateness before, which may have led to it.
+        """
         progress = self._judged.progress[place]
-        is_sure = verdict.verdict not in (PASS, FAIL) or np.isnan(progress.begin)
-        if is_sure or self._timeliness is None:
+        if self._timeliness is None or verdict.verdict == ERROR:
+            return verdict
+        begin, is_opened = float(progress.begin), not np.isnan(progress.begin)
+        before = self._timeliness.lateness(0.0, begin if is_opened else self._last)
+        if not is_opened:
+            return _with_reason(verdict, before)
+        if verdict.verdict not in (PASS, FAIL):
             return verdict
         end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
-        late = self._timeliness.lateness(float(progress.begin), end)
+        late = self._timeliness.lateness(begin, end)
         if late:
             return Verdict(verdict.name, INCONCLUSIVE, reason=late)
+        if verdict.verdict == FAIL and before:
+            verdict = _with_reason(verdict, f"before its window {before}")
         if verdict.margin_unit != "N" or verdict.margin is None:
             return verdict
         uncertain = self._timeliness.force_uncertainty(float(progress.begin), end)
@@ -396,3 +413,7 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
         work_for(BLOCK),
     )
     return tables, judged
+
+
+def _with_reason(verdict: Verdict, more: str) -> Verdict:
+    return replace(verdict, reason="; ".join(filter(None, (verdict.reason, more))))

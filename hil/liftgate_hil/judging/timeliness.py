@@ -20,6 +20,7 @@ _TIME, _FORCE = COLUMN_PLACE["time_s"], COLUMN_PLACE["pinch_force_n"]
 _MISSED, _DROPPED = COLUMN_PLACE["ticks_missed"], COLUMN_PLACE["frames_dropped"]
 _DELAY = COLUMN_PLACE["command_delay_s"]
 _PLACES = [_TIME, _MISSED, _DROPPED, _DELAY, _FORCE]
+_LONGEST = 60.0  # s that one thing waits, as far as it matters
 _ROWS = 512  # that wait until they are looked at together
 
 
@@ -68,9 +69,10 @@ class Timeliness:
         self._last = own[-1].copy()
         for row in np.flatnonzero((steps[:, 1:3] > 0).any(axis=1)).tolist():
             what = "ticks were missed" if steps[row, 1] > 0 else "frames were dropped"
-            self._note(float(own[row, 0]), what)
+            self._note(float(own[row, 0]), 0.0, what)
         for row in np.flatnonzero(own[:, 3] > self._tolerance).tolist():
-            self._note(float(own[row, 0]), f"a frame waited for {1e3 * own[row, 3]:.3g} ms")
+            what = f"a frame, or the ECU in this process, waited for {1e3 * own[row, 3]:.3g} ms"
+            self._note(float(own[row, 0]), float(own[row, 3]), what)
         rates = np.abs(steps[:, 4]) / np.maximum(steps[:, 0], 1e-9)
         whole = np.floor(own[:, 0]).astype(np.int64)
         starts = np.flatnonzero(np.diff(whole, prepend=whole[0] - 1))
@@ -83,11 +85,14 @@ class Timeliness:
     def _second(self, number: int) -> _Second:
         return self._seconds.setdefault(number, _Second())
 
-    def _note(self, time: float, why: str) -> None:
-        second = self._second(math.floor(time))
-        if time < second.late_first:
-            second.late_first, second.why = time, why
-        second.late_last = max(second.late_last, time)
+    def _note(self, time: float, since: float, why: str) -> None:
+        """That it was late at a time, and for so long before."""
+        begin = max(0.0, time - min(since, _LONGEST))
+        for number in range(math.floor(begin), math.floor(time) + 1):
+            second, first = self._second(number), max(begin, float(number))
+            if first < second.late_first:
+                second.late_first, second.why = first, why
+            second.late_last = max(second.late_last, min(time, number + 1.0))
 
     def _within(self, begin: float, end: float) -> Iterator[_Second]:
         self._look()

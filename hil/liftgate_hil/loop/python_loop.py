@@ -19,7 +19,7 @@ from liftgate_hil.loop.statistics import NO_TIMING, BusLoad, Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force, tick
 from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, received, sent, turns
+from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, sent, turns
 from liftgate_hil.transport.base import Transport
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.signals import Sensed, Truth
@@ -28,8 +28,15 @@ from liftgate_plant.signals import Sensed, Truth
 class Peer(Protocol):
     """Somebody at the other end of an in-process bus, who gets a turn after every tick."""
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether it is the reference ECU: where that is late, the bench is; an ECU under test is judged."""
+
     def poll(self, now_ns: int) -> None:
         """Take and send what is there at this model time."""
+
+    def request(self, action: str) -> bool:
+        """Have the driver ask for open, close, stop or reset at its next turn; False: it cannot be asked here."""
 
 
 @compilable
@@ -57,7 +64,7 @@ def scheduled_tick(
     state, replies, truth, sensed = tick(gate, state, given, outside)
     if not (is_stop or is_silent):
         replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-    bench = Bench(float(ticks_missed), float(frames_dropped), 0.0)
+    bench = Bench(float(ticks_missed), float(frames_dropped), 0.0, not_made(scene))
     write_row(rows[0], truth, sensed, bench)
     note_tick(scene, rows, given, replies)
     return state, given, replies, truth, sensed

@@ -30,7 +30,7 @@ from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.bus_faults import restamp
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, received, sent, turns
+from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, sent, turns
 from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
@@ -262,12 +262,14 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                     restamp(scene.bus_faults, frames.count, room.stamps, woken)
                 given, is_first = frames, False
                 waited_ns = longest_wait(frames, room.stamps, clock_ns(_MONOTONIC, room))
+                waited_ns = max(waited_ns, control.turn_late_ns)
             control.overruns += int(left > 0)
             outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
             state, replies, truth, sensed = tick(gate, state, given, outside)
             if left == 0 and not stopping:
                 replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-            bench = Bench(float(control.overruns), float(control.dropped), 1e-9 * waited_ns)
+            missed, dropped = float(control.overruns), float(control.dropped)
+            bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(scene))
             place, waited_ns = note_row(shared, truth, sensed, bench), 0
             note_tick(scene, shared.rows[place : place + 1], given, replies)
             given = none

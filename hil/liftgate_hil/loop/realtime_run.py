@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from liftgate_plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
 _PEERS = 0.001  # s between two turns of a peer
+_PEERS_NS = round(_PEERS * 1e9)
 _ATTENDANTS = 0.002  # s between two looks of those who attend to the run
 _FIGURES = 0.05  # s between two looks at the histograms
 _FOREVER = 2**62
@@ -52,6 +54,31 @@ def feedback_identifiers(rig: Rig) -> list[int]:
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
+
+
+class _Turns:
+    """Gives a peer its turns, and tells the loop how late this thread was with them: that is the bench's delay, as
+    that of a frame which waits. What a foreign ECU's own code takes is not.
+    """
+
+    def __init__(self, peer: Peer, control: Any) -> None:
+        self._peer, self._control = peer, control
+        self._last = time.monotonic_ns()  # when the last one ended
+        self._kept = 0  # tick until which a late one is told
+
+    def give(self, now_ns: int) -> None:
+        """One turn, at a model time [ns]."""
+        begun = time.monotonic_ns()
+        try:
+            self._peer.poll(now_ns)
+        finally:
+            ended = time.monotonic_ns()
+            late = (ended if self._peer.is_ours else begun) - self._last - _PEERS_NS
+            self._last = ended
+            control = self._control
+            if late > control.turn_late_ns or control.tick > self._kept:
+                control.turn_late_ns = max(0, late)
+                self._kept = int(control.tick) + 1  # one whole tick of the loop sees it
 
 
 @dataclass
@@ -197,6 +224,7 @@ class RealtimeRun:
         rows = RingReader(shared.rows, shared.control, "tick", batch)
         frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         heard = ArrivalReader(shared, CAPACITY)
+        turns = [_Turns(peer, control) for peer in self.peers]
         pause = _PEERS if self.peers else _ATTENDANTS if self.attendants else _WATCH
         next_look = next_figures = 0.0
         while thread.is_alive():
@@ -216,8 +244,8 @@ class RealtimeRun:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
                 post(shared.box[0], timing._asdict())
-            for peer in self.peers:
-                peer.poll(int(control.tick + self.scene.origin[0]) * self.config.step_ns)
+            for turn in turns:
+                turn.give(int(control.tick + self.scene.origin[0]) * self.config.step_ns)
             thread.join(pause)
         self._attend(heard)
         self._hand_on(rows, frames)

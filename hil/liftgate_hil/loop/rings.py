@@ -6,8 +6,11 @@ lost rows. Nothing here is locked; each word has one writer.
 
 from __future__ import annotations
 
+import fcntl
 import mmap
 import os
+import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +42,10 @@ CONTROL = np.dtype(
         ("last_error", "i8"),  # errno of the wire's last error
         ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
         ("bus_offs", "i8"),  # times it went off
+        (
+            "turn_late_ns",
+            "i8",
+        ),  # written by the outside: how late an ECU in this process got its turn
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
     ]
 )
@@ -120,8 +127,10 @@ class Memory:
         ]
         sizes = [-(-kind.itemsize * int(np.prod(shape)) // 64) * 64 for kind, shape in parts]
         if descriptor is None:
-            descriptor = os.memfd_create("liftgate-hil")
+            descriptor = os.memfd_create("liftgate-hil", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
             os.ftruncate(descriptor, sum(sizes))
+            # Others are handed it: who made it smaller would end this process.
+            fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, sum(sizes))
         arrays = []
@@ -136,6 +145,35 @@ class Memory:
     def close(self) -> None:
         """Give the descriptor back; the memory goes with the arrays that show it."""
         os.close(self.descriptor)
+
+
+class RingTaker:
+    """Puts what a loop in Python has done into a memory while somebody looks at it, as the real-time loop does by
+    itself. See Taker.
+    """
+
+    def __init__(self, memory: Memory, is_looked_at: Callable[[], bool]) -> None:
+        self._shared, self._is_looked_at = memory.shared, is_looked_at
+        self._shared.control.epoch_ns = time.time_ns()
+        self._ticks = 0
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """See Taker."""
+        self._ticks += len(rows)
+        if not self._is_looked_at():
+            return
+        shared, control = self._shared, self._shared.control
+        shared.rows[(int(control.rows[0]) + np.arange(len(rows))) % len(shared.rows)] = rows
+        places = (int(control.frames[0]) + np.arange(len(frames))) % len(shared.frames)
+        shared.frames[places] = frames
+        sent = int(np.count_nonzero(frames["is_sent"])) if len(frames) else 0
+        control.sent += sent
+        for identifier, length in zip(frames["identifier"], frames["length"], strict=True):
+            control.bits += bits_of(int(identifier), int(length))
+        control.received += len(frames) - sent
+        control.frames += len(frames)
+        control.tick = self._ticks
+        control.rows += len(rows)
 
 
 class RingReader:

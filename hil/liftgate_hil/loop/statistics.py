@@ -91,6 +91,8 @@ class Summary:
     injections: int = 0  # orders of a test bench that were obeyed
     injected: list[str] = field(default_factory=list)  # the first of them, with their times
     injections_refused: int = 0  # those that were wrong
+    commands: int = 0  # of an operator that were obeyed
+    commanded: list[str] = field(default_factory=list)  # the first of them, with their times
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
 
     def _load(self) -> float:
@@ -176,6 +178,10 @@ class Summary:
             )
         if self.injections or self.injections_refused:
             lines.append(self.injections_told())
+        if self.commands:
+            first = "; ".join(self.commanded[:_MOST_TOLD])
+            more = "; …" if self.commands > _MOST_TOLD else ""
+            lines.append(f"commanded by the operator {self.commands} times: {first}{more}")
         if self.ecu_dropped_frames:
             lines.append(f"the ECU had no room for {self.ecu_dropped_frames} frames")
         if self.recording_lost_rows:

@@ -61,7 +61,7 @@ def run_free(
         if recorders:
             takers = [*takers, recording]
         try:
-            scene, start = begin(parts, config, adapter, stopped, memory, is_open=False)
+            scene, start = begin(parts, config, adapter, stopped, memory)
         except PreconditionError as error:
             return result_of(takers, adapter, Summary(clock="free"), "", str(error))
         except LiftgateError as error:

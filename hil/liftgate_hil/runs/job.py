@@ -45,6 +45,7 @@ class Job:
     mutant: str = ""  # of the reference ECU, see ecu/mutants.py
     is_isolated: bool = False  # in a process of its own, as C libraries always are
     listener: Listener = field(default_factory=Listener)
+    attachable_as: int | None = None  # the process that others may attach to; None: they may not
     is_sketched: bool = False  # keep what pictures of the expectations need
 
 

@@ -8,20 +8,23 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil import session
+from liftgate_hil.attachment.host import Host
+from liftgate_hil.attendance import attendance_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.find import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
-from liftgate_hil.injection.orders import Orders
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.preparation import phases_of
+from liftgate_hil.restarting import restarts_of
 from liftgate_hil.runs.job import PRIVATE_BUS, Job, Parts, identity_of_ecu
 from liftgate_hil.runs.result import Result, nothing_of, result_of
 from liftgate_hil.runs.signs_of_life import Progress, foreign_code
 from liftgate_hil.runs.start import begin
-from liftgate_hil.staging import off_not_made, reset_not_made
+from liftgate_hil.staging import off_not_made, opening_of, reset_not_made
+from liftgate_hil.stimuli.scene import OFF_A_REAL_BUS
 from liftgate_hil.transport.can_arguments import WireChoice
 from liftgate_hil.transport.find import find_way, open_transport
 
@@ -39,6 +42,7 @@ def run_on_bus(
 ) -> Result:
     """Run a job on its bus, or on one of this process alone, for `takers` of `takers_of`. Raises ConfigError."""
     reason = ""
+    host = None if job.attachable_as is None else Host(job.listener, job.attachable_as)
     way = parts.way or find_way(WireChoice(bus=f"virtual:run-{id(parts):x}"), parts.rig)
     with contextlib.ExitStack() as stack:
         peers = []
@@ -46,7 +50,8 @@ def run_on_bus(
             config = session.loop_config_of(
                 parts.setup.vehicle, parts.rig, parts.options.rate, parts.setup.seed
             )
-            scene, start = begin(parts, config, adapter, stopped, memory, is_open=True)
+            opening = opening_of(parts.rig, host is not None)
+            scene, start = begin(parts, config, adapter, stopped, memory, opening)
         except PreconditionError as error:
             return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
         except LiftgateError as error:
@@ -57,6 +62,17 @@ def run_on_bus(
             guard = functools.partial(foreign_code, memory)
             before_ns = int(scene.origin[0]) * round(session.NS / parts.options.rate)
             peers = [Peer(adapter, wire, (scene.requests, scene.moments), guard, before_ns)]
+        listener = host or job.listener
+        is_real = not way.is_interface("virtual")  # others are on it: its controller stays on it
+        if is_real and any(each.kind == "bus_off" for each in parts.setup.scenario.faults):
+            scene.not_made[OFF_A_REAL_BUS] = 1
+        waits = parts.options.clock != "realtime"
+        restarts = None if peers else restarts_of(parts.rig, scene, listener.say, waits, stopped)
+        if restarts is not None:
+            stack.callback(restarts.stop)
+        attendance = attendance_of(
+            scene, parts.setup, parts.rig, is_real, listener, peers, restarts, host
+        )
         emulator = Emulator(
             setup=parts.setup,
             rig=parts.rig,
@@ -69,11 +85,11 @@ def run_on_bus(
             ecu=identity_of_ecu(job, parts.setup),
             channel="" if parts.way else PRIVATE_BUS,
             takers=takers if memory is None else [*takers, Progress(memory)],
-            listener=job.listener,
+            listener=listener,
+            attendance=attendance,
             events=adapter.events,
             stopped=stopped,
         )
-        stack.callback(emulator.stop_programs)
         try:
             emulator.run()
         except ConfigError:
@@ -85,15 +101,10 @@ def run_on_bus(
             if isinstance(error, OverrunError) and job.options.clock == "realtime":
                 late = f"the bench was late: {reason}"
                 return result_of(takers, adapter, emulator.summary, "", late)
-        found = [_not_made(parts, emulator.orders), reset_not_made(scene, parts.rig)]
-        if emulator.restarts is not None and not reason:
-            found.append(emulator.restarts.not_made(stopped))
+        found = [reset_not_made(scene, parts.rig)]
+        if is_real:
+            found.append(off_not_made(parts.setup.scenario, attendance.injected))
+        if restarts is not None and not reason:
+            found.append(restarts.not_made())
     not_made = "; ".join(filter(None, found))
     return result_of(takers, adapter, emulator.summary, reason, not_made)
-
-
-def _not_made(parts: Parts, orders: Orders | None) -> str:
-    """Which faults that were asked for, by the scenario or a test bench, this bus cannot make; "": none."""
-    if parts.way is None or parts.way.is_interface("virtual"):
-        return ""
-    return off_not_made(parts.setup.scenario, orders.kinds if orders is not None else ())

@@ -13,6 +13,7 @@ from liftgate_hil.loop.precondition import gone_through
 from liftgate_hil.runs.job import Parts
 from liftgate_hil.runs.signs_of_life import foreign_code
 from liftgate_hil.staging import staged
+from liftgate_hil.stimuli.slots import CLOSED, Opening
 
 if TYPE_CHECKING:
     from liftgate_hil.loop.rings import Memory
@@ -26,11 +27,11 @@ def begin(
     adapter: Adapter,
     stopped: Callable[[], bool],
     memory: Memory | None,
-    is_open: bool,
+    opening: Opening = CLOSED,
 ) -> tuple[Scene, LoopState]:
-    """The scene at its time 0, which may be open to a test bench, and the loop there. Raises as `gone_through`."""
+    """The scene at its time 0, open to what may be injected, and the loop there. Raises as `gone_through`."""
     setup, is_on_bus = parts.setup, adapter.kind == NO_ECU
-    scene = staged(setup, parts.rig, is_on_bus, is_open=is_open)
+    scene = staged(setup, parts.rig, is_on_bus, opening=opening)
     state = session.start_of(config, setup.start_angle)
     if is_on_bus:  # what goes before is on the wire
         return scene, state

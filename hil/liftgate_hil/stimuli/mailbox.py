@@ -62,6 +62,30 @@ def post(box: Any, values: Mapping[str, float]) -> bool:
     return True
 
 
+def post_all(box: Any, values: Mapping[str, float]) -> bool:
+    """Post held values by their names, in as many letters as it takes; False, and none of them, where the box (a
+    row of BOX) has no room.
+    """
+    most = LETTER["values"].shape[0]
+    letters: list[dict[str, float]] = []
+    for place in sorted(map(_NAMES.index, values)):
+        name = _NAMES[place]
+        if not letters or _NAMES[place - 1] not in letters[-1] or len(letters[-1]) == most:
+            letters.append({})
+        letters[-1][name] = values[name]
+    if box["posted"] - box["taken"] + len(letters) > LETTERS:
+        return False
+    for each in letters:
+        post(box, each)
+    return True
+
+
+def hold(held: NDArray[np.float64], values: Mapping[str, float]) -> None:
+    """Put values by their names where the loop has them, by the loop's own thread."""
+    for name, value in values.items():
+        held[_NAMES.index(name)] = value
+
+
 @compilable
 def take_letters(box: Any, held: NDArray[np.float64]) -> None:
     """Put all that was posted into the held values; `box` is (1,) BOX."""

@@ -34,6 +34,10 @@ from liftgate_plant.compiler import compilable, outlined
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
+# Who gives signals values while a run goes on: what a test bench's frames say, and over it an operator.
+LAYERS = 2
+BENCH, OPERATOR = range(LAYERS)
+
 CHANGE = np.dtype(
     [
         ("time", "f8"),  # s, of the scenario,
@@ -92,6 +96,8 @@ class Restbus(NamedTuple):
     changes: Any  # (n,) CHANGE, of those at one time the later ones win
     pending: NDArray[np.int64]  # (1,) changes that are not made. Written in place, as what follows
     transmission: Transmission
+    said: NDArray[np.float64]  # values by the scenario; NaN: it says none
+    posted: NDArray[np.float64]  # (LAYERS, n) over them, while it goes on; NaN: nobody says one
     room: Frames  # of a tick
 
 
@@ -128,6 +134,8 @@ def restbus_of(
         np.array(rows, dtype=CHANGE).view(np.recarray),
         np.full(1, len(rows), dtype=np.int64),
         transmission,
+        transmission.values.copy(),
+        np.full((LAYERS, len(names)), math.nan),
         empty_frames(count if names else 0),
     )
 
@@ -181,7 +189,7 @@ def with_restbus(
 @outlined
 def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
     """Make the changes whose time has come."""
-    values = restbus.transmission.values
+    values = restbus.said
     for row in range(len(restbus.changes)):
         change = restbus.changes[row]
         if change.is_made == 0 and time_of(moments, change.time, change.moment) <= time:
@@ -189,6 +197,17 @@ def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
             restbus.pending[0] -= 1
             if np.isnan(change.instead_of) or values[change.place] == change.instead_of:
                 values[change.place] = change.value
+                settle(restbus, change.place)
+
+
+@compilable
+def settle(restbus: Restbus, place: int) -> None:
+    """Give a signal the value of the highest layer that says one."""
+    value = restbus.said[place]
+    for layer in range(len(restbus.posted)):
+        if not np.isnan(restbus.posted[layer, place]):
+            value = restbus.posted[layer, place]
+    restbus.transmission.values[place] = value
 
 
 @outlined

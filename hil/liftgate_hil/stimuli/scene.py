@@ -46,6 +46,9 @@ from liftgate_plant.constants import Constants
 
 _AT_ONCE = -1e300
 
+# What a bench may be asked for and does not make; who looks after the run writes how many there are.
+OFF_A_REAL_BUS, PROGRAMS = 0, 1
+
 
 class Scene(NamedTuple):
     """Of one run; its arrays are written in place."""
@@ -60,6 +63,7 @@ class Scene(NamedTuple):
     restbus: Restbus
     tester: Tester  # of the ECU's diagnostics
     slots: Slots  # for what is injected while it runs
+    not_made: NDArray[np.int64]  # (2,) of what was asked for: by OFF_A_REAL_BUS and PROGRAMS
 
 
 class Stimuli(NamedTuple):
@@ -106,7 +110,14 @@ def scene_of(
         restbus,
         tester or no_tester(),
         slots_of(opening.slots, faults, bus_faults),
+        np.zeros(2, dtype=np.int64),
     )
+
+
+@compilable
+def not_made(scene: Scene) -> float:
+    """How much of what was asked for the bench has not made."""
+    return float(scene.not_made[0] + scene.not_made[1])
 
 
 @compilable

@@ -16,12 +16,13 @@ from liftgate_hil.diagnostics.tester import Tester, wants_reset
 from liftgate_hil.stimuli.bus_faults import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
 from liftgate_hil.stimuli.faults import EDIT, FAULT, Faults, Injection
 from liftgate_hil.stimuli.moments import BY_TIME
-from liftgate_hil.stimuli.restbus import Restbus
+from liftgate_hil.stimuli.restbus import Restbus, settle
 from liftgate_plant.compiler import compilable, outlined
 
 SLOTS = 32  # faults that may be injected at a time
 LETTERS = 64  # that may wait
 
+_RANKS = 2**40  # of a layer
 _SIGNAL, _RESET = -1, -2  # in place of a slot: the letter is of a signal, or resets the ECU
 LETTER = np.dtype(
     [
@@ -29,8 +30,10 @@ LETTER = np.dtype(
         ("is_on", "i8"),
         ("edits", "i8"),  # how many
         ("signal", "i8"),  # its place in the restbus
-        ("value", "f8"),
+        ("value", "f8"),  # NaN: none any more
         ("instead_of", "f8"),  # it changes from this value only; NaN: from any
+        ("rest", "f8"),  # what it has where nobody says anything else; NaN: it is not sent then
+        ("layer", "i8"),  # of who orders it
     ]
 )
 
@@ -77,13 +80,16 @@ def has_room(slots: Slots, letters: int) -> bool:
     return bool(slots.head[0] - slots.head[1] + letters <= len(slots.letters))
 
 
-def post_fault(slots: Slots, slot: int, made: Injection | None, places: Mapping[str, int]) -> None:
+def post_fault(
+    slots: Slots, slot: int, made: Injection | None, places: Mapping[str, int], layer: int
+) -> None:
     """Put a fault into a slot, from the next tick on until another letter ends it; None: what is in it ends.
-    `places` are those of the constants in their row.
+    `places` are those of the constants in their row. It lies over those of lower layers, and those before.
     """
     at = int(slots.head[0]) % len(slots.letters)
     letter = slots.letters[at]
     letter.slot, letter.is_on, letter.edits = slot, int(made is not None), 0
+    letter.layer = layer
     if made is not None:
         letter.edits = len(made.edits)
         for own, edit in zip(slots.edits[at], made.edits, strict=False):
@@ -95,11 +101,13 @@ def post_fault(slots: Slots, slot: int, made: Injection | None, places: Mapping[
     slots.head[0] += 1
 
 
-def post_signal(slots: Slots, place: int, value: float, instead_of: float = math.nan) -> None:
-    """Give a signal of the restbus another value from the next tick on, where it has that one then (NaN: any)."""
+def post_signal(
+    slots: Slots, place: int, value: float, instead_of: float, rest: float, layer: int
+) -> None:
+    """Give a signal of the restbus another value in a layer from the next tick on, see LETTER."""
     letter = slots.letters[int(slots.head[0]) % len(slots.letters)]
     letter.slot, letter.signal, letter.value = _SIGNAL, place, value
-    letter.instead_of = instead_of
+    letter.instead_of, letter.rest, letter.layer = instead_of, rest, layer
     slots.head[0] += 1
 
 
@@ -129,9 +137,12 @@ def take_letters(
         elif letter.slot == _RESET:
             wants_reset(tester)
         else:
-            values = restbus.transmission.values
-            if np.isnan(letter.instead_of) or values[letter.signal] == letter.instead_of:
-                values[letter.signal] = letter.value
+            place, values = letter.signal, restbus.posted[letter.layer]
+            if np.isnan(restbus.said[place]):
+                restbus.said[place] = letter.rest
+            if np.isnan(letter.instead_of) or values[place] == letter.instead_of:
+                values[place] = letter.value
+            settle(restbus, place)
         slots.head[1] += 1
     faults.next[0] = -math.inf
 
@@ -146,7 +157,7 @@ def begin(slots: Slots, faults: Faults, at: int, now: float) -> None:
     fault.start_moment, fault.end, fault.end_moment = BY_TIME, math.inf, BY_TIME
     if letter.is_on != 0:
         fault.period, fault.share, fault.ramp = own.period, own.share, own.ramp
-        fault.rank = slots.head[1] + 1
+        fault.rank = letter.layer * _RANKS + slots.head[1] + 1
         fault.count = letter.edits
         for k in range(letter.edits):
             source, target = slots.edits[at, k], faults.edits[fault.first + k]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -87,19 +85,10 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
         run = _by_rows(tables[0], tracks, frames, has_frames, notes)
     else:
         run = _by_raster(sources, tracks, frames, has_frames, notes, asked)
-    run.is_on_a_real_bus = any(map(_is_on_a_real_bus, sources))
     run.gaps += _until_heard([each for each in run.gaps if not each.names], frames, asked)
     run.gaps += _silences(sources, asked)
     run.gaps += _cut_off(sources, asked, float(run.times[-1]))
     return run
-
-
-def _is_on_a_real_bus(source: Source) -> bool:
-    """Whether a recording says that its run was on a bus that others are on, too."""
-    about = source.ours.about if source.ours is not None else ""
-    with contextlib.suppress(ValueError, AttributeError):
-        return bool(about) and json.loads(about).get("bus", "virtual") != "virtual"
-    return False
 
 
 Places = Mapping[

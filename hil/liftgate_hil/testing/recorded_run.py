@@ -60,7 +60,6 @@ class RecordedRun:
     rate: float  # Hz; no more rows than that
     tracks: Mapping[str, Track]  # by column
     frames: Any  # (m,) LOGGED, of the messages that are asked for, in the order of time
-    is_on_a_real_bus: bool = field(default=False, kw_only=True)  # as far as it says so
     has_frames: bool  # whether any are recorded
     gaps: list[Gap] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # what was noticed

@@ -16,7 +16,6 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.injection.orders import Nobody, Orders
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.judge import Expected, Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
@@ -25,7 +24,7 @@ from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
 from liftgate_hil.measurement.recorded import holds_nothing
 from liftgate_hil.runs.result import tolerance_of
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.staging import expected_in, off_not_made, reset_failure
+from liftgate_hil.staging import expected_in, reset_failure
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun
 from liftgate_plant.vehicle import Vehicle
@@ -90,7 +89,6 @@ class Expectations:
         is_off = any(each.kind == "bus_off" for each in self.setup.scenario.faults)
         own = self.expected.diagnostics
         others = [own.response] if own is not None else []
-        others += self.rig.ordering
         if self.resets is not None:
             others += [self.resets.request, self.resets.response]
         return Asked(*found, self.rate, self.longest_gap, frozenset(others), is_off)
@@ -152,34 +150,34 @@ def judged(
     found = Judge(about.expected, run.rate, last if end is None else end, tolerance)
     sketcher = Sketcher(found, run.rate) if is_sketched else None
     watch = None if about.resets is None else ResetWatch(about.resets)
-    orders = Orders(about.rig, Nobody())
     for rows, frames in run.blocks():
         if stopped():
             raise StoppedJudgingError
         found.take(rows, frames)
         if watch is not None:
             watch.take(frames)
-        orders.look(frames, math.nan)
         if sketcher is not None:
             sketcher.take(rows, frames)
     verdicts = [
         _explained(each, run, about.expected.names(place))
         for place, each in enumerate(
-            found.verdicts(late=_not_made(about, run, watch, orders), gaps=run.gaps)
+            found.verdicts(late=_not_made(about, run, watch), gaps=run.gaps)
         )
     ]
     sketches = {} if sketcher is None else sketcher.sketches()
     return Judged({each.name: each for each in verdicts}, sketches, len(run.times), last, run.notes)
 
 
-def _not_made(
-    about: Expectations, run: RecordedRun, watch: ResetWatch | None, orders: Orders
-) -> str:
-    """What the run could not make of what was asked for, as it told then, and as far as the recording shows it."""
-    found = [] if watch is None else [reset_failure(watch.failure, about.rig)]
-    if run.is_on_a_real_bus:
-        found.append(off_not_made(about.setup.scenario, orders.kinds))
-    return "; ".join(filter(None, found))
+def _not_made(about: Expectations, run: RecordedRun, watch: ResetWatch | None) -> str:
+    """What the run could not make of what was asked for, as far as its frames show it; its rows tell the rest."""
+    found = "" if watch is None else reset_failure(watch.failure, about.rig)
+    is_asked = about.asked.may_be_silent or any(
+        each.action == "reset" for each in about.setup.scenario.requests
+    )
+    is_ours = not run.lacks("ticks_missed")
+    if is_asked and is_ours and run.lacks("stimuli_not_made") and not found:
+        found = "not in the recording: stimuli_not_made"
+    return found
 
 
 def _holds_nothing(path: Path) -> bool:

@@ -51,7 +51,10 @@ def verdict(rows: np.ndarray, block: int = 100, **window: Any) -> Any:
     [
         ({"ticks_missed": {1500: 2}}, "ticks were missed about 1.501 s"),
         ({"frames_dropped": {1500: 1}}, "frames were dropped about 1.501 s"),
-        ({"command_delay_s": {1500: 0.007}}, "a frame waited for 7 ms about 1.501 s"),
+        (
+            {"command_delay_s": {1500: 0.007}},
+            "a frame, or the ECU in this process, waited for 7 ms about 1.494 s",
+        ),
     ],
 )
 def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
@@ -66,6 +69,29 @@ def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
 @pytest.mark.parametrize("tick", [500, 2500])
 def test_lateness_outside_the_window_does_not(name: str, tick: int) -> None:
     assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
+
+
+def test_lateness_before_the_window_is_told_where_it_may_have_led_to_what_came() -> None:
+    """An ECU that a late bench has stopped fails later; its verdict stays, the reader knows where to look."""
+    late = {"ticks_missed": {500: 3}}
+    failed = verdict(rows_of(pinch_force_n={1200: 150.0}, **late))
+    assert failed.verdict == "fail"
+    said = "the bench was late: ticks were missed about 0.501 s"
+    assert failed.reason.endswith(f"before its window {said}")
+    never = verdict(rows_of(**late), after="gate_angle_deg > 10")
+    assert never.verdict == "inconclusive"
+    assert never.reason == f"its trigger never came: gate_angle_deg > 10; {said}"
+    assert verdict(rows_of(), after="gate_angle_deg > 10").reason.endswith("gate_angle_deg > 10")
+    assert "late" not in verdict(rows_of(pinch_force_n={1200: 150.0})).reason
+
+
+def test_who_has_waited_was_late_all_the_while() -> None:
+    """Also where the window was over before anybody could tell."""
+    delayed = rows_of(command_delay_s={2700: 1.5})  # since 1.2 s
+    assert verdict(delayed).reason == (
+        "the bench was late: a frame, or the ECU in this process, waited for 1.5e+03 ms about 1.201 s"
+    )
+    assert verdict(rows_of(command_delay_s={2700: 0.5})).verdict == "pass"  # the window ends at 2 s
 
 
 def test_a_frame_may_wait_as_long_as_is_tolerated() -> None:

@@ -102,6 +102,8 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
     transport = Memory([[command(rig, 1)]])
 
     class Slow:
+        is_ours = False
+
         def poll(self, now_ns: int) -> None:
             now[0] += 3_300_000
 
@@ -144,6 +146,8 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
     polled: list[int] = []
 
     class Peer:
+        is_ours = False
+
         def poll(self, now_ns: int) -> None:
             polled.append(now_ns)
 

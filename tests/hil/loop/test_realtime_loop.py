@@ -8,6 +8,7 @@ import math
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -52,7 +53,7 @@ from liftgate_hil.loop.realtime_run import RealtimeRun, feedback_identifiers
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, Memory, RingReader
 from liftgate_hil.loop.tick import STOPPED, LoopConfig, LoopState
 from liftgate_hil.loop.tick import tick as plain_tick
-from liftgate_hil.signals import COLUMNS, ROW_WIDTH, Timing
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, Timing
 from liftgate_hil.stimuli.mailbox import post
 from liftgate_hil.stimuli.outside import Outside
 from liftgate_hil.transport.base import LinkCounts
@@ -826,6 +827,8 @@ def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
     turns: list[int] = []
 
     class Peer:
+        is_ours = False
+
         def poll(self, now_ns: int) -> None:
             turns.append(now_ns)
 
@@ -835,6 +838,48 @@ def test_peers_get_turns_and_the_models_time(ready: Callable[..., RealtimeRun]):
     run.run(None, lambda: len(turns) > 20 and turns[-1] > 20 * MS)
     assert turns == sorted(turns)
     assert all(now % MS == 0 for now in turns)
+
+
+class Slow:
+    """A peer whose fifth turn takes long."""
+
+    def __init__(self, is_ours: bool, seconds: float) -> None:
+        self.is_ours, self.seconds, self.turns = is_ours, seconds, 0
+
+    def poll(self, now_ns: int) -> None:
+        self.turns += 1
+        if self.turns == 5:
+            time.sleep(self.seconds)
+
+
+class SlowTaker:
+    """Holds up the thread that gives the turns, once."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+
+    def take(self, rows: Any, frames: Any) -> None:
+        time.sleep(self.seconds)
+        self.seconds = 0.0
+
+
+def longest_delay(run: RealtimeRun) -> float:
+    """In the recorded rows [s]."""
+    return float(run.memory.shared.rows[:, COLUMN_PLACE["command_delay_s"]].max())
+
+
+@pytest.mark.parametrize(
+    ("is_ours", "takes", "waits", "is_the_bench"),
+    [(True, 0.3, 0.0, True), (False, 0.3, 0.0, False), (True, 0.0, 0.3, True), (False, 0.0, 0.3, True)],
+)  # fmt: skip
+def test_an_ecu_in_this_process_that_waits_for_its_turn_is_the_benchs_delay_its_own_code_is_not(
+    ready: Callable[..., RealtimeRun], is_ours: bool, takes: float, waits: float, is_the_bench: bool
+):
+    peer = Slow(is_ours, takes)
+    run = ready(peers=[peer], takers=[SlowTaker(waits)], limit_ns=10**12)
+    run.begin()
+    run.run(None, lambda: peer.turns > 60)
+    assert (longest_delay(run) > 0.25) == is_the_bench
 
 
 def test_an_overrun_is_an_error_that_says_what_helps(ready: Callable[..., RealtimeRun]):

@@ -292,16 +292,16 @@ def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME) ->
 
 @pytest.mark.parametrize("which", ["plain", "compiled"])
 def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> None:
-    rows = distinct(Rows)
+    rows, bench = distinct(Rows), Bench(1.5, 2.5, 3.5, 4.5)
     memory = Memory(4, 4)
     call = note_row if which == "plain" else compiled(note_row)
     for place in range(3):
-        assert call(memory.shared, rows.truth, rows.sensed, Bench(1.5, 2.5, 3.5)) == place
+        assert call(memory.shared, rows.truth, rows.sensed, bench) == place
     reader = RingReader(memory.shared.rows, memory.shared.control, "rows")
     taken = reader.take()
     assert len(taken) == 3
     for row in taken:
-        check_row(row, rows.truth, rows.sensed, Bench(1.5, 2.5, 3.5))
+        check_row(row, rows.truth, rows.sensed, bench)
     for place in (3, 0):
         assert call(memory.shared, rows.truth, rows.sensed, ON_TIME) == place
     assert len(reader.take()) == 2

@@ -137,7 +137,7 @@ def test_columns_are_those_that_are_promised() -> None:
     units = (
         "_s", "_v", "_a", "_rps", "_rev", "_count", "_n", "_nm", "_ns", "_deg", "_degps", "_degc", "_pa", "_kg",
         "_m", "_mps2", "_duty", "_coast", "latched", "_hall_b", "_hall_speed", "_pulled", "_pressed", "_position",
-        "_half", "_home", "_strip", "_missed", "_dropped",
+        "_half", "_home", "_strip", "_missed", "_dropped", "_made",
     )  # fmt: skip
     assert all(name.endswith(units) for name in COLUMNS)
 

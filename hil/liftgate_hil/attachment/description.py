@@ -1,0 +1,123 @@
+"""What those who attach to a run are told about it: what it is made of, and what can be commanded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import orjson
+
+from liftgate_hil.codec.bus_config import physical_range
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE, WHERE, FaultKind
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.schema import Choice, Key, Level, Number, Whole
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.session import RunOptions, Setup
+from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
+from liftgate_hil.stimuli.requests import REQUESTS
+from liftgate_hil.stimuli.restbus import start_value
+from liftgate_hil.version import version
+from liftgate_plant.signals import Signal
+
+
+@dataclass(frozen=True)
+class Description:
+    """Of a run on a bus, see `as_json`."""
+
+    setup: Setup
+    rig: Rig
+    options: RunOptions
+    channel: str
+    bitrate: float
+    has_ecu: bool = False  # in its own process
+
+    def as_json(self, memory: Memory) -> bytes:
+        """What they need to read the memory, and to make a page of what can be commanded."""
+        setup, rows = self.setup, memory.sizes
+        told = {
+            "version": version(),
+            "rows": rows[0],
+            "frames": rows[1],
+            "columns": columns_of(setup.vehicle.drives),
+            "vehicle": setup.vehicle_name,
+            "open_angle_deg": math.degrees(setup.vehicle.gate.open_angle),
+            "scenario": setup.scenario.source,
+            "rig": self.rig.source,
+            "database": str(self.rig.database),
+            "clock": self.options.clock,
+            "rate_hz": self.options.rate,
+            "channel": self.channel,
+            "bitrate": self.bitrate,
+            "commands": commands_of(setup, self.rig, self.has_ecu),
+        }
+        return orjson.dumps(told, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:
+    """What an operator can command, with the ranges; an ECU in the run's process is asked as by a scenario."""
+    buttons = [*rig.driver.buttons, *(["reset"] if rig.driver.reset is not None else [])]
+    requests = list(REQUESTS) if has_ecu else buttons
+    return {
+        "obstacle": {name: _of(each) for name, each in OBSTACLE.items()},
+        "set": {name: _of(each) for name, each in PROFILES.items()},
+        "fault": {name: _kind(each, setup, rig) for name, each in FAULT_KINDS.items()},
+        "signal": {name: _signal(rig, name) for name in rig.sendable},
+        "request": requests,
+    }
+
+
+def _of(signal: Signal) -> dict[str, Any]:
+    return {
+        "unit": signal.unit,
+        "low": signal.low,
+        "high": signal.high,
+        "meaning": signal.meaning,
+        "labels": list(signal.values),
+    }
+
+
+def _kind(kind: FaultKind, setup: Setup, rig: Rig) -> dict[str, Any]:
+    places: list[str] = []
+    if kind.of == DRIVE:
+        places = list(WHERE) if setup.vehicle.drives == 2 else ["left"]
+    elif kind.of == MESSAGE:
+        places = list(
+            dict.fromkeys([*rig.mapped, *(each.partition(".")[0] for each in rig.sendable)])
+        )
+    keys = {each.name: _key(each) for each in kind.keys}
+    return {"meaning": kind.meaning, "of": kind.of, "where": places, "keys": keys}
+
+
+def _key(key: Key) -> dict[str, Any]:
+    kind = key.kind
+    told: dict[str, Any] = {
+        "meaning": key.meaning,
+        "allowed": kind.allowed,
+        "labels": [],
+        "unit": "",
+    }
+    if isinstance(kind, Number | Whole):
+        told |= {"low": kind.low, "high": kind.high, "unit": getattr(kind, "unit", "")}
+    elif isinstance(kind, Choice | Level):
+        told["labels"] = list(kind.words)
+    told["default"] = key.default if isinstance(key.default, float | int | str) else None
+    return told
+
+
+def _signal(rig: Rig, name: str) -> dict[str, Any]:
+    message, _, signal = name.partition(".")
+    found = rig.messages[message].get_signal_by_name(signal)
+    low, high = physical_range(found)
+    labels: Mapping[Any, Any] = found.choices or {}
+    start = start_value(rig.messages, name)
+    raw = round(found.conversion.numeric_scaled_to_raw(start)) if labels else 0
+    return {
+        "unit": found.unit or "",
+        "low": low,
+        "high": high,
+        "labels": [str(each) for each in labels.values()],
+        "start": str(labels.get(raw, start)),
+        "meaning": found.comment or "",
+    }

@@ -1,0 +1,149 @@
+"""The other side: attaches to a run, sees its memory, asks how it goes and has commands obeyed."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import orjson
+
+from liftgate_hil.attachment import endpoint
+from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.version import version
+
+Told = dict[str, Any]  # what a run says of itself, see Description.as_json
+
+_PATIENCE_S = 1.0  # for a run's answer
+_RETRY_S = 0.05
+_MOST_ANSWERS = 100  # that wait to be asked for
+_WORDS = 4  # bytes of a descriptor
+
+
+class Guest:
+    """Attached to the run of a process: its `memory`, and what it is `told`. Raises ConfigError where there is
+    none within a time [s].
+    """
+
+    def __init__(self, pid: int, patience: float = 0.0) -> None:
+        self.pid = pid
+        self._wire = _reached(pid, patience)
+        self._arrivals, self._answers = endpoint.Arrivals(), list[Told]()
+        self._count = 0
+        try:
+            self._wire.settimeout(_PATIENCE_S)
+            self.told, self.memory = self._handed()
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            said = "does not answer, or has as many attached as it takes"
+            raise ConfigError(f"`attach` {pid}: {said}; allowed: {_others()}") from error
+        finally:
+            if not hasattr(self, "memory"):
+                self._wire.close()
+
+    def _handed(self) -> tuple[Told, Memory]:
+        _, ancillary, _, _ = self._wire.recvmsg(1, socket.CMSG_SPACE(2 * _WORDS))
+        descriptors = array.array("i")
+        for _, _, data in ancillary:
+            descriptors.frombytes(data[: len(data) - len(data) % _WORDS])
+        with contextlib.ExitStack() as stack:
+            for each in descriptors:
+                stack.callback(os.close, each)
+            if len(descriptors) != 2:
+                raise OSError("no memory was handed over")
+            memory, about = descriptors
+            with os.fdopen(os.dup(about), "rb") as stream:
+                stream.seek(0)
+                told = orjson.loads(stream.read())
+            if told["version"] != version():
+                said = f"is of liftgate-hil {told['version']}, this is {version()}"
+                raise ConfigError(
+                    f"`attach` {self.pid}: {said}; allowed: a run of the same version"
+                )
+            return told, Memory(told["rows"], told["frames"], os.dup(memory))
+
+    def news(self, lines: int) -> Told:
+        """How the run goes, and what it has told after the first so many lines; empty: it does not answer now.
+
+        Raises RunGoneError.
+        """
+        return self._answer(self._ask({"lines": lines}))
+
+    def command(self, command: object) -> Told:
+        """Have a command obeyed: `done` and `time_s`; empty: the run stands still, and obeys when it goes on.
+
+        Raises ConfigError where it is refused, RunGoneError.
+        """
+        return self.done(self.post(command))
+
+    def post(self, command: object) -> int:
+        """Send a command, and do not wait: its number, for `done`. Raises ConfigError, RunGoneError."""
+        return self._ask({"command": command})
+
+    def done(self, number: int) -> Told:
+        """What became of a command, see `command`."""
+        answer = self._answer(number)
+        if "issues" in answer:
+            raise ConfigError(answer["issues"])
+        return answer
+
+    def _ask(self, question: Told) -> int:
+        """The question's number."""
+        self._count += 1
+        packed = endpoint.packed({"id": self._count, **question})
+        try:
+            self._wire.sendall(packed)
+        except OSError as error:
+            raise RunGoneError(f"the run {self.pid} has ended") from error
+        return self._count
+
+    def _answer(self, number: int) -> Told:
+        """The answer to that question; others, which come late, are left out. Empty: none in time."""
+        end = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < end:
+            for each in self._answers:
+                if each.get("id") == number:
+                    self._answers.remove(each)
+                    return each
+            try:
+                come = self._wire.recv(65_536)
+                found = self._arrivals.take(come)
+            except TimeoutError:
+                break
+            except (OSError, ValueError) as error:
+                raise RunGoneError(f"the run {self.pid} has ended") from error
+            if not come:
+                raise RunGoneError(f"the run {self.pid} has ended")
+            # What comes too late is left out, but for those that may be asked for still.
+            self._answers = [*self._answers, *found][-_MOST_ANSWERS:]
+        return {}
+
+    def close(self) -> None:
+        """Leave it."""
+        self._wire.close()
+        self.memory.close()
+
+
+def _reached(pid: int, patience: float) -> socket.socket:
+    """Raises ConfigError."""
+    end = time.monotonic() + patience
+    while True:
+        try:
+            return endpoint.connected(pid)
+        except OSError as error:
+            if time.monotonic() >= end:
+                said = f"`attach` {pid}: no run of yours; allowed: {_others()}"
+                raise ConfigError(said) from error
+        time.sleep(_RETRY_S)
+
+
+def _others() -> str:
+    runs: Sequence[int] = endpoint.runs()
+    return (
+        ", ".join(map(str, runs))
+        or "the process of a run (liftgate-hil --bus …), of which there is none"
+    )

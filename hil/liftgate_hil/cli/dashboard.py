@@ -1,0 +1,104 @@
+"""The operator's page of a running emulator, or of a recording: a web page of this machine, for those who have its
+address with the token. Runs until it is stopped.
+
+  liftgate-hil dashboard                       of the emulator that runs here
+  liftgate-hil dashboard --attach 4711         of one of several
+  liftgate-hil dashboard --recording run.mf4
+  liftgate-hil --bus socketcan:vcan0 --dashboard      both in one
+
+Scripts ask the same server: GET /api/state, GET /api/about (what can be commanded, with ranges), POST
+/api/command, WS /api/stream, each with ?token=…. The token is another one each time, or LIFTGATE_HIL_TOKEN of the
+environment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import socket
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from liftgate_hil.cli import options
+from liftgate_hil.errors import ConfigError, printable
+
+if TYPE_CHECKING:
+    from liftgate_hil.dashboard.live import Live
+    from liftgate_hil.dashboard.recorded import Recording
+
+_MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Flags."""
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument(
+        "--attach", type=options.whole(1, 2**31), metavar="PID", help="the process of a run"
+    )
+    source.add_argument("--recording", metavar="FILE", help="a recording, or a bus log with --rig")
+    parser.add_argument(
+        "--rig", metavar="NAME|FILE", help="with --recording: the signals that its frames carry"
+    )
+    options.add_listen(parser)
+    # Of a run with --dashboard: how long it may take to begin [s], and the socket that it listens on.
+    parser.add_argument("--patience", type=float, default=0.0, help=argparse.SUPPRESS)
+    parser.add_argument("--descriptor", type=int, help=argparse.SUPPRESS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command."""
+    check_installed()
+    from liftgate_hil.dashboard.listening import bound, new_token, url_of
+
+    host, port = options.address_of(args.listen)
+    is_of_a_run = args.descriptor is not None
+    wire = socket.socket(fileno=args.descriptor) if is_of_a_run else bound((host, port))
+    token = new_token()
+    address = printable(url_of(wire, host, token))
+    with wire:
+        if is_of_a_run:  # which is about to begin, and hears of signals itself
+            print(address, flush=True)
+        source = _source(args)
+        from liftgate_hil.dashboard.server import Page, serve
+
+        page = Page(source, args.read_only)
+        serve(page, wire, host, token, lambda: None if is_of_a_run else print(address, flush=True))
+    return 0
+
+
+def check_installed() -> None:
+    """Raises ConfigError where packages that it needs are missing."""
+    missing = [name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None]
+    if missing:
+        raise ConfigError(f"dashboard: {', '.join(missing)}: {_MISSING}")
+
+
+def _source(args: argparse.Namespace) -> Live | Recording:
+    """Raises ConfigError."""
+    from pathlib import Path
+
+    if args.recording is not None:
+        from liftgate_hil.dashboard.recorded import Recording
+
+        return Recording(Path(args.recording), args.rig)
+    if args.rig is not None:
+        raise ConfigError(f"`rig` {args.rig}: allowed with `recording`")
+    from liftgate_hil.attachment.guest import Guest
+    from liftgate_hil.dashboard.live import Live
+
+    return Live(Guest(_chosen() if args.attach is None else args.attach, args.patience))
+
+
+def _chosen() -> int:
+    """The only run. Raises ConfigError where there is none, or several."""
+    from liftgate_hil.attachment import endpoint
+
+    found = endpoint.runs()
+    if len(found) == 1:
+        return found[0]
+    if found:
+        which = ", ".join(map(str, found))
+        raise ConfigError(f"`attach` missing: several runs go on; allowed: one of {which}")
+    raise ConfigError(
+        "`attach` missing: nothing runs here to attach to; allowed: beside an emulator of yours "
+        "(liftgate-hil --bus …), or with `recording`"
+    )

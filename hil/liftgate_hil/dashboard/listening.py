@@ -1,0 +1,46 @@
+"""Where a page is served: an address of this machine, and the token that lets one in."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import socket
+
+from liftgate_hil.errors import ConfigError
+
+_TOKEN = "LIFTGATE_HIL_TOKEN"
+_GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
+
+
+def bound(address: tuple[str, int]) -> socket.socket:
+    """A socket that listens there. Raises ConfigError."""
+    host, port = address
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        found = socket.create_server((host, port), family=family, dualstack_ipv6=host == "::")
+        # Connections inherit it; without, an answer may wait 40 ms for the last one's acknowledgement.
+        found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return found
+    except (OSError, OverflowError, UnicodeError) as error:
+        said = getattr(error, "strerror", None) or str(error)
+        raise ConfigError(
+            f"`listen` {host}:{port}: {said}; allowed: an address of this machine, a free port (0: any)"
+        ) from error
+
+
+def new_token() -> str:
+    """Which nobody guesses, or LIFTGATE_HIL_TOKEN of the environment. Raises ConfigError."""
+    given = os.environ.get(_TOKEN)
+    if given is None:
+        return secrets.token_urlsafe(24)
+    if not _GOOD.fullmatch(given):
+        raise ConfigError(f"{_TOKEN}: allowed: 16 or more letters, digits, - and _")
+    return given
+
+
+def url_of(wire: socket.socket, host: str, token: str) -> str:
+    """What to open; where it listens at all addresses, by this machine's name."""
+    shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
+    shown = f"[{shown}]" if ":" in shown else shown
+    return f"http://{shown}:{wire.getsockname()[1]}/?token={token}"

@@ -1,0 +1,115 @@
+"""A recording: its columns, thinned so that they have room here, with what was lowest and highest in between."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from liftgate_hil.conversion.table import Table, open_table
+from liftgate_hil.dashboard.source import Told, split
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.session import rig_from
+from liftgate_hil.signals import OUTPUT_COLUMNS, Bench
+
+_MOST_ROWS = 20_000  # that are kept
+
+
+class Recording:
+    """See Source. Raises ConfigError where the file cannot be read, or holds no rows."""
+
+    def __init__(self, path: Path, rig: str | None = None) -> None:
+        table = open_table(path, rig)
+        self._path = path
+        self._names = ["time_s", *(each for each in table.signals if each != "time_s")]
+        self._units = {name: table.signals[name].unit for name in self._names}
+        self._ours = {} if rig is None else _ours_in(rig, self._names)
+        self._every = max(1, -(-_count(table) // _MOST_ROWS))
+        self._last, self._low, self._high = self._thinned(table)
+        if not len(self._last):
+            raise ConfigError(f"{path}: no rows; allowed: a recording with some")
+        if not (np.diff(self._last[:, 0]) >= 0.0).all() or not np.isfinite(self._last[:, 0]).all():
+            raise ConfigError(f"{path}: time_s does not go up; allowed: a recording whose times do")
+
+    def _thinned(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of every so many rows the last, and what is lowest and highest in them."""
+        rest = np.zeros((0, len(self._names)))
+        kept: list[list[np.ndarray]] = [[], [], []]
+        for block in table.rows(self._names):
+            rows = np.concatenate([rest, block])
+            whole = len(rows) // self._every * self._every
+            rest = rows[whole:]
+            _keep(kept, rows[:whole], self._every)
+        _keep(kept, rest, max(1, len(rest)))
+        last, low, high = (np.concatenate([rest[:0], *each]) for each in kept)
+        return last, low, high
+
+    def about(self) -> Told:
+        """See Source."""
+        return {
+            "kind": "recording",
+            "file": str(self._path),
+            "columns": self._names,
+            "units": self._units,
+            "every": self._every,
+            "ours": self._ours,
+            "begin_s": float(self._last[0, 0]),
+            "end_s": float(self._last[-1, 0]),
+        }
+
+    def state(self, time: float | None = None) -> Told:
+        """See Source."""
+        times = self._last[:, 0]
+        place = len(times) - 1
+        if time is not None:
+            place = min(max(int(np.searchsorted(times, time, side="right")) - 1, 0), place)
+        row = self._last[place].tolist()
+        truth, sensed = split(self._names, row)
+        own = dict(zip(self._names, row, strict=True))
+        return {
+            "state": "recorded",
+            "time_s": row[0],
+            "truth": truth,
+            "sensed": sensed,
+            "loop": {name: own[name] for name in Bench._fields if name in own},
+            "bus": {},
+            "in_force": {},
+            "log": [],
+            "messages": [],
+        }
+
+    def plot(self) -> Told:
+        """See Source."""
+        low, high = self._low.T.tolist(), self._high.T.tolist()
+        return {
+            "time_s": self._last[:, 0].tolist(),
+            "low": dict(zip(self._names, low, strict=True)),
+            "high": dict(zip(self._names, high, strict=True)),
+        }
+
+
+def _ours_in(rig: str, names: list[str]) -> dict[str, str]:
+    """Which of the bus's signals stand for which of our columns, by a rig's file; a database does not tell."""
+    try:
+        outputs = rig_from(rig).outputs
+    except ConfigError:
+        return {}
+    wired = {f"{each.message}.{each.signal}": OUTPUT_COLUMNS.get(each.quantity) for each in outputs}
+    return {ours: name for name in names if (ours := wired.get(name))}
+
+
+def _count(table: Table) -> int:
+    return sum(len(rows) for rows in table.rows(["time_s"]))
+
+
+def _keep(kept: list[list[np.ndarray]], rows: np.ndarray, every: int) -> None:
+    if not len(rows):
+        return
+    parts = rows.reshape(-1, every, rows.shape[1])
+    with np.errstate(all="ignore"):
+        for own, each in zip(
+            kept,
+            (parts[:, -1], np.fmin.reduce(parts, axis=1), np.fmax.reduce(parts, axis=1)),
+            strict=True,
+        ):
+            own.append(each)

@@ -1,0 +1,280 @@
+"""The web server of a page: HTTP and a WebSocket, for those who know the token.
+
+GET /                 the page
+GET /api/about        what it is, and what can be commanded
+GET /api/state        the latest; of a recording `?time=12.5`
+GET /api/plot         what has been so far
+WS  /api/stream       the latest, 30 times a second; of a recording it plays
+POST /api/command     see `injection.operator`
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import secrets
+import signal
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import orjson
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from liftgate_hil.dashboard.guard import POLICY, Guard, hosts_of
+from liftgate_hil.dashboard.live import Live
+from liftgate_hil.dashboard.recorded import Recording
+from liftgate_hil.errors import ConfigError, RunGoneError
+
+PERIOD_S = 1.0 / 30.0
+_IDLE_S = 0.25  # between two looks where nobody has the page open
+_MESSAGES_EVERY = 6  # of the periods, what is heard on the bus
+_LARGEST = 65_536  # bytes of a command
+_PAGE = Path(__file__).parent / "page"
+
+
+class Page:
+    """The application around a run or a recording."""
+
+    def __init__(self, source: Live | Recording, is_read_only: bool) -> None:
+        self._source, self._is_read_only = source, is_read_only
+        self._viewers: set[asyncio.Queue[bytes]] = set()
+        # A thread each: a run that stands still keeps commands waiting, but not what is seen of it.
+        self._looks, self._commands = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._failure: BaseException | None = None
+        routes = [
+            Route("/", self._page),
+            Route("/api/about", self._about),
+            Route("/api/state", self._state),
+            Route("/api/plot", self._plot),
+            Route("/api/command", self._command, methods=["POST"]),
+            WebSocketRoute("/api/stream", self._stream),
+        ]
+        self.app = Starlette(routes=routes, lifespan=self._lifespan)
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, app: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(self._follow())
+        task.add_done_callback(self._followed)
+        yield
+        task.cancel()
+
+    def _followed(self, task: asyncio.Task[None]) -> None:
+        """It ends with the server, or has failed: that ends the server."""
+        if not task.cancelled() and task.exception() is not None:
+            self._failure = task.exception()
+            signal.raise_signal(signal.SIGTERM)
+
+    def check(self) -> None:
+        """Raises what it has failed with."""
+        if self._failure is not None:
+            raise self._failure
+
+    async def _look(self) -> dict[str, Any]:
+        """What has come since the last look."""
+        assert isinstance(self._source, Live)
+        running = asyncio.get_running_loop()
+        return await running.run_in_executor(self._looks, self._source.update, time.monotonic())
+
+    async def _follow(self) -> None:
+        """Take what comes, and hand it to all viewers."""
+        source, count, line = self._source, 0, 0
+        if not isinstance(source, Live):
+            return
+        due = time.monotonic()
+        while True:
+            span = await self._look()
+            if self._viewers:
+                told = {**source.moment(), "span": span, "log": source.lines(line)}
+                if count % _MESSAGES_EVERY == 0:
+                    told["messages"] = source.messages()
+                self._publish(orjson.dumps(told))
+            line, count = source.last_line, count + 1
+            due = max(due + (PERIOD_S if self._viewers else _IDLE_S), time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+
+    def _publish(self, told: bytes) -> None:
+        for viewer in self._viewers:
+            if viewer.full():  # it is slow: the latest is what counts
+                viewer.get_nowait()
+            viewer.put_nowait(told)
+
+    async def _page(self, request: Request) -> Response:
+        nonce = secrets.token_urlsafe(16)
+        return HTMLResponse(
+            _page_with(nonce),
+            headers={
+                "Content-Security-Policy": POLICY.format(nonce=nonce),
+                "Referrer-Policy": "no-referrer",
+                "Cache-Control": "no-store",
+                "X-Content-Type-Options": "nosniff",
+            },
+        )
+
+    async def _about(self, request: Request) -> Response:
+        return _json({**self._source.about(), "read_only": self._is_read_only})
+
+    async def _state(self, request: Request) -> Response:
+        given = request.query_params.get("time")
+        try:
+            when = None if given is None else float(given)
+        except ValueError:
+            when = math.nan
+        if when is not None and not math.isfinite(when):
+            return _refused(422, [f"time {given!r}; allowed: a number [s]"])
+        if when is not None and isinstance(self._source, Live):
+            return _refused(422, ["time: allowed with a recording"])
+        if isinstance(self._source, Live) and not self._viewers:  # else it is 33 ms old at most
+            await self._look()
+        return _json(self._source.state(when))
+
+    async def _plot(self, request: Request) -> Response:
+        return _json(await asyncio.to_thread(self._source.plot))
+
+    async def _command(self, request: Request) -> Response:
+        if not isinstance(self._source, Live):
+            return _refused(403, ["a recording: allowed with a run"])
+        if self._is_read_only:
+            return _refused(403, ["this page is read-only; allowed without --read-only"])
+        said = b""
+        async for part in request.stream():
+            said += part
+            if len(said) > _LARGEST:
+                return _refused(413, [f"more than {_LARGEST} bytes; allowed: a command"])
+        try:
+            command = orjson.loads(said)
+        except orjson.JSONDecodeError as error:
+            return _refused(422, [f"not JSON: {error}; allowed: a command"])
+        try:
+            running = asyncio.get_running_loop()
+            done = await running.run_in_executor(self._commands, self._source.command, command)
+        except ConfigError as error:
+            return _refused(422, error.issues)
+        except RunGoneError as error:
+            return _refused(410, [str(error)])
+        if not done:
+            said_so = (
+                "the run stands still, for example as no command comes: it obeys when it goes on"
+            )
+            return _json({"waits": said_so}, 202)
+        return _json(done)
+
+    async def _stream(self, wire: WebSocket) -> None:
+        await wire.accept()
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            if isinstance(self._source, Live):
+                await self._watch(wire)
+            else:
+                await _play(wire, self._source)
+
+    async def _watch(self, wire: WebSocket) -> None:
+        viewer: asyncio.Queue[bytes] = asyncio.Queue(maxsize=1)
+        self._viewers.add(viewer)
+        leaves = asyncio.create_task(_left(wire))
+        try:
+            while not leaves.done():
+                news = asyncio.create_task(viewer.get())
+                await asyncio.wait({news, leaves}, return_when=asyncio.FIRST_COMPLETED)
+                if not news.done():
+                    news.cancel()
+                    return
+                await wire.send_text(news.result().decode())
+        finally:
+            self._viewers.discard(viewer)
+            leaves.cancel()
+
+
+async def _left(wire: WebSocket) -> None:
+    """Until the viewer goes."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await wire.receive_text()
+
+
+async def _play(wire: WebSocket, source: Recording) -> None:
+    """From begin to end at the pace it was recorded with; a viewer says {"time_s": 12.5} where to go on."""
+    about = source.about()
+    offset, began = float(about["begin_s"]), time.monotonic()
+    hears = asyncio.create_task(wire.receive_json())
+    try:
+        while True:
+            now = offset + time.monotonic() - began
+            told = source.state(min(now, about["end_s"]))
+            await wire.send_text(orjson.dumps({**told, "is_over": now >= about["end_s"]}).decode())
+            pause = PERIOD_S if now < about["end_s"] else None
+            await asyncio.wait({hears}, timeout=pause)
+            if not hears.done():
+                continue
+            said = hears.result()
+            hears = asyncio.create_task(wire.receive_json())
+            wanted = said.get("time_s") if isinstance(said, dict) else None
+            if isinstance(wanted, int | float) and not isinstance(wanted, bool):
+                offset, began = float(wanted), time.monotonic()
+    except ValueError:  # no JSON
+        return
+    finally:
+        hears.cancel()
+
+
+def _json(told: Any, status: int = 200) -> Response:
+    """NaN is null."""
+    return Response(
+        orjson.dumps(told),
+        status,
+        {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"},
+        "application/json",
+    )
+
+
+def _refused(status: int, issues: list[str]) -> Response:
+    return _json({"issues": issues}, status)
+
+
+def _page_with(nonce: str) -> str:
+    """The page, whole: nothing of it is asked for without the token."""
+    text = (_PAGE / "index.html").read_text(encoding="utf-8")
+    for name in ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "page.js"):
+        text = text.replace(f"/*{name}*/", (_PAGE / name).read_text(encoding="utf-8"), 1)
+    return text.replace("{nonce}", nonce)
+
+
+class _Server(uvicorn.Server):
+    """Without handlers of its own for signals: those end it in order, with exit code 0."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Any:
+        yield
+
+
+def serve(
+    page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]
+) -> None:
+    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM; `ready` is called as soon as those are
+    heard.
+    """
+    app = Guard(page.app, token, hosts_of(host, wire.getsockname()[1]))
+    config = uvicorn.Config(
+        app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="on",
+        server_header=False, ws_max_size=_LARGEST,
+    )  # fmt: skip
+    server = _Server(config)
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, setattr, server, "should_exit", True)
+        ready()
+        await server.serve(sockets=[wire])
+
+    with wire:
+        asyncio.run(run())
+    page.check()

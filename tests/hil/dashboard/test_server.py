@@ -1,0 +1,421 @@
+"""The page's server, as a process: who may ask, what it tells, what it has done."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dashboard_support import Client, address_in, process
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+import liftgate_hil as lh
+from liftgate_hil.dashboard.guard import Guard, hosts_of
+
+BENCH = (
+    "--bus",
+    "virtual:page",
+    "--ecu",
+    "reference",
+    "--overrun-limit",
+    "3600",
+    "--scenario",
+    "s.toml",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("page")
+    text = 'duration = 1e6\n[[request]]\ntime = 0.5\naction = "open"\n'
+    (found / "s.toml").write_text(text, encoding="utf-8")
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    with process(*BENCH, folder=folder) as child:
+        assert child.stderr is not None
+        for line in child.stderr:
+            if "suv on " in line:
+                break
+        yield child
+
+
+@pytest.fixture(scope="module")
+def client(folder: Path, run: subprocess.Popen[str]) -> Iterator[Client]:
+    command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0")
+    with process(*command, folder=folder) as child:
+        found = Client(address_in(child))
+        until(found, lambda state: state["state"] == "running")
+        yield found
+
+
+def wire_until_closed(wire: Any) -> Iterator[Any]:
+    while True:
+        yield wire.recv(timeout=30)
+
+
+def until(client: Client, is_so: Callable[[Any], bool]) -> Any:
+    """The first state in which it is so."""
+    for _ in range(15_000):
+        state = client.ask("/api/state")[1]
+        if is_so(state):
+            return state
+        time.sleep(0.02)
+    raise AssertionError(state)
+
+
+def streamed(client: Client, **more: Any) -> Any:
+    return connect(f"ws://{client.host}/api/stream?token={client.token}", **more)
+
+
+def test_the_state_has_truth_sensed_loop_and_bus(client: Client) -> None:
+    status, state = client.ask("/api/state")
+    assert status == 200
+    assert state["truth"]["time_s"] == state["time_s"]
+    assert -1.0 < state["truth"]["gate_angle_deg"] < 120.0
+    assert {"left_current_a", "left_hall_count", "gate_angle_deg"} <= set(state["sensed"])
+    assert state["loop"]["clock"] == "realtime"
+    assert state["loop"]["rate_hz"] == 1000.0
+    assert state["loop"]["ticks_missed"] >= 0
+    assert state["bus"]["sent"] > 0
+    assert {"load_percent", "received", "rejected", "dropped"} <= set(state["bus"])
+
+
+def test_the_stream_brings_the_state_again_and_again_with_what_lay_between(client: Client) -> None:
+    with streamed(client) as wire:
+        told = [json.loads(wire.recv(timeout=30)) for _ in range(12)]
+    times = [each["time_s"] for each in told]
+    assert times == sorted(times)
+    assert times[-1] > times[0]
+    columns = client.ask("/api/about")[1]["columns"]
+    place = columns.index("gate_angle_deg")
+    spans = [each["span"] for each in told if each["span"]]
+    assert spans
+    assert all(span["low"][place] <= span["high"][place] for span in spans)
+    assert any("messages" in each for each in told)
+
+
+def test_what_is_commanded_acts_on_the_gate(client: Client) -> None:
+    status, said = client.command(set={"road_slope_deg": 8, "supply_voltage_v": 11.0})
+    assert (status, said["done"]) == (200, "set road_slope_deg 8, supply_voltage_v 11")
+    status, said = client.command(fault={"kind": "angle_offset", "value": 20})
+    assert status == 200
+    later = said["time_s"] + 0.1
+    state = until(client, lambda state: state["time_s"] > later)
+    apart = state["sensed"]["gate_angle_deg"] - state["truth"]["gate_angle_deg"]
+    assert apart == pytest.approx(20.0, abs=1.0)
+    assert state["truth"]["terminal_voltage_v"] < 11.5
+    assert state["in_force"]["set"] == {"road_slope_deg": 8.0, "supply_voltage_v": 11.0}
+    assert state["in_force"]["faults"] == [{"kind": "angle_offset", "value": 20}]
+    assert any("operator: set road_slope_deg 8" in text for _, _, text in state["log"])
+    assert client.command(clear="all")[0] == 200
+    state = until(client, lambda state: not state["in_force"]["faults"])
+    assert state["in_force"]["set"] == {}
+
+
+def test_a_signal_of_the_restbus_is_sent_in_its_cycle_and_shown(client: Client) -> None:
+    before = client.ask("/api/state")[1]["messages"]
+    assert not [each for each in before if each["name"] == "Body"]
+    command = {"Body.VehicleSpeed": 12.5, "Body.Ignition": "on"}
+    assert client.command(signal=command)[0] == 200
+    found: list[Any] = []
+
+    def has_come(state: Any) -> bool:
+        found[:] = [each for each in state["messages"] if each["name"] == "Body"]
+        return bool(found) and found[0]["count"] >= 3
+
+    until(client, has_come)
+    assert found[0]["direction"] == "sent"
+    assert found[0]["signals"]["VehicleSpeed"] == 12.5
+    assert found[0]["signals"]["Ignition"] == "on"
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "words"),
+    [
+        (b'{"set": {"road_slope_deg": 80}}', 422, "`road_slope_deg` 80: allowed: -"),
+        (b'{"signal": {"Body.Gear": 9}}', 422, "9; allowed: 0 to 4"),
+        (b'{"fault": {"kind": "gremlin"}}', 422, "'gremlin'; allowed: one of supply_open"),
+        (b'{"obstacle": {"angle_deg": 1e400}}', 422, "allowed"),
+        (b"{", 422, "not JSON"),
+        (b"\xff\xfe", 422, "not JSON"),
+        (b"[]", 422, "not a table of one key"),
+        (b"", 422, "not JSON"),
+        (b" " * 70_000, 413, "more than 65536 bytes"),
+    ],
+)
+def test_what_is_out_of_range_is_refused_with_what_is_allowed(
+    client: Client, body: bytes, status: int, words: str
+) -> None:
+    found, said = client.ask("/api/command", body)
+    assert found == status
+    assert words in " | ".join(said["issues"])
+
+
+def test_without_the_token_nothing_is_told(client: Client) -> None:
+    for path in ("/", "/api/about", "/api/state", "/api/plot"):
+        assert client.ask(path, token="")[0] == 401
+        assert client.ask(path, token=client.token[:-1])[0] == 401
+        assert client.ask(path, token="%ff")[0] == 401
+    assert client.ask("/api/command", b'{"clear": "all"}', token="")[0] == 401
+    with pytest.raises(InvalidStatus) as refused, connect(f"ws://{client.host}/api/stream"):
+        pass
+    assert refused.value.response.status_code == 401
+    bearer = {"Authorization": f"Bearer {client.token}"}
+    assert client.ask("/api/state", headers=bearer, token="")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1:1"},
+        {"Host": ""},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "https://127.0.0.1"},
+    ],
+)
+def test_pages_of_others_are_refused_even_with_the_token(
+    client: Client, headers: dict[str, str]
+) -> None:
+    assert client.ask("/api/state", headers=headers)[0] == 403
+    assert client.ask("/api/command", b'{"clear": "all"}', headers=headers)[0] == 403
+
+
+def test_pages_of_others_get_no_stream(client: Client) -> None:
+    with (
+        pytest.raises(InvalidStatus) as refused,
+        streamed(client, origin="http://evil.example"),
+    ):
+        pass
+    assert refused.value.response.status_code == 403
+    with streamed(client, origin=f"http://{client.host}") as wire:
+        assert wire.recv(timeout=30)
+
+
+def test_the_page_is_whole_and_asks_nobody_else(client: Client) -> None:
+    status, page = client.ask("/")
+    assert status == 200
+    assert "/*page.js*/" not in page
+    assert "uPlot" in page
+    assert "src=" not in page.split("<body>")[0]
+    for address in ("http://", "https://"):
+        found = [line for line in page.splitlines() if address in line]
+        assert all("uPlot" in line for line in found), found  # the comment that says whose it is
+
+
+def test_one_who_reads_nothing_holds_up_nobody(client: Client) -> None:
+    host, port = client.host.split(":")
+    with socket.socket() as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        deaf.connect((host, int(port)))
+        deaf.sendall(
+            f"GET /api/stream?token={client.token} HTTP/1.1\r\nHost: {client.host}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+            "\r\n".encode()
+        )
+        with streamed(client) as other:
+            came = 0
+            while came < 3_000_000:  # more than the deaf one's connection holds
+                came += len(other.recv(timeout=30))
+
+
+def test_read_only_commands_nothing(folder: Path, run: subprocess.Popen[str]) -> None:
+    command = ("dashboard", "--attach", str(run.pid), "--listen", "127.0.0.1:0", "--read-only")
+    with process(*command, folder=folder) as child:
+        client = Client(address_in(child))
+        status, said = client.command(clear="all")
+        assert (status, said["issues"]) == (
+            403,
+            ["this page is read-only; allowed without --read-only"],
+        )
+        assert client.ask("/api/about")[1]["read_only"] is True
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_in_order_with_a_viewer_there(
+    folder: Path, run: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    with process("dashboard", "--listen", "127.0.0.1:0", folder=folder) as child:
+        client = Client(address_in(child))
+        with streamed(client) as wire:
+            wire.recv(timeout=30)
+            child.send_signal(number)
+            assert child.wait(30) == 0
+            with pytest.raises(ConnectionClosed):
+                list(wire_until_closed(wire))
+        assert child.stderr is not None
+        assert child.stderr.read() == ""
+
+
+def test_a_run_that_ends_stays_on_the_page(tmp_path: Path) -> None:
+    with process("--bus", "virtual:x", "--clock", "lockstep", folder=tmp_path) as bench:
+        assert bench.stderr is not None
+        bench.stderr.readline()
+        with process("dashboard", "--listen", "127.0.0.1:0", folder=tmp_path) as child:
+            client = Client(address_in(child))
+            # Nobody commands: the run stands still.
+            assert client.command(set={"road_slope_deg": 3})[0] == 202
+            bench.send_signal(signal.SIGINT)
+            assert bench.wait(30) == 0
+            until(client, lambda state: state["state"] == "ended")
+            status, said = client.command(clear="all")
+            assert status == 410
+            assert "has ended" in said["issues"][0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--attach", "1"), "--attach 1: no run of yours; allowed: the process of a run"),
+        ((), "--attach missing: nothing runs here to attach to"),
+        (("--attach", "x"), "--attach: 'x'; allowed: 1 to"),
+        (("--recording", "no.csv"), "no.csv"),
+        (("--recording", "no.csv", "--attach", "1"), "not allowed with"),
+        (("--rig", "liftgate"), "--rig liftgate: allowed with --recording"),
+        (("--recording", "s.csv", "--listen", "nonsense"), "--listen nonsense: allowed: HOST:PORT"),
+        (("--recording", "s.csv", "--listen", "127.0.0.1:99999"), "port 0 to 65535"),
+        (("--recording", "s.csv", "--listen", "192.0.2.1:0"), "--listen 192.0.2.1:0: "),
+        (
+            ("--recording", "s.csv", "--listen", "no.such.host.invalid:0"),
+            "--listen no.such.host.invalid:0: ",
+        ),
+    ],
+)
+def test_wrong_usage_is_told_in_one_line_with_exit_code_2(
+    tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    with process("dashboard", *arguments, folder=tmp_path) as child:
+        out, err = child.communicate(timeout=60)
+    assert child.returncode == 2
+    assert out == ""
+    assert words in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    (tmp_path / "s.csv").write_text("time_s,gate_angle_deg\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        listen = f"127.0.0.1:{taken.getsockname()[1]}"
+        arguments = ("dashboard", "--recording", "s.csv", "--listen", listen)
+        with process(*arguments, folder=tmp_path) as child:
+            _, err = child.communicate(timeout=60)
+    assert child.returncode == 2
+    assert f"--listen {listen}: Address already in use" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--dashboard", "--listen", "127.0.0.1:{port}"), "--listen 127.0.0.1:{port}: Address already in use"),
+        (("--dashboard", "--listen", "here"), "--listen here: allowed: HOST:PORT"),
+        (("--dashboard", "--clock", "free", "--duration", "1"), "--dashboard: a run on the free clock is over"),
+        (("--listen", "127.0.0.1:0"), "--listen: allowed together with --dashboard"),
+        (("--read-only",), "--read-only: allowed together with --dashboard"),
+    ],
+)  # fmt: skip
+def test_a_run_whose_page_cannot_be_does_not_begin(
+    tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        given = [each.replace("{port}", port) for each in arguments]
+        with process("--bus", "virtual:own", *given, folder=tmp_path) as bench:
+            out, err = bench.communicate(timeout=60)
+    assert (bench.returncode, out) == (2, "")
+    assert words.replace("{port}", port) in err
+
+
+@pytest.mark.parametrize(
+    ("listens", "port", "came_to", "host", "is_let_in"),
+    [
+        ("127.0.0.1", 80, "127.0.0.1", "127.0.0.1", True),
+        ("127.0.0.1", 80, "127.0.0.1", "localhost:80", True),
+        ("127.0.0.1", 8765, "127.0.0.1", "localhost", False),
+        ("0.0.0.0", 8765, "192.168.1.7", "192.168.1.7:8765", True),
+        ("0.0.0.0", 8765, "192.168.1.7", "192.168.1.8:8765", False),
+        ("0.0.0.0", 8765, "192.168.1.7", "evil.example:8765", False),
+        ("::", 8765, "fe80::7", "[fe80::7]:8765", True),
+        ("::1", 8765, "::1", "[::1]:8765", True),
+        ("192.168.1.7", 8765, "192.168.1.7", "127.0.0.1:8765", False),
+    ],
+)
+def test_a_host_is_the_address_that_one_came_to_or_a_name_of_this_machine(
+    listens: str, port: int, came_to: str, host: str, is_let_in: bool
+) -> None:
+    guard = Guard(None, "token", hosts_of(listens, port))  # type: ignore[arg-type]
+    scope = {
+        "type": "http",
+        "server": (came_to, port),
+        "headers": [(b"host", host.encode()), (b"origin", f"http://{host}".encode())],
+        "query_string": b"token=token",
+    }
+    assert (guard._refusal(scope)[0] == 0) == is_let_in
+
+
+def test_a_run_serves_its_own_page_and_ends_it(tmp_path: Path) -> None:
+    arguments = (
+        "--bus",
+        "virtual:own",
+        "--overrun-limit",
+        "3600",
+        "--dashboard",
+        "--listen",
+        "127.0.0.1:0",
+    )
+    with process(*arguments, "--json", folder=tmp_path) as bench:
+        client = Client(address_in(bench, is_error=True))
+        until(client, lambda state: state["state"] == "running")
+        assert client.command(set={"road_slope_deg": 3})[0] == 200
+        bench.send_signal(signal.SIGINT)
+        out, _ = bench.communicate(timeout=30)
+    assert bench.returncode == 0
+    summary = json.loads(out)
+    assert summary["commands"] == 1
+    assert summary["commanded"][0].endswith("operator: set road_slope_deg 3") or summary[
+        "commanded"
+    ][0].endswith("set road_slope_deg 3")
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(client.host.split(":"))
+
+
+def test_a_recording_is_shown_whole_and_at_any_time(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    result = lh.run("demo", duration=3.0, record=path, trace=True)
+    arguments = ("dashboard", "--recording", "run.csv", "--listen", "127.0.0.1:0")
+    with process(*arguments, folder=tmp_path) as child:
+        client = Client(address_in(child))
+        about, plot = client.ask("/api/about")[1], client.ask("/api/plot")[1]
+        assert about["kind"] == "recording"
+        assert about["units"]["gate_angle_deg"] == "deg"
+        assert about["end_s"] == pytest.approx(result.trace["time_s"][-1])
+        angles = result.trace["gate_angle_deg"]
+        assert max(plot["high"]["gate_angle_deg"]) == pytest.approx(angles.max())
+        assert min(plot["low"]["gate_angle_deg"]) == pytest.approx(angles.min())
+        state = client.ask("/api/state?time=1.5")[1]
+        place = int((result.trace["time_s"] <= 1.5 + 1e-9).sum()) - 1
+        assert state["time_s"] == pytest.approx(1.5)
+        assert state["truth"]["gate_angle_deg"] == pytest.approx(angles[place])
+        assert client.ask("/api/state")[1]["time_s"] == about["end_s"]
+        assert client.ask("/api/state?time=x")[0] == 422
+        assert client.ask("/api/state?time=nan")[0] == 422
+        assert client.command(clear="all")[0] == 403
+        with streamed(client) as wire:
+            wire.send('{"time_s": 2.9}')
+            told = json.loads(wire.recv(timeout=30))
+            while not told["is_over"]:
+                told = json.loads(wire.recv(timeout=30))
+            assert told["time_s"] == about["end_s"]
+            wire.send('{"time_s": 0.5}')
+            assert json.loads(wire.recv(timeout=30))["time_s"] == pytest.approx(0.5, abs=0.4)
