@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,6 +18,8 @@ BUS_COST = 20.0  # µs a tick that a bus's system calls take
 TICK_COST = 25.0  # µs of a tick that was not measured, caches cold
 FEW = 0.001  # share of periods that may be missed
 MANY = 0.01  # share at which nothing can be tested
+MOTION = 10.0  # s that a gate takes to open and close: the window of many an expectation
+CONCLUSIVE = 0.9  # share of such windows that are to be on time
 _TICK_TIME = 0.5  # s of ticks that are timed
 
 
@@ -26,11 +29,18 @@ class Wakeups(NamedTuple):
     lateness: Distribution
     missed: int  # periods
     periods: int
+    gaps: int = 0  # in which those were missed, one after the other
+    duration: float = math.nan  # s
 
     @property
     def missed_share(self) -> float:
         """Of all periods, 0 to 1."""
         return self.missed / self.periods
+
+    @property
+    def on_time_share(self) -> float:
+        """Of windows as long as a motion, 0 to 1: those without a gap, where gaps come at random."""
+        return math.exp(-self.gaps * MOTION / self.duration) if self.gaps else 1.0
 
 
 def measure(rate: float, duration: float, realtime: Realtime | None = None) -> Wakeups:
@@ -38,8 +48,8 @@ def measure(rate: float, duration: float, realtime: Realtime | None = None) -> W
     from liftgate_hil.loop.wakeups import measure_wakeups
 
     periods = max(1, round(rate * duration))
-    lateness, missed = measure_wakeups(round(1e9 / rate), periods, realtime)
-    return Wakeups(lateness, missed, periods)
+    lateness, missed, gaps = measure_wakeups(round(1e9 / rate), periods, realtime)
+    return Wakeups(lateness, missed, periods, gaps, periods / rate)
 
 
 def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
@@ -234,7 +244,23 @@ def verdict(
             f"fit {found}, but {percent:.2f} % of periods missed at {rate:g} Hz; {force}",
             quieter,
         )
+    if modes[best].on_time_share < CONCLUSIVE:
+        return Check(
+            "verdict",
+            "warning",
+            f"fit {found}, but not for tests in real time: {_untimely(modes[best])}; {force}",
+            f"test with --clock free or lockstep; {quieter}",
+        )
     return Check("verdict", "ok", f"fit {found}; {force}")
+
+
+def _untimely(wakeups: Wakeups) -> str:
+    """What becomes of expectations."""
+    percent = 100.0 * (1.0 - wakeups.on_time_share)
+    return (
+        f"periods were missed {wakeups.gaps} times in {wakeups.duration:g} s, so about {percent:.0f} % of windows "
+        f"of {MOTION:g} s would be inconclusive"
+    )
 
 
 def figures(
@@ -253,6 +279,8 @@ def figures(
             **wakeups.lateness.as_dict(),
             "missed": wakeups.missed,
             "periods": wakeups.periods,
+            "gaps": wakeups.gaps,
+            "on_time_share": wakeups.on_time_share,
             "recommended_rate_hz": recommended(wakeups.lateness, tick),
             "pinch_force_error_n": force_of(wakeups.lateness.p99_us),
         }

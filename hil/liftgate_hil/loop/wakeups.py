@@ -23,24 +23,27 @@ Result = TypeVar("Result")
 @compilable
 def note_wakeups(
     period_ns: int, count: int, histogram: NDArray[np.int64], stop: NDArray[np.int64], room: Room
-) -> int:
-    """Wake up for `count` periods on absolute deadlines, as the real-time loop does; returns those skipped."""
+) -> tuple[int, int]:
+    """Wake up for `count` periods on absolute deadlines, as the real-time loop does: how many were skipped, and
+    in how many gaps.
+    """
     start = clock_ns(_MONOTONIC, room) + _HEAD_START
-    done, missed = 0, 0
+    done, missed, gaps = 0, 0, 0
     while done < count and stop[0] == 0:
         deadline = start + (done + 1) * period_ns
         late = wait_until(deadline, room) - deadline
         note(histogram, late)
         steps = min(1 + late // period_ns, count - done)
         missed += steps - 1
+        gaps += int(steps > 1)
         done += steps
-    return missed
+    return missed, gaps
 
 
 def measure_wakeups(
     period_ns: int, count: int, realtime: Realtime | None = None
-) -> tuple[Distribution, int]:
-    """How late a thread of its own wakes up, and how many of `count` periods [ns] it skipped.
+) -> tuple[Distribution, int, int]:
+    """How late a thread of its own wakes up, how many of `count` periods [ns] it skipped, and in how many gaps.
 
     What `realtime` was refused is told in it.
     """
@@ -53,10 +56,10 @@ def measure_wakeups(
     def end() -> None:
         stop[0] = 1
 
-    missed = in_own_thread(
+    missed, gaps = in_own_thread(
         lambda: machine_code(period_ns, count, histogram, stop, room), end, realtime
     )
-    return distribution(histogram), int(missed)
+    return distribution(histogram), int(missed), int(gaps)
 
 
 def in_own_thread(

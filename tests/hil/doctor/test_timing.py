@@ -15,8 +15,9 @@ WITH, WITHOUT = "with --realtime", "without --realtime"
 CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
 
 
-def wakeups(p999_us: float, missed: int = 0, periods: int = 10_000) -> Wakeups:
-    return Wakeups(Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us), missed, periods)
+def wakeups(p999_us: float, missed: int = 0, periods: int = 10_000, gaps: int = 0) -> Wakeups:
+    lateness = Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us)
+    return Wakeups(lateness, missed, periods, gaps, 60.0)
 
 
 @pytest.mark.parametrize(
@@ -53,6 +54,21 @@ def test_periods_missed_at_the_rate_asked_for_are_a_warning():
     check = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, missed=25)}, CHEAP, 0)
     assert check.level == "warning"
     assert "0.25 % of periods missed at 1000 Hz" in check.found
+
+
+def test_a_machine_on_which_most_tests_would_be_inconclusive_is_not_fit_for_them():
+    often = wakeups(60.0, missed=5, periods=60_000, gaps=5)
+    check = timing.verdict(1000.0, {WITHOUT: often}, CHEAP, 0)
+    assert check.level == "warning"
+    # Gaps at random: exp(-5 * 10 s / 60 s) = 0.435 of the windows have none.
+    assert (
+        "not for tests in real time: periods were missed 5 times in 60 s, so about 57 % of windows of 10 s "
+        "would be inconclusive"
+    ) in check.found
+    assert "--clock free" in check.advice
+    # The mode that is recommended counts.
+    seldom = wakeups(50.0, periods=60_000)
+    assert timing.verdict(1000.0, {WITHOUT: often, WITH: seldom}, CHEAP, 0).level == "ok"
 
 
 @pytest.mark.parametrize(
@@ -116,20 +132,21 @@ def test_stolen_time_is_the_worst_cpus(tmp_path):
 
 
 def test_every_period_is_either_measured_or_missed():
-    lateness, missed = measure_wakeups(1_000_000, 50)
+    lateness, missed, gaps = measure_wakeups(1_000_000, 50)
     assert lateness.count + missed == 50
+    assert gaps <= missed
 
 
 def test_periods_that_are_too_short_are_skipped_and_counted():
     histogram = np.zeros(BINS, dtype=np.int64)
-    missed = note_wakeups(10, 100_000, histogram, np.zeros(1, dtype=np.int64), make_room())
-    assert missed > 0
+    missed, gaps = note_wakeups(10, 100_000, histogram, np.zeros(1, dtype=np.int64), make_room())
+    assert missed >= gaps > 0
     assert histogram.sum() + missed == 100_000
 
 
 def test_a_measurement_ends_when_told_to():
     histogram = np.zeros(BINS, dtype=np.int64)
-    assert note_wakeups(10**9, 100, histogram, np.ones(1, dtype=np.int64), make_room()) == 0
+    assert note_wakeups(10**9, 100, histogram, np.ones(1, dtype=np.int64), make_room()) == (0, 0)
     assert histogram.sum() == 0
 
 
