@@ -113,8 +113,9 @@ function draw() {
     const data = [times];
     for (const name of names) data.push(high[name], low[name]);
     plot.setData(data, false);
-    if (about.kind === "run") plot.setScale("x", { min: end - +find("window").value, max: end });
-    else if (times.length) plot.setScale("x", { min: times[0], max: end });
+    if (!times.length) continue;
+    const first = about.kind === "run" ? Math.max(times[0], end - +find("window").value) : times[0];
+    plot.setScale("x", { min: first, max: end });
   }
 }
 
