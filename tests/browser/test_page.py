@@ -88,6 +88,7 @@ def test_it_shows_what_is_so_and_goes_on(page: Any, address: str) -> None:
     until(page, lambda _: "LeftDrive" in text_of(page, "#messages"))
     assert "gate_angle_deg" in text_of(page, "#columns")
     assert "suv" in text_of(page, "#title")
+    assert text_of(page, "#stimuli") == "request open, 0.5 s"
     whole = "panels[1].plot.data.every((each) => each.length === times.length)"
     drawn = f"return panels[0].plot.data[0].length > 3 && {whole}"
     until(page, lambda _: page.execute_script(drawn))

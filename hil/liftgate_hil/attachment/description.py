@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import orjson
@@ -12,10 +13,12 @@ import orjson
 from liftgate_hil.codec.bus_config import physical_range
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, MESSAGE, WHERE, FaultKind
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.schema import Choice, Key, Level, Number, Whole
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.session import RunOptions, Setup
 from liftgate_hil.signals import OBSTACLE, PROFILES, columns_of
+from liftgate_hil.stimuli.moments import NEVER, START, Instant
 from liftgate_hil.stimuli.requests import REQUESTS
 from liftgate_hil.stimuli.restbus import start_value
 from liftgate_hil.version import version
@@ -43,9 +46,10 @@ class Description:
             "columns": columns_of(setup.vehicle.drives),
             "vehicle": setup.vehicle_name,
             "open_angle_deg": math.degrees(setup.vehicle.gate.open_angle),
-            "scenario": setup.scenario.source,
-            "rig": self.rig.source,
-            "database": str(self.rig.database),
+            "scenario": _whole(setup.scenario.source),
+            "stimuli": stimuli_of(setup.scenario),
+            "rig": _whole(self.rig.source),
+            "database": _whole(str(self.rig.database)),
             "clock": self.options.clock,
             "rate_hz": self.options.rate,
             "channel": self.channel,
@@ -53,6 +57,45 @@ class Description:
             "commands": commands_of(setup, self.rig, self.has_ecu),
         }
         return orjson.dumps(told, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def _whole(path: str) -> str:
+    """A path for those in other folders; "": none."""
+    return str(Path(path).resolve()) if path else ""
+
+
+def stimuli_of(scenario: Scenario) -> list[str]:
+    """What a scenario asks for and puts around the gate, in words: over it lies what is commanded."""
+    found = [f"request {each.action}{_when(each.when)}" for each in scenario.requests]
+    for name, profile in scenario.stimuli.profiles.items():
+        times = [time for time, _ in profile.points]
+        found.append(f"profile {name}, {times[0]:g} to {times[-1]:g} s")
+    for timed in scenario.stimuli.obstacles:
+        rod = timed.obstacle
+        where = f"obstacle at {math.degrees(rod.angle):g} deg, {rod.stiffness:g} N/m"
+        found.append(where + _span(timed.start, timed.end))
+    for fault in scenario.faults:
+        own = "".join(f", {name} {_short(value)}" for name, value in fault.values.items())
+        place = f" {fault.where}" if fault.where else ""
+        found.append(f"fault {fault.kind}{place}{own}{_span(fault.start, fault.end)}")
+    found += [f"signal {each.signal} {each.value}{_when(each.when)}" for each in scenario.signals]
+    return found
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _when(instant: Instant) -> str:
+    if not instant.condition:
+        return f", {instant.time:g} s"
+    later = f" and {instant.delay:g} s more" if instant.delay else ""
+    return f", once {instant.condition}{later}"
+
+
+def _span(start: Instant, end: Instant) -> str:
+    begin = "" if start == START else f"; from{_when(start).removeprefix(',')}"
+    return begin + ("" if end == NEVER else f"; until{_when(end).removeprefix(',')}")
 
 
 def commands_of(setup: Setup, rig: Rig, has_ecu: bool) -> dict[str, Any]:

@@ -218,6 +218,11 @@ class Host(Listener):
             except RecursionError:
                 guest.answer({"id": number, "issues": ["tables in tables; allowed: a command"]})
                 continue
+            except Exception as error:  # a mistake of ours ends no run of theirs
+                issue = f"not obeyed, by a mistake of this program: {error!r}"[:_LONGEST]
+                self.say(printable(f"{now:.3f} s: operator: {issue}"))
+                guest.answer({"id": number, "issues": [issue]})
+                continue
             self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
             guest.answer({"id": number, "done": done, "time_s": now})
 

@@ -59,9 +59,7 @@ class Reception(NamedTuple):
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
     counter: NDArray[np.int64]  # per message; -1: not known
-    cycles: NDArray[
-        np.int64
-    ]  # per message: how many of it there were, with those that its counter says were lost
+    cycles: NDArray[np.int64]  # per message: how many there were, lost ones by its counter too
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
     stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
     read: NDArray[np.float64]  # per signal: of the frame in hand

@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import (
     LONGEST_MS,
+    MAX_PAGES,
     cycle_of,
+    needs_fd,
+    pages_of,
     physical_range,
 )
 from liftgate_hil.codec.frames import MAX_BYTES
@@ -96,17 +99,21 @@ def value_in(
     return float(str(value))
 
 
-def sendable(tables: BusTables, taken: Sequence[str]) -> tuple[str, ...]:
-    """All signals (`Message.Signal`) that the bench may send; `taken` are the messages that gate or ECU send."""
+def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str, ...]:
+    """All signals (`Message.Signal`) that the bench may send, on a bus that may be CAN FD; `taken` are the
+    messages that gate or ECU send. A message that has more pages than fit has none.
+    """
     found = []
     for message in tables.messages.values():
         options, made = tables.options.get(message.name, MessageOptions()), _made(message, tables)
-        found += [
-            f"{message.name}.{signal.name}"
+        own = [
+            signal.name
             for signal in message.signals
             if signal.name not in made
             and not _why_not(message, message.name in taken, options, signal)
         ]
+        fits = len(pages_of(message, own)) <= MAX_PAGES and (is_fd or not needs_fd(message))
+        found += [f"{message.name}.{name}" for name in own if fits]
     return tuple(found)
 
 

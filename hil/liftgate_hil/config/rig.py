@@ -76,7 +76,7 @@ class Rig:
     @cached_property
     def sendable(self) -> tuple[str, ...]:
         """All signals of the database that the bench may send."""
-        return sendable(self.tables, self.mapped)
+        return sendable(self.tables, self.mapped, self.is_fd)
 
     @property
     def ordering(self) -> tuple[int, ...]:

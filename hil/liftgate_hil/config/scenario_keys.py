@@ -75,8 +75,9 @@ TOP = (
     Key("initial", _Initial(), "where the gate starts, at rest; closed it is latched", "closed"),
     Key("precondition", Choices(BUTTONS), "requests that are gone through before time 0, each when the "
         "motion of the one before is over, and not judged: an ECU that has learned its gate", (), "none"),
-    Key("timing_tolerance_s", _SECONDS, "in real time, how long a frame may wait until the gate picks it up; "
-        "where one waits longer the bench is late", None, "half a command cycle"),
+    Key("timing_tolerance_s", _SECONDS, "in real time, how long a frame may wait until the gate picks it up, "
+        "and an ECU in this process for its turn; where one waits longer the bench is late", None,
+        "half a command cycle"),
     Key("parameters", Raw("a table of numbers"), "names and values, which `--set-parameter` and `parameters` of "
         "`lh.run` replace", None),
     Key("set", Raw("a table"), "keys of the vehicle file and their values: `\"environment.road_slope_deg\" = 5`",

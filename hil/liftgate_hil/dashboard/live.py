@@ -154,7 +154,7 @@ class Live:
 
     def lines(self, after: int) -> list[list[Any]]:
         """What was told after that line."""
-        return [each for each in self._lines if each[0] > after]
+        return [each for each in list(self._lines) if each[0] > after]
 
     def moment(self) -> Told:
         """What changes with each tick."""

@@ -69,12 +69,12 @@ class Peer:
         if self._heard_ns < 0 and self._is_gates(frames):
             self._heard_ns = now_ns
         began = self._began_ns()
-        commanded, self._commanded = self._commanded, []
         with self._guard():
-            for each in commanded:
-                if ask(adapter.node, adapter.state, *each, 0, 0):
+            while self._commanded:
+                if ask(adapter.node, adapter.state, *self._commanded[0], 0, 0):
                     adapter.reset()
                     return
+                del self._commanded[0]
             if began >= 0 and ask(
                 adapter.node,
                 adapter.state,

@@ -28,8 +28,12 @@ from liftgate_hil.injection.target import Target
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import REQUESTS
+from liftgate_hil.stimuli.slots import LETTERS, SLOTS
 
 COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear")
+MOST_SIGNALS = (
+    LETTERS - 2 * SLOTS
+)  # that may be set: all of them and all faults are cleared at once
 _MOST_TOLD = 1000  # commands of a run
 _CLEARED = ("obstacle", "set", "faults", "signals", "all")
 
@@ -137,11 +141,13 @@ class Operator:
             tables, key = self._rig.tables, f"{name} "
             number = value_in(key, name, value, tables, self._rig.mapped, issues)
             numbers[name] = math.nan if number is None else number
+        both = {**self._signals, **said}
+        if len(both) > MOST_SIGNALS:
+            issues.add("signal", f"{len(both)} signals; allowed: up to {MOST_SIGNALS} at a time")
         issues.raise_if_any()
         self._target.set_signals(numbers)
         for name in numbers:
             self._buttons.forget(name)
-        both = {**self._signals, **said}
         self._signals = {name: value for name, value in both.items() if value is not None}
         return "signal " + _words(said)
 
@@ -161,7 +167,7 @@ class Operator:
             if name == "set":
                 self._surround({str(one): None}, 0.0)
                 return f"clear set {one}"
-            if name == "signal" and one in self._signals:
+            if name == "signal" and isinstance(one, str) and one in self._signals:
                 self._send({one: None}, 0.0)
                 return f"clear signal {one}"
             if name == "fault" and isinstance(one, dict) and "kind" in one:
@@ -171,15 +177,15 @@ class Operator:
             raise ConfigError(
                 f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}"
             )
+        if said in ("obstacle", "all"):
+            self._post(held_obstacle(None))
+            self._obstacle = {}
+        if said in ("set", "all") and self._set:
+            self._surround(dict.fromkeys(self._set), 0.0)
         if said in ("faults", "all"):
             self._inject({})
         if said in ("signals", "all") and self._signals:
             self._send(dict.fromkeys(self._signals), 0.0)
-        if said in ("set", "all") and self._set:
-            self._surround(dict.fromkeys(self._set), 0.0)
-        if said in ("obstacle", "all"):
-            self._post(held_obstacle(None))
-            self._obstacle = {}
         return f"clear {said}"
 
     def _mend(self, one: dict[str, Any]) -> str:

@@ -76,11 +76,13 @@ class SlotTarget:
         for key in ended:
             post_fault(self._slots, self._taken.pop(key)[0], None, self._places, key.layer)
         for key in changed:
-            taken = {slot for slot, _ in self._taken.values()}
-            free = next(slot for slot in range(SLOTS) if slot not in taken)
-            slot = self._taken[key][0] if key in self._taken else free
+            slot = self._taken[key][0] if key in self._taken else self._free_slot()
             self._taken[key] = slot, wanted[key]
             post_fault(self._slots, slot, wanted[key], self._places, key.layer)
+
+    def _free_slot(self) -> int:
+        taken = {slot for slot, _ in self._taken.values()}
+        return next(slot for slot in range(SLOTS) if slot not in taken)
 
     def _now(self, key: _Key) -> Injection | None:
         return self._taken[key][1] if key in self._taken else None
@@ -89,6 +91,10 @@ class SlotTarget:
         self, layer: int, values: Mapping[str, float], instead_of: float, rest: float
     ) -> None:
         """See Target."""
+        unknown = [name for name in values if name not in self._signals]
+        if unknown:
+            said = "not sent on this run's bus; allowed: in a message that fits its frames"
+            raise ConfigError(f"signal {', '.join(unknown)}: {said}")
         self._check_room(len(values))
         for name, value in values.items():
             post_signal(self._slots, self._signals[name], value, instead_of, rest, layer)

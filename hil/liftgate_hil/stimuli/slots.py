@@ -20,7 +20,7 @@ from liftgate_hil.stimuli.restbus import Restbus, settle
 from liftgate_plant.compiler import compilable, outlined
 
 SLOTS = 32  # faults that may be injected at a time
-LETTERS = 64  # that may wait
+LETTERS = 256  # that may wait
 
 _RANKS = 2**40  # of a layer
 _SIGNAL, _RESET = -1, -2  # in place of a slot: the letter is of a signal, or resets the ECU
@@ -43,9 +43,7 @@ class Opening(NamedTuple):
 
     slots: int  # faults at a time
     signals: Sequence[str]  # `Message.Signal` of the restbus
-    messages: Sequence[
-        int
-    ]  # identifiers of who injects: they come even where the gate is off its bus
+    messages: Sequence[int]  # identifiers of who injects, heard even while the gate is off its bus
 
 
 CLOSED = Opening(0, (), ())

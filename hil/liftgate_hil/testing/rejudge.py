@@ -161,23 +161,31 @@ def judged(
     verdicts = [
         _explained(each, run, about.expected.names(place))
         for place, each in enumerate(
-            found.verdicts(late=_not_made(about, run, watch), gaps=run.gaps)
+            found.verdicts(late=_not_made(about, run, watch, end), gaps=run.gaps)
         )
     ]
     sketches = {} if sketcher is None else sketcher.sketches()
     return Judged({each.name: each for each in verdicts}, sketches, len(run.times), last, run.notes)
 
 
-def _not_made(about: Expectations, run: RecordedRun, watch: ResetWatch | None) -> str:
-    """What the run could not make of what was asked for, as far as its frames show it; its rows tell the rest."""
+def _not_made(
+    about: Expectations, run: RecordedRun, watch: ResetWatch | None, end: float | None
+) -> str:
+    """What the run, to its `end` [s], could not make of what was asked for, as far as its frames show it; its rows
+    tell the rest.
+    """
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
     is_asked = about.asked.may_be_silent or any(
         each.action == "reset" for each in about.setup.scenario.requests
     )
     is_ours = not run.lacks("ticks_missed")
-    if is_asked and is_ours and run.lacks("stimuli_not_made") and not found:
-        found = "not in the recording: stimuli_not_made"
-    return found
+    if found or not (is_asked and is_ours):
+        return found
+    if run.lacks("stimuli_not_made"):
+        return "not in the recording: stimuli_not_made"
+    if end is not None and float(run.times[-1]) < end - 1.5 / run.rate:
+        return f"not in the recording: what the bench has made, to the end at {end:g} s"
+    return ""
 
 
 def _holds_nothing(path: Path) -> bool:

@@ -263,6 +263,30 @@ def test_when_the_run_ends_it_is_told_and_nothing_is_left(folder: Path) -> None:
     assert len(list(Path("/proc/self/fd").iterdir())) == before - 1
 
 
+def test_a_mistake_of_ours_in_a_command_ends_no_run(
+    host: tuple[Host, Memory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: Operator, command: object, now: float) -> str:
+        raise TypeError("unhashable")
+
+    monkeypatch.setattr(Operator, "obey", fails)
+    guest = Guest(os.getpid())
+    number = guest.post({"clear": "all"})
+    guest.news(0)  # the command has come
+    host[0].look(None, 1.5)
+    with pytest.raises(ConfigError, match="not obeyed, by a mistake of this program: TypeError"):
+        guest.done(number)
+    guest.close()
+
+
+def test_paths_are_told_whole_for_those_in_other_folders(host: tuple[Host, Memory]) -> None:
+    guest = Guest(os.getpid())
+    assert Path(guest.told["rig"]).is_absolute()
+    assert Path(guest.told["database"]).is_absolute()
+    assert guest.told["scenario"] == ""
+    guest.close()
+
+
 def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
     path = endpoint.path_of(4711)
     with socket.socket(socket.AF_UNIX) as left:  # by a process that was killed

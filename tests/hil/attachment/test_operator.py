@@ -14,6 +14,7 @@ from hil_support import OPEN, both, command_frame, shipped_rig
 
 from liftgate_hil.attachment.guest import Guest
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.injection import operator
 from liftgate_hil.runs.in_process import run_job
 from liftgate_hil.runs.job import Job
 from liftgate_hil.session import RunOptions
@@ -290,6 +291,14 @@ WRONG = [
     ({"clear": "me"}, "clear 'me'; allowed: one of obstacle, set, faults, signals, all"),
     ({"clear": {"signal": "Body.Gear"}}, "allowed: one of obstacle"),
     ({"clear": {"fault": {}}}, "allowed: one of obstacle"),
+    ({"clear": {"signal": ["Body.Gear"]}}, "allowed: one of obstacle"),
+    ({"clear": {"signal": {}}}, "allowed: one of obstacle"),
+    ({"clear": {"set": ["road_slope_deg"]}}, "no such quantity"),
+    ({"clear": {"fault": {"kind": ["motor_open"]}}}, "not commanded here"),
+    ({"fault": {"kind": ["motor_open"]}}, "kind: "),
+    ({"fault": {"kind": "motor_open", "where": ["left"]}}, "allowed: one of left, "),
+    ({"request": {}}, "request {}"),
+    ({"signal": {"Body.Gear": [1]}}, "[1]; allowed: 0 to 4"),
     ({"signal": {"Body.Gear": None}}, "None; allowed: 0 to 4"),
     ({"clear": {"fault": {"kind": "motor_open"}}}, "not commanded here (the scenario's go on); allowed: none is"),
     ({"clear": {"set": "slope"}}, "`set` slope: no such quantity"),
@@ -298,7 +307,8 @@ WRONG = [
 
 
 def test_what_is_wrong_is_refused_with_what_is_allowed_and_changes_nothing(tmp_path: Path) -> None:
-    commands = {0.1: [each for each, _ in WRONG[:12]], 0.2: [each for each, _ in WRONG[12:]]}
+    wrong = [each for each, _ in WRONG]
+    commands = {0.1: wrong[:13], 0.2: wrong[13:26], 0.3: wrong[26:]}
     theirs, ecu, said = ran(tmp_path, commands, duration=0.4)
     ours, _, wanted = ran(tmp_path, {}, duration=0.4)
     assert_same(theirs, ours)
@@ -307,6 +317,22 @@ def test_what_is_wrong_is_refused_with_what_is_allowed_and_changes_nothing(tmp_p
         assert isinstance(answer, list), command
         assert words in " | ".join(answer), command
     assert theirs.summary.commands == 0
+
+
+def test_no_more_signals_are_set_than_can_be_cleared_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(operator, "MOST_SIGNALS", 1)
+    speed, gear = {"Body.VehicleSpeed": 1}, {"Body.Gear": 1}
+    commands = [
+        {"signal": {**speed, **gear}},
+        {"signal": speed},
+        {"signal": gear},
+        {"clear": "all"},
+    ]
+    _, ecu, _ = ran(tmp_path, {0.1: commands}, duration=0.2)
+    assert [isinstance(each, list) for each in ecu.answers] == [True, False, True, False]
+    assert "2 signals; allowed: up to 1 at a time" in " | ".join(ecu.answers[0])
 
 
 def test_faults_of_test_bench_and_operator_hold_side_by_side(tmp_path: Path) -> None:

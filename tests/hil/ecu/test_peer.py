@@ -141,6 +141,17 @@ def test_an_ecu_that_says_nothing_at_the_end_sends_nothing(rig: Rig) -> None:
     assert wire.sent == []
 
 
+def test_a_request_after_a_reset_in_the_same_turn_is_made_after_it(rig: Rig) -> None:
+    with adapter_for("echo_ecu:Echo", rig, 2) as adapter:
+        peer = Peer(adapter, wire := Wire())
+        peer.poll(0)
+        assert peer.request("reset")
+        assert peer.request("open")
+        for turn in range(1, 5):
+            peer.poll(turn * 10 * MS)
+        assert any(identifier >= ECHO_REQUEST for identifier, _ in wire.sent)
+
+
 def test_what_it_does_wrong_is_told_with_its_time(rig: Rig) -> None:
     with adapter_for(Told(lambda turn: 5 if turn == 2 else []), rig, 2) as adapter:
         peer = Peer(adapter, Wire())

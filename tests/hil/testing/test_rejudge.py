@@ -100,6 +100,31 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
 
 
+def test_a_reset_of_a_recording_without_the_end_is_not_known_to_have_been_made(
+    tmp_path: Path,
+) -> None:
+    text = """
+duration = 1.0
+[[request]]
+time = 0.3
+action = "reset"
+[[expect]]
+name = "soft"
+always = "pinch_force_n < 100"
+within_s = 0.2
+"""
+    (tmp_path / "s.toml").write_text(text)
+    result = lh.run(tmp_path / "s.toml", record=tmp_path / "run.csv")
+    again = lh.judge([tmp_path / "run.csv"], tmp_path / "s.toml")
+    assert again == dict(result.expectations)
+    lines = (tmp_path / "run.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "cut.csv").write_text("".join(lines[:500]))
+    cut = lh.judge([tmp_path / "cut.csv"], tmp_path / "s.toml")["soft"]
+    assert (cut.verdict, cut.reason) == (
+        "inconclusive", "not in the recording: what the bench has made, to the end at 1 s",
+    )  # fmt: skip
+
+
 TO_THE_END = """
 duration = 4.0
 [[expect]]

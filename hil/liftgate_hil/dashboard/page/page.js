@@ -427,6 +427,9 @@ async function start() {
   takePlot(await (await fetch(path("/api/plot"))).json());
   draw();
   if (isRun && !about.read_only) makeCommands(); else find("commands").hidden = true;
+  const stimuli = about.stimuli || [];
+  find("stimuli").append(...stimuli.map((each) => element("li", {}, each)));
+  find("scenario").hidden = !stimuli.length;
   find("readonly").hidden = !(isRun && about.read_only);
   find("controls").hidden = find("messages").hidden = !isRun;
   document.body.classList.toggle("recording", !isRun);
