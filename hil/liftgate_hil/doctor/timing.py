@@ -20,6 +20,7 @@ FEW = 0.001  # share of periods that may be missed
 MANY = 0.01  # share at which nothing can be tested
 MOTION = 10.0  # s that a gate takes to open and close: the window of many an expectation
 CONCLUSIVE = 0.9  # share of such windows that are to be on time
+LONG = 60.0  # s of a look in which one gap is already too many for that
 _TICK_TIME = 0.5  # s of ticks that are timed
 
 
@@ -29,8 +30,8 @@ class Wakeups(NamedTuple):
     lateness: Distribution
     missed: int  # periods
     periods: int
-    gaps: int = 0  # in which those were missed, one after the other
-    duration: float = math.nan  # s
+    gaps: int  # in which those were missed, one after the other
+    duration: float  # s
 
     @property
     def missed_share(self) -> float:
@@ -251,7 +252,10 @@ def verdict(
             f"fit {found}, but not for tests in real time: {_untimely(modes[best])}; {force}",
             f"test with --clock free or lockstep; {quieter}",
         )
-    return Check("verdict", "ok", f"fit {found}; {force}")
+    if modes[best].duration < LONG:
+        said = f"whether for tests in real time, too, takes --duration {LONG:g} to tell"
+        return Check("verdict", "ok", f"fit {found}; {said}; {force}")
+    return Check("verdict", "ok", f"fit {found}, and for tests in real time; {force}")
 
 
 def _untimely(wakeups: Wakeups) -> str:

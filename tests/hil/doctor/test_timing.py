@@ -15,9 +15,11 @@ WITH, WITHOUT = "with --realtime", "without --realtime"
 CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
 
 
-def wakeups(p999_us: float, missed: int = 0, periods: int = 10_000, gaps: int = 0) -> Wakeups:
+def wakeups(
+    p999_us: float, missed: int = 0, periods: int = 10_000, gaps: int = 0, duration: float = 60.0
+) -> Wakeups:
     lateness = Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us)
-    return Wakeups(lateness, missed, periods, gaps, 60.0)
+    return Wakeups(lateness, missed, periods, gaps, duration)
 
 
 @pytest.mark.parametrize(
@@ -35,11 +37,12 @@ def test_a_dear_tick_lowers_the_rate_and_no_figures_give_none():
 
 
 def test_the_verdict_names_the_rate_the_mode_and_the_force():
+    # 50e-6 s * 0.29 m/s * 10000 N/m = 0.145 N
     check = timing.verdict(1000.0, {WITHOUT: wakeups(900.0), WITH: wakeups(60.0)}, CHEAP, 0)
     assert check.level == "ok"
     assert check.found == (
-        "fit for up to 10000 Hz with --realtime (1000 Hz without --realtime); p99 lateness 50 µs is "
-        "0.14 N of pinch force on the 10 N/mm rod"  # 50e-6 s * 0.29 m/s * 10000 N/m = 0.145 N
+        "fit for up to 10000 Hz with --realtime (1000 Hz without --realtime), and for tests in real time; "
+        "p99 lateness 50 µs is 0.14 N of pinch force on the 10 N/mm rod"
     )
 
 
@@ -66,6 +69,10 @@ def test_a_machine_on_which_most_tests_would_be_inconclusive_is_not_fit_for_them
         "would be inconclusive"
     ) in check.found
     assert "--clock free" in check.advice
+    # A short look without a gap does not tell.
+    short = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, duration=2.0)}, CHEAP, 0)
+    assert short.level == "ok"
+    assert "whether for tests in real time, too, takes --duration 60 to tell" in short.found
     # The mode that is recommended counts.
     seldom = wakeups(50.0, periods=60_000)
     assert timing.verdict(1000.0, {WITHOUT: often, WITH: seldom}, CHEAP, 0).level == "ok"
