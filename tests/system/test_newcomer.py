@@ -265,7 +265,10 @@ def test_recordings_are_played_onto_a_bus(folder: Path, bus: dict[str, str]) -> 
     run("liftgate-hil --bus virtual:any --clock free --duration 21 --record their.asc", folder)
     once = {**bus, "--loop": "--speed 10"}
     told = run(command("liftgate-hil replay their.asc"), folder, once)
-    assert re.match(r"frames sent 9\d{3} of those sent in the recording, in 0\.7\d\d s", told)
+    took = re.match(r"frames sent 9\d{3} of those sent in the recording, in (\d+\.\d+) s", told)
+    # 7 s of the recording at ten times the speed: not sooner; a machine may be late.
+    assert took
+    assert 0.69 < float(took[1]) < 7
 
 
 @pytest.mark.realtime
