@@ -143,6 +143,27 @@ def test_a_signal_that_comes_twice_is_one(tmp_path: Path, number: int) -> None:
     assert (row["left_coast"], row["right_coast"]) == ("1", "1")
 
 
+@pytest.mark.parametrize("number", SIGNALS)
+def test_one_that_comes_again_while_python_ends_changes_nothing(number: int) -> None:
+    code = (
+        "import signal\n"
+        "from liftgate_hil.cli.stopping import StopSignals\n"
+        "class Late:\n"
+        f"    def __del__(self, send=signal.raise_signal): send({int(number)})\n"
+        "late, stop = Late(), StopSignals()\n"
+        f"signal.raise_signal({int(number)})\n"
+        "assert stop()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(
     "command",
     [["--bus", "virtual:x"], ["identify", "nosuch.csv"], ["doctor"]],

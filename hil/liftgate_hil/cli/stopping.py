@@ -88,7 +88,7 @@ class StopSignals:
             return
         self.received, self._since, self._call = number, now, FOREIGN.call()
         signal.signal(signal.SIGALRM, self._look)
-        atexit.register(signal.setitimer, signal.ITIMER_REAL, 0.0)  # it would outlive its handler
+        atexit.register(_ended)
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S, _LOOK_S)
 
     def _look(self, number: int, frame: FrameType | None) -> None:
@@ -99,6 +99,15 @@ class StopSignals:
         self._call = call
         if not call:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _ended() -> None:
+    """What has ended in order has that exit code: Python gives its handlers up when it ends, and the alarm, or the
+    same signal once more, would kill the process then.
+    """
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _end_after(heard: int) -> None:
