@@ -26,11 +26,11 @@ def campaign(work: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
     flags = (
         "--files",
-        "60",
+        "30",
         "--measurements",
-        "40",
+        "20",
         "--recordings",
-        "10",
+        "5",
         "--signals",
         "0",
         "--seed",
@@ -38,13 +38,13 @@ def test_mangled_files_are_told_or_taken(tmp_path: Path) -> None:
     )
     done = campaign(tmp_path, *flags)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "110 cases, 0 with a fault" in done.stdout
+    assert "55 cases, 0 with a fault" in done.stdout
     assert "config exit 0: " in done.stdout
     assert "measurement exit 2: " in done.stdout
     assert "recording exit 2: " in done.stdout
     # What is done is not done again.
     again = campaign(tmp_path, *flags)
-    assert "110 cases, 0 with a fault" in again.stdout
+    assert "55 cases, 0 with a fault" in again.stdout
     assert "exit 2" not in again.stdout
 
 

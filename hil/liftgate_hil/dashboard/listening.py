@@ -10,6 +10,7 @@ import socket
 from liftgate_hil.errors import ConfigError
 
 _TOKEN = "LIFTGATE_HIL_TOKEN"
+_WAITS = 32_768  # bytes of one connection, some 0.3 s of what is told
 _GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
 
 
@@ -19,8 +20,10 @@ def bound(address: tuple[str, int]) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         found = socket.create_server((host, port), family=family, dualstack_ipv6=host == "::")
-        # Connections inherit it; without, an answer may wait 40 ms for the last one's acknowledgement.
+        # Connections inherit these. Without the one, an answer may wait 40 ms for the last one's acknowledgement;
+        # with a buffer as the system has it (some 3 MB), who reads slowly would see what was so 20 s ago.
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WAITS)
         return found
     except (OSError, OverflowError, UnicodeError) as error:
         said = getattr(error, "strerror", None) or str(error)

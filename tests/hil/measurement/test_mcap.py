@@ -22,7 +22,7 @@ from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 writer = pytest.importorskip("mcap.writer")
 
-ROWS = 70_000  # in several chunks
+ROWS = 12_000  # in several chunks
 EPOCH_NS = 1_700_000_000_123_456_789
 
 
