@@ -22,8 +22,8 @@ from liftgate_hil.config.shipped import find_config
 RESTART = Path(__file__).with_name("restart.py")
 PACK = find_config("scenarios", "demo").with_name("pack")
 NAMES = [
-    "undisturbed",
     "stop_button",
+    "motor_short",
     "trap_40deg_10npmm",
     "hand_holds_closing",
     "feedback_counter",
@@ -73,6 +73,7 @@ def judged(names: list[str], rig: Path, folder: Path) -> dict[str, list[dict[str
     return {Path(each["file"]).stem: each["expectations"] for each in scenarios}
 
 
+@pytest.mark.parametrize("seen", [(GATE, BUTTON)], ids=[""], indirect=True)
 def test_the_pack_is_judged_as_on_the_free_clock_or_says_why_not(
     bus: Bus, their: Path, tmp_path: Path
 ) -> None:
