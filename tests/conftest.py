@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
+
+from tests import last_bits
 
 # Before numpy is loaded. Matrices are small here, so that threads of the BLAS only wait for each other:
 # identification takes 47 s of CPU with two of them, and 29 s with one.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+
+if last_bits.seed():
+    last_bits.choose_routines()
 
 # python-can with all of its formats, before anything of ours loads it without asammdf.
 import can  # noqa: E402, F401
@@ -22,3 +28,36 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 pytest.register_assert_rewrite(
     "kills", "tests.hil.identify.many_seeds", "tests.hil.identify.pauses", "tests.system.kills"
 )
+
+if last_bits.seed():
+    last_bits.install()
+
+
+def pytest_report_header() -> str | None:
+    """The line that tells of the switch, where it is on."""
+    return f"{last_bits.VARIABLE}={last_bits.seed()}" if last_bits.seed() else None
+
+
+@pytest.fixture(autouse=True)
+def signals_restored() -> Iterator[None]:
+    """Handlers of signals, after each test as before: a command that is called in the test's process sets its own,
+    and processes that are forked later would not end when they are told to. It may leave a timer, too.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Other last bits within the tests that are for them, fixtures included."""
+    if not last_bits.seed() or not last_bits.is_part(item.path):
+        return (yield)
+    last_bits.activate(True)
+    try:
+        return (yield)
+    finally:
+        last_bits.activate(False)

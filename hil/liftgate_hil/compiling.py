@@ -20,6 +20,7 @@ _CALLED = {
     "walk": "reading of bus logs",
     "note_wakeups": "measurement of lateness",
     "put_lines": "CSV text",
+    "put_messages": "MCAP text",
     "play": "replay",
     "note_truths": "trigger of the recording",
 }
@@ -31,23 +32,31 @@ class _Watcher(compiler.Watcher):
     def __init__(self, listener: Listener, stopped: Callable[[], bool]) -> None:
         self._listener = listener
         self._stopped = stopped
+        self._expected: float | None = None  # s, of what is being compiled
+        self._own = ""  # what this process compiles
 
     def compiles(self, name: str, seconds: float) -> None:
         """See Watcher."""
         if self._stopped():
             raise compiler.GivenUpError
-        self._listener.compiles(f"compiling the {_CALLED.get(name, name)}", seconds)
+        if seconds == 0.0:
+            self._expected = compiler.expected_s(name)
+        self._own = name
+        told = f"compiling the {_CALLED.get(name, name)}"
+        self._listener.compiles(told, seconds, self._expected)
 
     def waits(self, name: str, seconds: float) -> None:
         """See Watcher."""
         if self._stopped():
             raise compiler.GivenUpError
-        self._listener.compiles(
-            f"waiting for another process to compile the {_CALLED.get(name, name)}", seconds
-        )
+        told = f"waiting for another process to compile the {_CALLED.get(name, name)}"
+        self._listener.compiles(told, seconds, None)
 
     def ready(self, name: str, seconds: float) -> None:
         """See Watcher."""
+        if self._own == name:
+            compiler.note_duration(name, seconds)
+            self._own = ""
         self._listener.compiled(_CALLED.get(name, name), seconds)
 
     def not_kept(self, why: str) -> None:

@@ -13,6 +13,7 @@ from liftgate_hil.attachment.description import Description
 from liftgate_hil.attendance import Attendance
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.listener import Listener
+from liftgate_hil.loop.begun import Begun
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.origin import ON_THE_BUS, origin_of
 from liftgate_hil.recording.content import Content
@@ -70,6 +71,8 @@ class Emulator:
     events: Callable[[int], Sequence[Event]] = _no_events  # of the ECU in this process, see Lookout
     stopped: Callable[[], bool] = _never
     attendance: Attendance = field(default_factory=Attendance)
+    begun: Begun | None = None  # where the scene began, once it has
+    _before_start: int = 0  # frames that came before the first phase of a loop in Python was ready
 
     def run(self) -> None:
         """Raises ConfigError, TransportError, OverrunError, PlantDivergedError, RecordingError."""
@@ -129,9 +132,10 @@ class Emulator:
                         realtime=realtime,
                     )
 
-                def begun(phase: Phase) -> Going:
+                def begun(phase: Phase, is_first: bool) -> Going:
                     before = made(phase.scene, memory_for(options.rate))
                     before.takers, before.is_last = [phase.end], False
+                    before.is_first = is_first
                     before.begin()
 
                     def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
@@ -161,13 +165,16 @@ class Emulator:
                 loop.begin()
                 if recorder is not None:
                     recorder.wait_until_ready()
-                self._prepare(begun)
+                has_run = self._prepare(begun)
                 loop.state, loop.lookout = self.state, self._lookout()
+                loop.is_first = not has_run
+                self.begun = Begun.at(self.config, self.state, self.scene)
                 loop.run(self.ticks, self.stopped)
         finally:
             # The counts of the line and the recorder are whole only when they are closed.
             if loop is not None:
                 self.summary = loop.summary()
+                self.summary.apart = self.way.apart
             if recorder is not None:
                 self.summary.recording_lost_rows = recorder.lost_rows
                 self.summary.recordings = recorder.files
@@ -200,9 +207,17 @@ class Emulator:
             def pace() -> RealtimeClock:
                 return RealtimeClock(self.config.step_ns, round(options.overrun_limit * NS))
 
-            def begun(phase: Phase) -> Going:
-                before = Loop(self.config, self.state, phase.scene, transport, takers=[phase.end])
-                before.begin()
+            def begun(phase: Phase, is_first: bool) -> Going:
+                before = Loop(
+                    self.config,
+                    self.state,
+                    phase.scene,
+                    transport,
+                    takers=[phase.end],
+                    command=rig.command_identifier(),
+                )
+                before.begin(is_first)
+                self._before_start += before.before_start
 
                 def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
                     before.state = state
@@ -212,7 +227,7 @@ class Emulator:
                 return go
 
             takers = [*self.takers, *([recording] if recorders else []), *self._shown(name, stack)]
-            self._prepare(begun)
+            has_run = self._prepare(begun)
             loop = Loop(
                 config=self.config,
                 state=self.state,
@@ -223,10 +238,13 @@ class Emulator:
                 lookout=self._lookout(),
                 attendants=self.attendance.attendants(),
                 bitrate=self.way.bitrate(rig),
+                command=rig.command_identifier(),
+                before_start=self._before_start,
             )
             self.listener.starts(f"{self.setup.vehicle_name} on {name}")
-            loop.begin()
+            loop.begin(is_first=not has_run)
             clock = pace()
+            self.begun = Begun.at(self.config, self.state, self.scene)
             try:
                 self._clocked(loop, clock, self.ticks, self.stopped)
             finally:
@@ -236,6 +254,7 @@ class Emulator:
                     recording.flush()
                     timing = Timing(distribution(clock.lateness))
                     self.summary = loop.summary(options.clock, timing)
+                    self.summary.apart = self.way.apart
                     if triggered is not None:
                         self.summary.recording_windows = triggered.count
         self.summary.recordings = [file for each in recorders for file in each.files]
@@ -280,14 +299,17 @@ class Emulator:
             self.listener,
             self.events,
             ticks_before=before,
+            apart=self.way.apart,
         )
 
-    def _prepare(self, begun: Callable[[Phase], Going]) -> None:
-        """The phases before the scene, which begins where they end. All are ready before the first one runs, so
-        that the bus is silent for no longer than it takes to go on. Raises PreconditionError.
+    def _prepare(self, begun: Callable[[Phase, bool], Going]) -> bool:
+        """Run the phases before the scene, which begins where they end; whether there were any. All are ready
+        before the first one runs, so that the bus is silent for no longer than it takes to go on. `begun` makes
+        one, and is told whether it is the first. Raises PreconditionError.
         """
         restbus = None
-        for phase, go in [(each, begun(each)) for each in self.phases]:
+        going = [(phase, begun(phase, place == 0)) for place, phase in enumerate(self.phases)]
+        for phase, go in going:
             self.listener.say(f"before the scenario: {phase.end.what}")
             phase.scene.origin[0] = self.state.tick
             if restbus is not None:
@@ -298,6 +320,7 @@ class Emulator:
         if restbus is not None:
             going_on(restbus, self.scene.restbus)
             self.scene.origin[0] = self.state.tick
+        return bool(going)
 
     def _clocked(
         self,

@@ -88,7 +88,7 @@ class Gate:
         self._faults: list[InjectedFault] = []
         self._ordered: tuple[Fault, ...] = ()  # by frames of a test bench
         self._orders = Orders(rig, _GateTarget(self))
-        self._opening = CLOSED._replace(messages=rig.ordering)
+        self._opening = CLOSED._replace(messages=rig.ordering, may_change=True)
         self._signals: dict[str, float] = {}  # of the restbus
         self._config = session.loop_config_of(vehicle, rig, rate, seed_of(seed))
         angle = session.angle_from(initial, vehicle.gate.open_angle)
@@ -275,8 +275,8 @@ class Gate:
         """
         self._check_open()
         fault = replace(fault_of(kind, where, {"seed": seed, **values}), start=Instant(self.time))
-        # What is wrong with it is told before it counts.
-        self._injections([fault])
+        # What is wrong with it, beside those that there are, is told before it counts.
+        self._injections([*self._ordered, *(each.fault for each in self._faults), fault])
         made = InjectedFault(self, fault)
         self._faults.append(made)
         self._change_scene()

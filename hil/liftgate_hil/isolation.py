@@ -1,28 +1,44 @@
 """Code that may crash, hang or keep statics runs in a process of its own; here is the caller's side of it.
 
-The worker gets a pickled job on stdin and answers through a pipe. Its loop's memory is
-seen from here, so that it is known how far it has come.
+The worker gets a pickled job on stdin and answers over a channel of its own (`processes.answers`). Its loop's
+memory is seen from here, so that it is known how far it has come. Every wait has a deadline.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pickle
 import select
 import signal
+import struct
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from typing import NamedTuple
 
 from liftgate_hil.errors import EcuError
 from liftgate_hil.loop.closed_loop import FRAMES
 from liftgate_hil.loop.rings import Memory
+from liftgate_hil.processes.answers import AnswerChannel, BadAnswerError
+from liftgate_hil.processes.inherited import foreign_output, in_memory
 
 HANG_S = 10.0  # that the ECU may take for a tick, to be made, or to end
-_STOP_S = 1.0  # the same, once it is stopped
+EXIT_S = 3.0  # that the process may take to exit, once it has answered
+SILENT_S = 120.0  # that the rest of the worker may show no sign of life, and as long as the run was
+_STOP_S = 1.0  # that the ECU may take, once the run is stopped
+_KILL_S = 5.0  # that the worker's supervisor may take to end everything
+_STATUS = struct.Struct("i")  # of a process that was waited for
 _LOOK_S = 0.05
 _ROWS = 512  # of a stretch: at most so many are lost with a crash
+
+
+class Answer(NamedTuple):
+    """What a worker has answered."""
+
+    payload: bytes
+    note: str  # what was not as it should be after that; "": nothing
 
 
 def run_isolated(
@@ -31,80 +47,138 @@ def run_isolated(
     step: float,
     stopped: Callable[[], bool] = lambda: False,
     hang_s: float | None = None,
-) -> bytes:
+) -> Answer:
     """The answer of a module, the worker, to a job whose ticks are `step` [s] apart, early if it is `stopped`.
 
-    Raises EcuError where it crashed or hung.
+    Raises EcuError where it crashed or hung, or its answer was spoiled.
     """
-    memory = Memory(_ROWS, FRAMES)
-    answer, given = os.pipe()
-    command = [
-        sys.executable, "-P", "-m", worker,
-        str(_ROWS), str(FRAMES), str(memory.descriptor), str(given),
-    ]  # fmt: skip
-    try:
-        child = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            pass_fds=[memory.descriptor, given],
-            start_new_session=True,  # signals for the caller's group are the caller's business
-        )
-        os.close(given)
-        assert child.stdin is not None
+    shared = Memory(_ROWS, FRAMES, others_write=True)
+    with AnswerChannel() as channel, contextlib.closing(shared) as memory:
+        ended, told = os.pipe()
+        given = in_memory(pickle.dumps((channel.address, sys.path, job)))
         try:
-            with suppress(BrokenPipeError):
-                child.stdin.write(job)
-                child.stdin.close()
-            patience = HANG_S if hang_s is None else hang_s
-            return _answer(child, answer, memory, step, stopped, patience)
+            child = subprocess.Popen(
+                [
+                    sys.executable, "-P", "-m", worker,
+                    str(_ROWS), str(FRAMES), str(memory.descriptor), str(told), str(os.getpid()),
+                ],
+                stdin=given,
+                stdout=foreign_output(),
+                pass_fds=[memory.descriptor, told],
+                start_new_session=True,  # signals for the caller's group are the caller's business
+            )  # fmt: skip
+        except BaseException:
+            os.close(ended)
+            raise
         finally:
-            child.kill()
-            child.wait()
-    finally:
-        os.close(answer)
-        memory.close()
+            os.close(given)
+            os.close(told)
+        try:
+            patience = HANG_S if hang_s is None else hang_s
+            watch = _Watch(child, ended, channel, memory, step, stopped, patience)
+            payload = watch.answer()
+            return Answer(payload, watch.exit_note())
+        finally:
+            _end(child)
+            os.close(ended)
 
 
-def _answer(
-    child: subprocess.Popen[bytes],
-    answer: int,
-    memory: Memory,
-    step: float,
-    stopped: Callable[[], bool],
-    hang_s: float,
-) -> bytes:
-    """What comes through the pipe. Raises EcuError."""
-    parts: list[bytes] = []
-    control = memory.shared.control[0]
-    seen, since = (0, 0), time.monotonic()
-    while True:
-        if stopped():
-            control.stop, hang_s = 1, min(hang_s, _STOP_S)
-        if select.select([answer], [], [], _LOOK_S)[0]:
-            part = os.read(answer, 1 << 20)
-            if not part:
-                break
-            parts.append(part)
-            continue
-        if child.poll() is not None:
-            break  # and whatever it left behind that may hold the pipe
-        now, progress = time.monotonic(), (int(control.tick), int(control.foreign))
-        if progress != seen:
-            seen, since = progress, now
-        elif progress[1] % 2 and now - since > hang_s:
-            raise EcuError(
-                f"the ECU at {progress[0] * step:.3f} s: no answer for {hang_s:g} s", progress[0]
-            )
-    status = child.wait()
-    if not parts:
-        why = f"exit code {status}" if status >= 0 else _signal_name(-status)
-        ticks = int(control.tick)
-        raise EcuError(f"the ECU at {ticks * step:.3f} s: its process ended ({why})", ticks)
-    return b"".join(parts)
+class _Watch:
+    """Waits for a worker's answer and for its exit, and knows when it hangs."""
+
+    def __init__(
+        self,
+        child: subprocess.Popen[bytes],
+        ended: int,
+        channel: AnswerChannel,
+        memory: Memory,
+        step: float,
+        stopped: Callable[[], bool],
+        hang_s: float,
+    ) -> None:
+        self._child, self._ended, self._channel, self._step = child, ended, channel, step
+        self._control = memory.shared.control[0]
+        self._stopped, self._hang_s = stopped, hang_s
+
+    def answer(self) -> bytes:
+        """The worker's answer. Raises EcuError."""
+        seen, since = self._progress(), time.monotonic()
+        while True:
+            self._pass_on_a_stop()
+            # Asked before: what it has sent is there then. Its supervisor may have more to do.
+            is_over = bool(select.select([self._ended], [], [], 0.0)[0])
+            try:
+                payload = self._channel.take(0.0 if is_over else _LOOK_S)
+            except BadAnswerError as error:
+                raise self._failure(f"its process's answer was spoiled: {error}") from error
+            if payload is not None:
+                return payload
+            if is_over:
+                raise self._failure(f"its process ended ({self._end()})")
+            now, progress = time.monotonic(), self._progress()
+            if progress != seen:
+                seen, since = progress, now
+            elif now - since > self._patience():
+                raise self._failure(f"no answer for {self._patience():g} s")
+
+    def _end(self) -> str:
+        """How the worker has ended, in words."""
+        told = os.read(self._ended, _STATUS.size)
+        if len(told) == _STATUS.size:
+            return _end_of(os.waitstatus_to_exitcode(_STATUS.unpack(told)[0]))
+        with contextlib.suppress(subprocess.TimeoutExpired):  # its supervisor was ended, too
+            return _end_of(self._child.wait(_KILL_S))
+        return "nobody knows how"
+
+    def exit_note(self) -> str:
+        """Wait until the process that has answered exits; "": it does, else what is told of it."""
+        until = time.monotonic() + EXIT_S
+        while time.monotonic() < until:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.wait(_LOOK_S)
+                return ""
+            if self._stopped():
+                until = min(until, time.monotonic() + _STOP_S)
+        return f"the ECU's process did not exit within {EXIT_S:g} s after the run, and was killed"
+
+    def _progress(self) -> tuple[int, int, int]:
+        control = self._control
+        return int(control.tick), int(control.foreign), int(control.beats)
+
+    def _patience(self) -> float:
+        """How long [s] there may be no progress now."""
+        if int(self._control.foreign) % 2:
+            return self._hang_s
+        return SILENT_S + int(self._control.tick) * self._step
+
+    def _pass_on_a_stop(self) -> None:
+        if self._stopped():
+            self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
+
+    def _failure(self, what: str) -> EcuError:
+        """What went wrong: with the ECU while its own code runs, else with the run's process."""
+        ticks, is_foreign = int(self._control.tick), int(self._control.foreign) % 2
+        who = "the ECU" if is_foreign else "the run's process"
+        return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)
 
 
-def _signal_name(number: int) -> str:
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End a worker with all that it has started: its supervisor does that, or its group is killed."""
+    if child.poll() is None:
+        child.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(_KILL_S)
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child.pid, signal.SIGKILL)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        child.wait(_KILL_S)
+
+
+def _end_of(status: int) -> str:
+    """How a process has ended, in words."""
+    if status >= 0:
+        return f"exit code {status}"
     try:
-        return signal.Signals(number).name
+        return signal.Signals(-status).name
     except ValueError:  # a real-time signal
-        return f"signal {number}"
+        return f"signal {-status}"

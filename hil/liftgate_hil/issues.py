@@ -18,13 +18,20 @@ class ConfigIssues:
         self.source = source
         self.lines: list[str] = []
         self.untold = 0  # faults beyond MOST
-        self._origins = origins or {}
+        self._origins = dict(origins or {})
         self._settled: set[str] = set()
 
     def add(self, key: str, message: str) -> None:
         """Note a fault of a key."""
         if key not in self._settled:
-            self.take([f"{self._called(key)}: {message}"])
+            self.take([f"{self.called(key)}: {message}"])
+
+    def add_of(self, source: str, key: str, message: str) -> None:
+        """Note a fault of a key of another source; "": of this one."""
+        if source in ("", self.source):
+            self.add(key, message)
+        else:
+            self.take([f"{source}: {key}: {message}"])
 
     def take(self, lines: Iterable[str]) -> None:
         """Note faults that are whole lines already."""
@@ -40,6 +47,15 @@ class ConfigIssues:
         """Nothing more is told of a key: what is wrong with its value is told elsewhere."""
         self._settled.add(key)
 
+    def originate(self, key: str, called: str) -> None:
+        """Have messages call a key so from now on: its value is not from this source."""
+        self._origins[key] = called
+
+    def unsettled(self, lines: Iterable[str]) -> list[str]:
+        """Those of whole lines of the same source that are not about a key that is settled."""
+        settled = tuple(f"{self.called(key)}: " for key in self._settled)
+        return [line for line in lines if not line.startswith(settled)]
+
     @property
     def count(self) -> int:
         """How many there are."""
@@ -52,7 +68,8 @@ class ConfigIssues:
         if self.lines:
             raise ConfigError(self.lines)
 
-    def _called(self, key: str) -> str:
+    def called(self, key: str) -> str:
+        """What messages call a key: with its source, or where its value is from."""
         for place, called in self._origins.items():
             if key == place or key.startswith((f"{place}.", f"{place}[")):
                 return called + key[len(place) :]

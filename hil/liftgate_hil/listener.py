@@ -37,8 +37,10 @@ class Listener:
     def status(self, status: Status) -> None:
         """Where it is, a few times a second."""
 
-    def compiles(self, name: str, seconds: float) -> None:
-        """Many times a second: it waits for machine code, for so long already."""
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Told many times a second while it waits for machine code, for so long already; it took `expected` [s]
+        the last time, where that is known.
+        """
 
     def compiled(self, name: str, seconds: float) -> None:
         """That is over."""

@@ -8,6 +8,7 @@ signal is a field of `Sensed`, and with that a column, and an output that a rig 
 from __future__ import annotations
 
 from collections import namedtuple
+from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
 from liftgate_plant.signals import (
@@ -173,20 +174,30 @@ BUS_INPUTS: dict[str, Signal] = {**signals_of(Command), **PANEL}
 _SENSED = signals_of(Sensed)
 _TRUTH = signals_of(Truth)
 
-_GIVEN = {bus_name(name, signal) for name, signal in _SENSED.items()} | {*Status._fields}
+TRUE_PREFIX = "true_"
 
 
 def _true_name(column: str, signal: Signal) -> str:
-    """What a rig calls a quantity of the truth: by its plain name what neither a sensor nor the loop gives."""
-    name = bus_name(column, signal)
-    return f"true_{name}" if name in _GIVEN else name
+    """What a rig calls a quantity of the truth. Always so, whether or not a sensor gives it: a sensor that is
+    added takes a plain name that nobody has.
+    """
+    return TRUE_PREFIX + bus_name(column, signal)
 
 
 _Parts = dict[str, dict[str, Signal]]  # what a table is made of: parts with their signals
 
 
-def _whole(parts: _Parts) -> dict[str, Signal]:
-    return {name: signal for part in parts.values() for name, signal in part.items()}
+def whole(parts: Mapping[str, Mapping[str, Signal]]) -> dict[str, Signal]:
+    """The signals of all parts in their order. Raises ValueError where a name stands twice: one would take the
+    other's meaning, and all behind it another's place.
+    """
+    found: dict[str, Signal] = {}
+    for part in parts.values():
+        for name, signal in part.items():
+            if name in found:
+                raise ValueError(f"{name}: two signals have this name; allowed: one")
+            found[name] = signal
+    return found
 
 
 def _starts(name: str, parts: _Parts) -> Any:
@@ -210,7 +221,15 @@ _OUTPUTS: _Parts = {
     "timing": signals_of(Timing),
     "edges": signals_of(EdgeTimes),
 }
-BUS_OUTPUTS: dict[str, Signal] = _whole(_OUTPUTS)
+BUS_OUTPUTS: dict[str, Signal] = whole(_OUTPUTS)
+
+
+def renamed_output(name: str) -> str:
+    """The name of an output that was called `name`, a quantity of the truth that no sensor gives; "": none was."""
+    is_old = name not in BUS_OUTPUTS and TRUE_PREFIX + name in BUS_OUTPUTS
+    return TRUE_PREFIX + name if is_old else ""
+
+
 INPUT_COUNT = len(BUS_INPUTS)
 OUTPUT_COUNT = len(BUS_OUTPUTS)
 
@@ -229,7 +248,7 @@ _RECORDED: _Parts = {
     "sensed": {SENSED_PREFIX + name: signal for name, signal in _SENSED.items()},
     "bench": signals_of(Bench),
 }
-COLUMNS: dict[str, Signal] = _whole(_RECORDED)
+COLUMNS: dict[str, Signal] = whole(_RECORDED)
 COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
 ROW_WIDTH = len(COLUMNS)
 COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}

@@ -12,7 +12,7 @@ from liftgate_hil.codec.watch import signal_unit
 from liftgate_hil.conditions.condition import Condition
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config.bus_fault import bus_faults_in
-from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, SIDES
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE, MESSAGE, SIDES
 from liftgate_hil.config.restbus import changes_in, pressed
 from liftgate_hil.config.scenario import Fault, Scenario
 from liftgate_hil.config.toml import show
@@ -28,13 +28,14 @@ from liftgate_hil.diagnostics.tester import (
 )
 from liftgate_hil.identify.parameters import find_parameter, value_of, with_value
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.judging.fault_times import TimedFault
 from liftgate_hil.judging.judge import Expected, codes_of, expected_of
 from liftgate_hil.loop.simulation import Offline
 from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.recording.trigger import Trigger, trigger_of
 from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.faults import ADD, SET, Edit, Injection
-from liftgate_hil.stimuli.moments import Instant, Moments
+from liftgate_hil.stimuli.moments import NEVER, Instant, Moments
 from liftgate_hil.stimuli.requests import Request, Requests, by_the_clock
 from liftgate_hil.stimuli.restbus import NO_BUS, SignalChange
 from liftgate_hil.stimuli.scene import Scene, scene_of
@@ -157,10 +158,8 @@ def off_not_made(scenario: Scenario, injected: Collection[str]) -> str:
     )
 
 
-def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
-    """The constants of `simulate`, at a step [s], with a row of every so many: a gate that is not latched, and
-    has no bus. Raises ConfigError.
-    """
+def offline_of(setup: Setup, step: float) -> Offline:
+    """The constants of `simulate`, at a step [s]: an unlatched gate without a bus. Raises ConfigError."""
     scene = _scene(setup.scenario, setup.vehicle, (), None)
     constants = constants_of(setup.vehicle)
     released = constants._replace(load=constants.load._replace(latch_released=1.0))
@@ -173,7 +172,6 @@ def offline_of(setup: Setup, step: float, every: int = 1) -> Offline:
         row=np.full((1, ROW_WIDTH), math.nan),
         nothing=no_frames(),
         step=step,
-        every=every,
         seed=setup.seed,
     )
 
@@ -189,7 +187,24 @@ def expected_in(setup: Setup, rig: Rig) -> Expected:
         scenario.source,
         scenario.awaited(),
         rig.diagnostics,
+        _timed_faults(scenario.faults, rig),
     )
+
+
+def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
+    """When faults are in force, and which time-out of the rig's they are to outlast: that of the message that they
+    act on, else that of the drive command, in which an ECU answers.
+    """
+    if not rig.inputs:
+        return []
+    found = []
+    for each in faults:
+        is_of_message = FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None
+        bridge = str(each.where) if is_of_message else rig.command_message()
+        least = 1e-3 * rig.timeout_ms(bridge)
+        name = f"{each.key.partition(': ')[2] or each.key} ({each.kind})"
+        found.append(TimedFault(name, each.start, each.end, each.length, least, bridge))
+    return found
 
 
 def trigger_in(setup: Setup, rig: Rig, options: RunOptions) -> Trigger | None:
@@ -211,7 +226,8 @@ def alone(requests: Sequence[Request]) -> tuple[Requests, Moments]:
     issues = ConfigIssues("")
     for each in requests:
         if each.when.condition:
-            said = f"{each.when.key or 'request'}: {each.when.condition}"
+            file = f"{each.when.source}: " if each.when.source else ""
+            said = f"{file}{each.when.key or 'request'}: {each.when.condition}"
             issues.take([f"{said}: allowed: a time, as the gate is in another process"])
     issues.raise_if_any()
     return by_the_clock(requests)
@@ -278,10 +294,10 @@ def _conditions(
                 lambda name: None if messages is None else signal_unit(messages, name),
             )
         except ValueError as error:
-            issues.add(instant.key, str(error))
+            issues.add_of(instant.source, instant.key, str(error))
             return Condition(instant.condition, ())
         for said in found.beyond(vehicle.drives):
-            issues.add(instant.key, said)
+            issues.add_of(instant.source, instant.key, said)
         return found
 
     return made
@@ -309,7 +325,7 @@ def _injections(
     restbus: Collection[str] = (),
 ) -> list[Injection]:
     """The same, one for each; of those that there are issues with what could be made out."""
-    changed = [_changed_by(each, vehicle, issues) for each in faults]
+    changed = [_changed_by(each, vehicle, faults, issues) for each in faults]
     found = []
     for fault, own in zip(faults, changed, strict=True):
         others = [
@@ -325,7 +341,8 @@ def _injections(
             edits.append(Edit(name, ADD, after - before) if is_shared else Edit(name, SET, after))
         times = (fault.start, fault.end, fault.period, fault.share)
         ramp = float(fault.values.get("ramp_s") or 0.0)
-        found.append(Injection(tuple(edits), *times, ramp=ramp, bus=on_bus))
+        made = Injection(tuple(edits), *times, ramp=ramp, bus=on_bus, length=fault.length)
+        found.append(made)
     return found
 
 
@@ -342,27 +359,71 @@ def _edits(fault: Fault, vehicle: Vehicle, issues: ConfigIssues) -> list[Edit]:
     return [edit for side in sides for edit in kind.edits(fault.values, side)]
 
 
+def _with_others(fault: Fault, changed: Vehicle, faults: Sequence[Fault]) -> Vehicle:
+    """The vehicle with all values of the faults that are in force whenever that one is, as magnets that lose their
+    flux change both constants of a motor at once; of those that could not be, without.
+    """
+    for other in faults:
+        key = other.values.get("key")
+        if other.kind != "parameter" or key in (fault.values["key"], *_FIXED):
+            continue
+        if not _is_in_force_with(other, fault):
+            continue
+        try:
+            parameter = find_parameter(changed, str(key))
+        except ValueError:
+            continue
+        value = float(other.values["value"])
+        if parameter.quantity.allows(value):
+            changed = with_value(changed, parameter, value)
+    return changed
+
+
+def _is_in_force_with(other: Fault, fault: Fault) -> bool:
+    """Whether a fault is in force, with all of its value, whenever another one is, or goes along with its ramp."""
+    starts, ends = other.start, other.end
+    ramp, own_ramp = (float(each.values.get("ramp_s") or 0.0) for each in (other, fault))
+    is_timed = not (starts.condition or ends.condition or fault.start.condition)
+    begins_before = is_timed and starts.time + ramp <= fault.start.time
+    begins_with = _is_same(starts, fault.start) and ramp == own_ramp
+    lasts = ends == NEVER or _is_same(ends, fault.end)
+    if not lasts and not (ends.condition or fault.end.condition):
+        lasts = ends.time >= fault.end.time
+    is_steady = other.period == 0.0 or other.share >= 1.0
+    beats_with = (other.period, other.share) == (fault.period, fault.share)
+    if beats_with and not is_steady:
+        return begins_with and lasts
+    return is_steady and (begins_with or begins_before) and lasts
+
+
+def _is_same(one: Instant, other: Instant) -> bool:
+    return (one.time, one.condition, one.delay) == (other.time, other.condition, other.delay)
+
+
 def _changed_by(
-    fault: Fault, vehicle: Vehicle, issues: ConfigIssues
+    fault: Fault, vehicle: Vehicle, faults: Sequence[Fault], issues: ConfigIssues
 ) -> dict[str, tuple[float, float]]:
-    """Which constants another value of a key of the vehicle file changes, from what to what."""
+    """Which constants another value of a key of the vehicle file changes, from what to what; it is checked
+    together with those of these faults that are in force whenever it is.
+    """
     if fault.kind != "parameter":
         return {}
     key, value = fault.values["key"], float(fault.values["value"])
+    value_key = fault.value_key or f"{fault.key}.value"
     try:
         parameter = find_parameter(vehicle, key)
     except ValueError as error:
         issues.take([f"{fault.key}.key: {show(key)}: {error}"])
         return {}
     quantity = parameter.quantity
-    if not quantity.low <= value <= quantity.high:
-        allowed = f"{quantity.low:g} to {quantity.high:g} {quantity.unit}".strip()
-        issues.take([f"{fault.key}.value: {value:g} is out of range; allowed: {allowed}"])
+    if not quantity.allows(value):
+        allowed = f"{quantity.range} {quantity.unit}".strip()
+        issues.take([f"{value_key}: {value:g} is out of range; allowed: {allowed}"])
         return {}
     changed = with_value(vehicle, parameter, value)
-    wrong = [_FIXED[key]] if key in _FIXED else faults_with(changed)
+    wrong = [_FIXED[key]] if key in _FIXED else faults_with(_with_others(fault, changed, faults))
     if wrong:
-        issues.take([f"{fault.key}.value: {key} = {value:g}: {each}" for each in wrong])
+        issues.take([f"{value_key}: {key} = {value:g}: {each}" for each in wrong])
         return {}
     before, after = numbers_of(constants_of(vehicle)), numbers_of(constants_of(changed))
     found = {

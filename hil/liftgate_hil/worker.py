@@ -1,45 +1,93 @@
 """A run in a process of its own: the worker's side of `isolation`.
 
-python -P -m liftgate_hil.worker ROWS FRAMES MEMORY ANSWER       sizes, then descriptors; the job is on stdin
+python -P -m liftgate_hil.worker ROWS FRAMES MEMORY TOLD CALLER      address and job are on stdin
+
+ROWS and FRAMES are sizes, MEMORY and TOLD descriptors (see `supervise`), CALLER is the process that waits.
+Before any foreign code runs, the process splits into a supervisor and the worker itself, and the worker holds no
+descriptor that its caller listens to.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import pickle
-import signal
 import sys
+import traceback
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from liftgate_hil.errors import LiftgateError
-from liftgate_hil.loop.rings import Memory
-from liftgate_hil.runs.in_process import run_job
-from liftgate_hil.runs.job import Job
+from liftgate_hil.errors import EcuError, LiftgateError, text_of
+from liftgate_hil.processes.answers import send_answer
+from liftgate_hil.processes.supervisor import dies_with_parent, supervise
 
-_PDEATHSIG = 1  # PR_SET_PDEATHSIG
+if TYPE_CHECKING:
+    from liftgate_hil.loop.rings import Memory
+
+_CANNOT_ANSWER = 71  # exit code (EX_OSERR, sysexits.h)
 
 
 def main() -> int:
     """Run the job; its result, or what was raised, is the answer."""
-    ctypes.CDLL(None).prctl(
-        _PDEATHSIG, signal.SIGKILL, 0, 0, 0
-    )  # nobody is left who waits for the answer
-    rows, frames, descriptor, answer = (int(each) for each in sys.argv[1:5])
-    job: Job = pickle.loads(sys.stdin.buffer.read())
-    for each in (descriptor, answer):
-        os.set_inheritable(each, False)  # by what an ECU starts
-    if ":" in str(job.ecu):
-        sys.path.append(str(Path.cwd()))  # last, as for an ECU in the first process
-    memory = Memory(rows, frames, descriptor)
-    result: object
+    rows, frames, descriptor, told, caller = (int(each) for each in sys.argv[1:6])
+    dies_with_parent(caller)  # nobody is left who waits for the answer
+    supervise(ends_at_once=True, told=told)
+    from liftgate_hil.loop.rings import Memory
+
+    memory = Memory(rows, frames, descriptor, others_write=True)
+    os.close(descriptor)
+    address, path, job = pickle.loads(sys.stdin.buffer.read())
+    # Last, so that a module of an ECU's does not stand for one that this program needs.
+    sys.path += [each for each in (*path, str(Path.cwd())) if each and each not in sys.path]
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    result = _result_of(job, memory)
     try:
-        result = run_job(job, (), lambda: bool(memory.shared.control.stop[0]), memory)
-    except LiftgateError as error:
-        result = error
-    with os.fdopen(answer, "wb") as stream:
-        pickle.dump(result, stream)
+        send_answer(address, pickle.dumps(result))
+    except OSError as error:
+        print(f"liftgate-hil: the run's answer could not be sent: {error}", file=sys.stderr)
+        return _CANNOT_ANSWER
     return 0
+
+
+def _result_of(pickled: bytes, memory: Memory) -> object:
+    """The result of a pickled job, or the error that ended it."""
+    from liftgate_hil.runs.in_process import run_job
+    from liftgate_hil.runs.job import Job
+
+    control = memory.shared.control
+
+    def stopped() -> bool:
+        control.beats += 1
+        return bool(control.stop[0])
+
+    rate = 1.0
+    try:
+        job: Job = pickle.loads(pickled)
+        rate = job.options.rate
+        return run_job(job, (), stopped, memory)
+    except LiftgateError as error:
+        return error
+    except BaseException as error:  # an exit or an interrupt that foreign code raised, too
+        said = f"{type(error).__name__}: {text_of(error)}".rstrip(": ")
+        who = "the ECU"
+        if _is_ours(error):
+            traceback.print_exception(error)
+            who = "the run's process"
+        ticks = int(control.tick[0])
+        return EcuError(f"{who} at {ticks / rate:.3f} s: {said}{_place_of(error)}", ticks)
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Whether an error is of this program's own code, not of an ECU's."""
+    calls = traceback.extract_tb(error.__traceback__)
+    own = str(Path(__file__).resolve().parent)
+    return bool(calls) and str(Path(calls[-1].filename).resolve()).startswith(own)
+
+
+def _place_of(error: BaseException) -> str:
+    calls = traceback.extract_tb(error.__traceback__)
+    return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""
 
 
 if __name__ == "__main__":

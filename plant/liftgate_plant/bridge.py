@@ -31,7 +31,15 @@ class Bridge(NamedTuple):
         float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")
     ] = 0.7
     pwm_frequency: Annotated[
-        float, Quantity("f", "Hz", 0.0, 1e6, "of the switching; 0: its mean alone")
+        float,
+        Quantity(
+            "f",
+            "Hz",
+            0.0,
+            1e6,
+            "of the switching, quick beside the motor; 0: its mean alone",
+            least=1e3,
+        ),
     ] = 0.0
     freewheeling: Annotated[
         str, choice(FREEWHEELING, "what the current takes while the PWM is off")

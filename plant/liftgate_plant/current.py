@@ -17,11 +17,14 @@ class Switching(NamedTuple):
     ripple: float  # A², mean square
     above: float  # A, its highest value
     below: float  # A, its lowest, negative
-    drawn: float  # the source's mean current by the motor's
-    while_on: float  # the source's current while the PWM is on, by the motor's mean; 0: never on
+    # The source's current, its mean and that while the PWM is on: a share of the motor's mean, and A beside that.
+    drawn: float
+    drawn_beside: float
+    while_on: float  # 0: never on
+    on_beside: float
 
 
-NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CurrentPath(NamedTuple):
@@ -67,6 +70,19 @@ def scaled(path: CurrentPath, factor: float) -> CurrentPath:
         factor * path.end,
         factor * path.mean,
         factor * path.amplitude,
+        path.decay,
+        path.switching,
+    )
+
+
+@compilable
+def shifted(path: CurrentPath, current: float) -> CurrentPath:
+    """A current and another one [A] that does not change."""
+    return CurrentPath(
+        path.start + current,
+        path.end + current,
+        path.mean + current,
+        path.amplitude,
         path.decay,
         path.switching,
     )

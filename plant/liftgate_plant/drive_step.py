@@ -9,7 +9,7 @@ from liftgate_plant import clutch, cutout, dynamics, electrics, friction, therma
 from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.current import CurrentPath, effective, held
-from liftgate_plant.dynamics import Drive, DriveState
+from liftgate_plant.dynamics import Drive, DriveState, Frictions, Place, Plant, State
 from liftgate_plant.electrics import Electric
 from liftgate_plant.gate_step import Midpoint, Motion
 
@@ -30,6 +30,94 @@ class Stretch(NamedTuple):
     extension: float
     rate: float
     rate_end: float
+
+
+class Shaft(NamedTuple):
+    """A drive's shaft: speed [rev/s] and position [rev]."""
+
+    speed: float
+    position: float
+
+
+_SOON = 0.5  # of a step, within which a shaft must stop to be taken as one that does
+_DOMINATES = 10.0  # so many times all other torque on it is the friction that stops it
+
+
+@compilable
+def stops_within(drive: Drive, state: DriveState, nominal: float, step: float) -> float:
+    """After which share of a step dry friction alone stops a shaft; 1: it does not, or not soon."""
+    momentum = 2.0 * math.pi * drive.inertia * abs(state.speed)
+    impulse = nominal * friction.level(drive.friction, state.speed) * step
+    if momentum == 0.0 or momentum > _SOON * impulse:
+        return 1.0
+    return momentum / impulse
+
+
+@compilable
+def goes_on(drive: Drive, state: DriveState, nominal: float, step: float) -> bool:
+    """Whether a shaft rests, or even the greatest dry friction of its law does not stop it soon."""
+    most = nominal * drive.friction.coulomb * drive.friction.static_ratio * step
+    return 2.0 * math.pi * drive.inertia * abs(state.speed) >= _SOON * most or state.speed == 0.0
+
+
+@compilable
+def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: float) -> Shaft:
+    """A shaft that a great friction stops early in the step, as a spindle that jams: at rest where it comes to,
+    in place of one whose speed goes to zero on a straight line all through the step. The EMF that it has until
+    then is left out: the winding has forgotten it at the step's end.
+    """
+    share = stops_within(drive, state, nominal, step)
+    other = dynamics.torque_constant(drive, state) * abs(state.current)
+    other += drive.torque_per_force * abs(dynamics.drive_force(drive, state, place))
+    limit = nominal * friction.level(drive.friction, state.speed)
+    if share == 1.0 or limit < _DOMINATES * other:
+        return Shaft(state.speed, state.position)
+    return Shaft(0.0, state.position + 0.5 * share * state.speed * step)
+
+
+@compilable
+def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> tuple[Shaft, Shaft]:
+    """Both shafts at a step's start, `slowed` where they stop early in it."""
+    left, right = state.left, state.right
+    if goes_on(plant.left, left, frictions.left, step) and goes_on(
+        plant.right, right, frictions.right, step
+    ):
+        return Shaft(left.speed, left.position), Shaft(right.speed, right.position)
+    places = dynamics.places_of(plant, state)
+    return (
+        slowed(plant.left, left, places.left, frictions.left, step),
+        slowed(plant.right, right, places.right, frictions.right, step),
+    )
+
+
+@compilable
+def with_shaft(state: DriveState, shaft: Shaft) -> DriveState:
+    """A drive with that speed and position of its shaft."""
+    return DriveState(
+        state.current,
+        shaft.speed,
+        shaft.position,
+        state.winding_temperature,
+        state.housing_temperature,
+        state.cutout_temperature,
+        state.slip,
+    )
+
+
+@compilable
+def stopping(plant: Plant, state: State, frictions: Frictions, step: float) -> State:
+    """The state at a step's start, with shafts at rest that stop early in it."""
+    left, right = shafts_at(plant, state, frictions, step)
+    return State(
+        with_shaft(state.left, left),
+        with_shaft(state.right, right),
+        state.gate_angle,
+        state.gate_rate,
+        state.latched,
+        state.twist,
+        state.twist_rate,
+        state.latch,
+    )
 
 
 @compilable

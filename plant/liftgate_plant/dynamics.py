@@ -48,9 +48,10 @@ from liftgate_plant.gate import Linkage
 from liftgate_plant.latch import NOT_LATCHED, Claw, LatchState
 from liftgate_plant.motor import Motor
 from liftgate_plant.obstacle import Obstacle
-from liftgate_plant.pwm import SLOW, Chopper, course
+from liftgate_plant.pwm import FAST, NO_COURSE, SLOW, Chopper, Course
 from liftgate_plant.seal import Seal
 from liftgate_plant.spring import Spring
+from liftgate_plant.switching import Fed, courses, drawn_share
 from liftgate_plant.thermal import Thermal
 from liftgate_plant.torsion import Torsion, is_rigid, share_at
 from liftgate_plant.transmission import Mechanism
@@ -414,9 +415,10 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
 
 
 @compilable
-def is_switched(drive: Drive, duty: float) -> bool:
-    """Whether diodes take a part of each period of the PWM, so that the mean is not the duty's alone."""
-    return drive.pwm_period > 0.0 and drive.freewheeling != SLOW and 0.0 < abs(duty) < 1.0
+def is_chopped(drive: Drive, given: DriveInput) -> bool:
+    """Whether a drive's bridge switches, so that its PWM is taken by more than its mean."""
+    draws = drive.active != 0.0 and given.coast == 0.0
+    return draws and drive.pwm_period > 0.0 and 0.0 < abs(given.duty) < 1.0
 
 
 @compilable
@@ -490,29 +492,51 @@ def chopper_of(drive: Drive, resistance: float) -> Chopper:
 
 
 @compilable
-def source_share(drive: Drive, state: DriveState, duty: float, supply_voltage: float) -> float:
-    """The source's current by the motor's: the duty, but where diodes take a part of each period."""
-    if not is_switched(drive, duty):
-        return duty
-    along, emf = math.copysign(1.0, duty), emf_constant(drive, state) * state.speed
-    chopper = chopper_of(drive, line_resistance(drive, state))
-    now = course(chopper, abs(duty), supply_voltage, along * emf)
-    return duty if now.mean == 0.0 else along * now.drawn / now.mean
+def fed_of(drive: Drive, state: DriveState, given: DriveInput, resistance: float) -> Fed:
+    """A drive's bridge on the source, with that resistance [Ω] in the motor's line; none that coasts."""
+    draws = drive.active != 0.0 and given.coast == 0.0
+    emf = emf_constant(drive, state) * state.speed - given.voltage
+    duty = given.duty if draws else 0.0
+    return Fed(chopper_of(drive, resistance), duty, emf, state.current)
+
+
+@compilable
+def drawn_now(drive: Drive, state: DriveState, given: DriveInput, now: Course) -> float:
+    """What a drive takes from the source [A] in the mean of a period. A current that is not yet that of its course
+    is beside it by the same all through the period.
+    """
+    if given.duty == 0.0 or given.coast != 0.0 or drive.active == 0.0:
+        return 0.0
+    if not is_chopped(drive, given):
+        return given.duty * state.current
+    share = drawn_share(drive.pwm_period, drive.freewheeling, given.duty)
+    return now.drawn + share * (math.copysign(1.0, given.duty) * state.current - now.mean)
 
 
 @compilable
 def motor_voltage(
-    drive: Drive, state: DriveState, drive_input: DriveInput, terminal_voltage: float
+    drive: Drive,
+    state: DriveState,
+    given: DriveInput,
+    terminal_voltage: float,
+    source_resistance: float,
+    now: Course,
 ) -> float:
-    """What is on the motor's terminals [V]; a coasting motor without current shows its back-EMF."""
+    """What is on the motor's terminals [V], its mean over a period of the PWM; a coasting motor without current
+    shows its back-EMF.
+    """
     if drive.active == 0.0:
         return 0.0
     emf = emf_constant(drive, state) * state.speed
-    if drive_input.coast == 0.0:
+    if given.coast == 0.0:
         contacts = drive.line.resistance * state.current
-        if is_switched(drive, drive_input.duty):
-            return line_resistance(drive, state) * state.current + emf - contacts
-        return drive_input.voltage + drive_input.duty * terminal_voltage - contacts
+        is_mean = drive.freewheeling == SLOW and source_resistance == 0.0
+        if is_chopped(drive, given) and not is_mean:
+            along = math.copysign(1.0, given.duty)
+            beyond = along * now.mean - state.current
+            sag = source_resistance * time_on_source(drive, given.duty) * beyond
+            return line_resistance(drive, state) * along * now.mean + emf + sag - contacts
+        return given.voltage + given.duty * terminal_voltage - contacts
     limit = terminal_voltage + 2.0 * drive.diode_drop
     if state.current > 0.0:
         return -limit
@@ -522,17 +546,36 @@ def motor_voltage(
 
 
 @compilable
+def time_on_source(drive: Drive, duty: float) -> float:
+    """For which share of its period a bridge's current goes through the source, if it flows on."""
+    if drive.pwm_period > 0.0 and drive.freewheeling == FAST:
+        return 1.0
+    return abs(duty)
+
+
+@compilable
+def courses_of(plant: Plant, state: State, inputs: Inputs) -> tuple[Course, Course]:
+    """Both currents' courses, as long as speeds and source stay as they are; nothing where no bridge switches."""
+    if not (is_chopped(plant.left, inputs.left) or is_chopped(plant.right, inputs.right)):
+        return NO_COURSE, NO_COURSE
+    ohms_l = line_resistance(plant.left, state.left)
+    ohms_r = line_resistance(plant.right, state.right)
+    left = fed_of(plant.left, state.left, inputs.left, ohms_l)
+    right = fed_of(plant.right, state.right, inputs.right, ohms_r)
+    return courses(left, right, inputs.load.supply_voltage, plant.source_resistance)
+
+
+@compilable
 def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
     """What the state shows under these inputs; φ̈ is that of (3.15), where (3.44) takes it from the spindle's."""
     places, rate = places_of(plant, state), state.gate_rate
     inputs = past_the_lines(plant, given)
+    now_l, now_r = courses_of(plant, state, inputs)
     terminal = supply.terminal_voltage(
         inputs.load.supply_voltage,
         plant.source_resistance,
-        source_share(plant.left, state.left, inputs.left.duty, inputs.load.supply_voltage),
-        state.left.current,
-        source_share(plant.right, state.right, inputs.right.duty, inputs.load.supply_voltage),
-        state.right.current,
+        drawn_now(plant.left, state.left, inputs.left, now_l),
+        drawn_now(plant.right, state.right, inputs.right, now_r),
     )
     if plant.source_open != 0.0:
         terminal = 0.0
@@ -550,8 +593,12 @@ def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
     return Outputs(
         drive_force(plant.left, state.left, places.left),
         drive_force(plant.right, state.right, places.right),
-        motor_voltage(plant.left, state.left, inputs.left, terminal),
-        motor_voltage(plant.right, state.right, inputs.right, terminal),
+        motor_voltage(
+            plant.left, state.left, inputs.left, terminal, plant.source_resistance, now_l
+        ),
+        motor_voltage(
+            plant.right, state.right, inputs.right, terminal, plant.source_resistance, now_r
+        ),
         pinch_of(plant, state, inputs.load),
         terminal,
         acceleration,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from liftgate_plant import bridge, dynamics, supply
+from liftgate_plant import bridge, dynamics
 from liftgate_plant.bridge import CUT, Coasting, DriveInput
 from liftgate_plant.compiler import compilable
 from liftgate_plant.current import NO_SWITCHING, CurrentPath, Switching
@@ -13,14 +13,15 @@ from liftgate_plant.dynamics import (
     Drive,
     DriveState,
     Inputs,
+    Load,
     Place,
     Plant,
     State,
-    chopper_of,
     emf_constant,
-    is_switched,
+    fed_of,
+    is_chopped,
     resistances_soon,
-    source_share,
+    time_on_source,
 )
 from liftgate_plant.friction import level
 from liftgate_plant.motor import (
@@ -35,7 +36,8 @@ from liftgate_plant.motor import (
     solve_windings,
     transient_of,
 )
-from liftgate_plant.pwm import SLOW, course
+from liftgate_plant.pwm import NO_COURSE, SLOW, Course
+from liftgate_plant.switching import courses, drawn_share
 
 
 class Electric(NamedTuple):
@@ -65,6 +67,13 @@ NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @compilable
+def resistance_soon(drive: Drive, state: DriveState, step: float) -> float:
+    """R [Ω] of all that the motor's current goes through, at its temperatures in the middle of the step."""
+    by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
+    return by_winding + by_fuse
+
+
+@compilable
 def winding_of(
     drive: Drive,
     state: DriveState,
@@ -72,15 +81,14 @@ def winding_of(
     terminal: float,
     rise: float,
     free_rise: float,
+    resistance: float,
     step: float,
 ) -> tuple[Winding, Coasting, Switching]:
-    """The winding of (4.1) at its temperature in the middle of the step with what is applied to it, how it coasts,
-    and how it is switched; `terminal` voltage of the step's start, its `rise` over the step by source and other
-    motor, and that of the back-EMF without current.
+    """The winding of (4.1) of that resistance [Ω] with what is applied to it, how it coasts, and how it is
+    switched, if by the mean of its PWM; `terminal` voltage of the step's start, its `rise` over the step by source
+    and other motor, and that of the back-EMF without current.
     """
-    motor = drive.motor
-    by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
-    resistance, by_speed = by_winding + by_fuse, emf_constant(drive, state)
+    motor, by_speed = drive.motor, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
         winding = Winding(resistance, motor.inductance, by_speed, 0.0, 0.0, 0.0)
         return winding, Coasting(1.0, 0.0, 0.0, step), NO_SWITCHING
@@ -92,10 +100,7 @@ def winding_of(
         winding = Winding(
             resistance, motor.inductance, by_speed, duty, drive_input.voltage, duty * rise
         )
-        switching = directly_on(drive_input)
-        if drive.pwm_period > 0.0 and 0.0 < abs(duty) < 1.0:
-            winding, switching = chopped(drive, winding, state.speed, terminal)
-        return winding, Coasting(1.0, 0.0, 0.0, step), switching
+        return winding, Coasting(1.0, 0.0, 0.0, step), directly_on(drive_input)
     limit = terminal + 2.0 * drive.diode_drop
     emf = by_speed * state.speed
     growth = free_rise * math.copysign(1.0, emf) - rise
@@ -103,7 +108,7 @@ def winding_of(
     more = 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage) * rise
     voltage = coast.voltage + 0.5 * more
     winding = Winding(resistance, motor.inductance, by_speed, 0.0, voltage, more)
-    return winding, coast, Switching(0.0, 0.0, 0.0, coasting_share(coast), 0.0)
+    return winding, coast, Switching(0.0, 0.0, 0.0, coasting_share(coast), 0.0, 0.0, 0.0)
 
 
 @compilable
@@ -140,6 +145,7 @@ def drop_beside(
     drive_input: DriveInput,
     source: float,
     source_resistance: float,
+    now: Course,
     step: float,
 ) -> tuple[float, float]:
     """What one motor's current takes off the terminal voltage [V] beside it, once its winding has followed a
@@ -148,9 +154,8 @@ def drop_beside(
     duty = drive_input.duty
     if source_resistance == 0.0 or duty == 0.0 or drive_input.coast != 0.0 or drive.active == 0.0:
         return 0.0, 0.0
-    if is_switched(drive, duty):
-        drawn = source_share(drive, state, duty, source) * state.current
-        return source_resistance * drawn, 0.0
+    if is_chopped(drive, drive_input):
+        return source_resistance * now.drawn, 0.0
     by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
     resistance = by_winding + by_fuse + source_resistance * duty * duty
     driving = duty * source + drive_input.voltage - emf_constant(drive, state) * state.speed
@@ -163,7 +168,13 @@ def drop_beside(
 
 @compilable
 def around(
-    plant: Plant, state: State, inputs: Inputs, source: float, step: float
+    plant: Plant,
+    state: State,
+    inputs: Inputs,
+    source: float,
+    now_l: Course,
+    now_r: Course,
+    step: float,
 ) -> tuple[Around, Around]:
     """What both motors have around them, as far as they coast."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
@@ -171,11 +182,13 @@ def around(
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
     r_s = plant.source_resistance
     drop_l, rise_l = drop_beside(
-        plant.right, state.right, places.right, frictions.right, inputs.right, source, r_s, step
-    )
+        plant.right, state.right, places.right, frictions.right, inputs.right, source, r_s, now_r,
+        step,
+    )  # fmt: skip
     drop_r, rise_r = drop_beside(
-        plant.left, state.left, places.left, frictions.left, inputs.left, source, r_s, step
-    )
+        plant.left, state.left, places.left, frictions.left, inputs.left, source, r_s, now_l,
+        step,
+    )  # fmt: skip
     free_l = emf_rise(plant.left, state.left, places.left, frictions.left, 0.0, step)
     free_r = emf_rise(plant.right, state.right, places.right, frictions.right, 0.0, step)
     return Around(drop_l, rise_l, free_l), Around(drop_r, rise_r, free_r)
@@ -186,9 +199,10 @@ def directly_on(drive_input: DriveInput) -> Switching:
     """Of a bridge that is taken as its mean, or of a voltage that is applied without one: all of it is seen."""
     duty, voltage = drive_input.duty, drive_input.voltage
     if duty != 0.0:
-        return Switching(0.0, 0.0, 0.0, duty, math.copysign(1.0, duty))
+        return Switching(0.0, 0.0, 0.0, duty, 0.0, math.copysign(1.0, duty), 0.0)
     if voltage != 0.0:
-        return Switching(0.0, 0.0, 0.0, math.copysign(1.0, voltage), math.copysign(1.0, voltage))
+        along = math.copysign(1.0, voltage)
+        return Switching(0.0, 0.0, 0.0, along, 0.0, along, 0.0)
     return NO_SWITCHING
 
 
@@ -199,38 +213,76 @@ def coasting_share(coast: Coasting) -> float:
 
 
 @compilable
-def chopped(
-    drive: Drive, winding: Winding, speed: float, terminal: float
-) -> tuple[Winding, Switching]:
-    """A winding whose bridge switches, at the speed [rev/s] and terminal voltage of the step's start.
-
-    What diodes let through is not linear in either, so that its mean is that of the course there and of its
-    slopes. From one course to another the mean goes with the winding's L/R, as where the current does not end.
-    """
-    along = math.copysign(1.0, winding.duty)
-    emf = winding.speed_constant * speed
-    chopper = chopper_of(drive, winding.resistance)
-    now = course(chopper, abs(winding.duty), terminal, along * emf)
-    drawn, on = winding.duty, along
-    if now.mean != 0.0:
-        drawn, on = along * now.drawn / now.mean, along * now.on / now.mean
+def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
+    """What a bridge that switches does to its motor's current beside its mean."""
+    along = math.copysign(1.0, duty)
     above, below = now.high - now.mean, now.low - now.mean
     if along < 0.0:
         above, below = -below, -above
-    switching = Switching(now.ripple, above, below, drawn, on)
-    if drive.freewheeling == SLOW:
-        return winding, switching
-    duty = along * winding.resistance * now.by_supply
-    slope = -winding.resistance * now.by_emf
-    voltage = along * winding.resistance * now.mean + slope * emf - duty * terminal
-    return Winding(
-        winding.resistance,
-        winding.inductance,
-        slope * winding.speed_constant,
-        duty,
-        winding.voltage + voltage,
-        0.0 if winding.duty == 0.0 else duty * winding.rise / winding.duty,
-    ), switching
+    share = drawn_share(drive.pwm_period, drive.freewheeling, duty)
+    surplus = now.drawn - share * now.mean
+    return Switching(now.ripple, above, below, along * share, surplus, along, now.on - now.mean)
+
+
+@compilable
+def on_source(drive: Drive, drive_input: DriveInput) -> float:
+    """The factor with which a motor's current goes through the source's resistance, which acts on it with its
+    square. Of a bridge that switches, which draws for a part of the period, the square is that share.
+    """
+    if not is_chopped(drive, drive_input):
+        return drive_input.duty
+    share = time_on_source(drive, drive_input.duty)
+    return math.copysign(math.sqrt(share), drive_input.duty)
+
+
+@compilable
+def followed(
+    drive: Drive,
+    winding: Winding,
+    drive_input: DriveInput,
+    speed: float,
+    now: Course,
+    load: Load,
+    sag: float,
+) -> Winding:
+    """A winding whose current goes to its course in place of what a mean voltage drives, from the speed [rev/s]
+    at the step's start on; `sag` [V] is what its equation takes off the source with both on their courses.
+
+    What diodes let through is not linear in EMF and source, so that the mean is that of the course there and of
+    its slopes. From one course to another it goes with the winding's L/R, as where the current does not end.
+    """
+    along, factor = math.copysign(1.0, drive_input.duty), on_source(drive, drive_input)
+    constant = -winding.resistance * now.by_emf * winding.speed_constant
+    rise = along * winding.resistance * now.by_supply * load.supply_rise
+    voltage = along * winding.resistance * now.mean + constant * speed + 0.5 * rise
+    voltage += factor * (sag - load.supply_voltage)
+    return Winding(winding.resistance, winding.inductance, constant, factor, voltage, rise)
+
+
+@compilable
+def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> float:
+    """What both windings' equations take off the source [V] with both currents on their courses."""
+    drawn = along_duty(inputs.left, now_l) * on_source(plant.left, inputs.left)
+    drawn += along_duty(inputs.right, now_r) * on_source(plant.right, inputs.right)
+    return plant.source_resistance * drawn
+
+
+@compilable
+def along_duty(drive_input: DriveInput, now: Course) -> float:
+    """A course's mean current [A] with its sign; 0 of a bridge that is not on the source."""
+    if drive_input.duty == 0.0 or drive_input.coast != 0.0:
+        return 0.0
+    return math.copysign(1.0, drive_input.duty) * now.mean
+
+
+@compilable
+def follows(drive: Drive, drive_input: DriveInput, source_resistance: float) -> bool:
+    """Whether a winding's current follows its course, and not the mean voltage, where a bridge switches. On a
+    source without resistance the mean of what is applied is all that counts where the motor is shorted between.
+    """
+    if source_resistance == 0.0:
+        return drive.freewheeling != SLOW and is_chopped(drive, drive_input)
+    return drive.active != 0.0 and drive_input.coast == 0.0 and drive_input.duty != 0.0
 
 
 @compilable
@@ -279,29 +331,42 @@ def electrics_of(
     load = inputs.load
     rise = load.supply_rise
     source = load.supply_voltage - 0.5 * rise
-    terminal = supply.terminal_voltage(
-        source,
-        plant.source_resistance,
-        source_share(plant.left, state.left, inputs.left.duty, source),
-        state.left.current,
-        source_share(plant.right, state.right, inputs.right.duty, source),
-        state.right.current,
+    ohms_l, ohms_r = (
+        resistance_soon(plant.left, state.left, step),
+        resistance_soon(plant.right, state.right, step),
     )
-    around_l, around_r = around(plant, state, inputs, source, step)
-    terminal_l = terminal if inputs.left.coast == 0.0 else source - around_l.drop
-    terminal_r = terminal if inputs.right.coast == 0.0 else source - around_r.drop
+    switches_l, switches_r = (
+        is_chopped(plant.left, inputs.left),
+        is_chopped(plant.right, inputs.right),
+    )
+    now_l, now_r = NO_COURSE, NO_COURSE
+    if switches_l or switches_r:
+        fed_l = fed_of(plant.left, state.left, inputs.left, ohms_l)
+        fed_r = fed_of(plant.right, state.right, inputs.right, ohms_r)
+        now_l, now_r = courses(fed_l, fed_r, source, plant.source_resistance)
+    around_l, around_r = around(plant, state, inputs, source, now_l, now_r, step)
     winding_l, coast_l, switching_l = winding_of(
-        plant.left, state.left, inputs.left, terminal_l, rise - around_l.rise, around_l.free, step
-    )
+        plant.left, state.left, inputs.left, source - around_l.drop, rise - around_l.rise,
+        around_l.free, ohms_l, step,
+    )  # fmt: skip
     winding_r, coast_r, switching_r = winding_of(
-        plant.right,
-        state.right,
-        inputs.right,
-        terminal_r,
-        rise - around_r.rise,
-        around_r.free,
-        step,
-    )
+        plant.right, state.right, inputs.right, source - around_r.drop, rise - around_r.rise,
+        around_r.free, ohms_r, step,
+    )  # fmt: skip
+    if switches_l or switches_r:
+        sag, shared = shared_sag(plant, inputs, now_l, now_r), plant.source_resistance
+        if follows(plant.left, inputs.left, shared):
+            winding_l = followed(
+                plant.left, winding_l, inputs.left, state.left.speed, now_l, load, sag
+            )
+        if follows(plant.right, inputs.right, shared):
+            winding_r = followed(
+                plant.right, winding_r, inputs.right, state.right.speed, now_r, load, sag
+            )
+    if switches_l:
+        switching_l = switching_of(plant.left, inputs.left.duty, now_l)
+    if switches_r:
+        switching_r = switching_of(plant.right, inputs.right.duty, now_r)
     response_l, response_r, phi_l, phi_r = solve_windings(
         winding_l,
         winding_r,

@@ -1,7 +1,8 @@
 """What may be broken in bridges, sensors and latch; what is broken in the mechanics is a changed constant.
 
     shaft → Hall A, B → stuck → swapped → missing, extra → quadrature decoder
-    current → gain, offset → frozen → converter       motor's terminals joined: the bridge drives a short circuit
+    current → gain, offset, in the order of the scenario → converter → frozen
+              motor's terminals joined: the bridge drives a short circuit
 
 NaN, 0 or 1 as they stand in `SOUND` are a gate without faults.
 """

@@ -9,6 +9,7 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.contact import LinearizedForce
 from liftgate_plant.dynamics import Drive, Plant, State
 from liftgate_plant.gate import Linkage
+from liftgate_plant.latch import Claw, LatchState
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.torsion import Torsion
 
@@ -99,10 +100,10 @@ def stop_contacts(
 
 @compilable
 def home_contacts(
-    plant: Plant, state: State, middle: Midpoint, own: Motion, pulling: float, step: float
+    plant: Plant, state: State, middle: Midpoint, own: Motion, cinched: float, step: float
 ) -> LinearizedForce:
-    """Mean torque of what is at the closed gate: seal, and the latch's claw and hook, which is drawn home at a
-    speed [m/s].
+    """Mean torque of what is at the closed gate: seal, and the latch's claw and hook, which a cinching motor draws
+    home.
     """
     depth = seal.depth(plant.seal, middle.extension)
     rubber = gate_contact(plant.seal.stiffness, 0.0, depth, middle.lever, plant.seal.arm, own, step)
@@ -113,12 +114,34 @@ def home_contacts(
     spring = gate_contact(claw.spring, 0.0, depth, r, r, own, step)
     constant, slope = rubber.constant + spring.constant, rubber.slope + spring.slope
     if caught.claw != latch.OPEN:
-        beyond, along = r * own.angle - latch.hook_place(claw, caught), pulling / r
-        relative = Motion(own.angle, own.rate + along, own.rate_end + along, own.inertia)
-        hook = gate_contact(claw.stiffness, claw.damping, beyond, -r, -r, relative, step)
-        constant += hook.constant + hook.slope * along
+        hook = hook_contact(claw, caught, own, cinched, step)
+        constant += hook.constant
         slope += hook.slope
     return LinearizedForce(constant, slope)
+
+
+@compilable
+def hook_contact(
+    claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float
+) -> LinearizedForce:
+    """Mean torque of the latch's hook. While the cinching motor pulls, and neither stalls nor goes without load,
+    motor and hook are one body that gives way; else the hook goes with the motor's mean speed.
+    """
+    r, bent = claw.distance, latch.bent_by(claw, caught, own.angle)
+    speed = 0.0
+    if caught.claw == latch.HALF:
+        speed = latch.mean_pull(claw, caught, own.angle, own.rate, own.rate_end, cinched, step)
+    if speed > 0.0 and bent > 0.0:
+        stiff = contact.is_stiff(claw.stiffness, claw.damping, r * r / own.inertia, step)
+        force, end = latch.pulled_force(claw, bent, r * own.rate, stiff, step)
+        rate_end = r * own.rate_end
+        is_bent = end.constant + end.slope * rate_end > 0.0
+        if is_bent and force.constant + force.slope * rate_end > 0.0:
+            return LinearizedForce(-r * force.constant, -r * r * force.slope)
+    along = speed / r
+    relative = Motion(own.angle, own.rate + along, own.rate_end + along, own.inertia)
+    hook = gate_contact(claw.stiffness, claw.damping, bent, -r, -r, relative, step)
+    return LinearizedForce(hook.constant + hook.slope * along, hook.slope)
 
 
 @compilable

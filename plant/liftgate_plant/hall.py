@@ -277,11 +277,16 @@ def extra_edges(
 
 @compilable
 def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
-    """The way from one reading to the next, with the positions of both and the change of speed between them."""
+    """The way from one reading to the next, with the positions of both and the change of speed between them; even
+    where these would make a shaft turn back that does not, as one that stops early in the tick.
+    """
     start, end = before.position * encoder.counts + 0.5, now.position * encoder.counts + 0.5
     per_length = 1.0 / length
     acceleration = (now.speed - before.speed) * encoder.counts * per_length
     speed = (end - start) * per_length - 0.5 * acceleration * length
+    turns = speed * (speed + acceleration * length) < 0.0
+    if turns and before.speed * now.speed >= 0.0:
+        return Path(start, (end - start) * per_length, 0.0)
     return Path(start, speed, acceleration)
 
 

@@ -31,6 +31,7 @@ from liftgate_plant.drive_step import (
     path_in,
     sliding,
     slip_way,
+    stopping,
     would_slip,
 )
 from liftgate_plant.dynamics import Frictions, Inputs, Load, Plant, State
@@ -93,7 +94,9 @@ def solve_speeds(
     """The new speeds under set-valued friction.
 
     Eliminating the drives and the twist leaves one monotone, piecewise linear equation in ω1; which drives slide
-    is updated until it no longer changes. A held gate's rate is that of the guess.
+    is updated until it no longer changes. A drive that would slide the other way is tried at rest first, as the
+    solution of a monotone equation lies between: sliding one way and the other would follow each other for ever
+    where a great friction holds it. A held gate's rate is that of the guess.
     """
     rate, twist = guess.rate, guess.twist_rate
     rigid = body.twist == 0.0
@@ -125,7 +128,8 @@ def solve_speeds(
             and (f_right > 0.0) == (e_right > 0.0)
             and (f_right < 0.0) == (e_right < 0.0)
         )
-        e_left, e_right = f_left, f_right
+        e_left = f_left if e_left * f_left >= 0.0 else 0.0
+        e_right = f_right if e_right * f_right >= 0.0 else 0.0
         if settled:
             break
     return Speeds(e_left / left.speed, e_right / right.speed, rate, twist)
@@ -141,11 +145,9 @@ def new_speeds(
     guess: Speeds,
     slips: Slips,
     held: bool,
-    pulling: float,
     step: float,
 ) -> tuple[Speeds, Slips]:
     """One pass: linearise about the guess, solve. Also which clutches would have slipped with these speeds.
-    `pulling` is how fast [m/s] the latch draws the gate home.
 
     The gate takes each drive's own force, where (4.6) and (4.11) halve one and the same for both.
     """
@@ -178,7 +180,7 @@ def new_speeds(
     stop_r = stop_contacts(plant.right, mid_r, link.stroke, side_r, step)
     torque_l = side_torque(plant.left, link, mid_l, push_l, stop_l, ambient)
     torque_r = side_torque(plant.right, link, mid_r, push_r, stop_r, ambient)
-    home = home_contacts(plant, state, middle, own, pulling, step)
+    home = home_contacts(plant, state, middle, own, load.latch_cinched, step)
     pinch = pinch_contact(load.obstacle, place, step)
 
     angle = halfway(own.angle, own.rate, own.rate_end, step)
@@ -231,19 +233,16 @@ def slipped_in(
 
 
 @compilable
-def advance(plant: Plant, state: State, given: Inputs, step: float) -> tuple[State, Flow]:
+def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[State, Flow]:
     """The state `step` seconds later, and what the currents did meanwhile; the inputs hold during the step."""
     inputs = dynamics.past_the_lines(plant, given)
     load = inputs.load
-    windings = electrics.electrics_of(plant, state, inputs, step)
     frictions = dynamics.frictions_at(plant, inputs)
+    state = stopping(plant, before, frictions, step)
+    windings = electrics.electrics_of(plant, state, inputs, step)
     claw, caught = plant.latch, state.latch
     is_simple = claw.half == 0.0
     held = is_simple and state.latched > 0.0 and load.latch_released == 0.0
-    pulling, drawn = 0.0, 0.0
-    if not is_simple:
-        pulling = latch.pull_speed(claw, caught, state.gate_angle, load.latch_cinched, step)
-        drawn = max(0.0, pulling)
 
     rate = 0.0 if held else state.gate_rate
     new = Speeds(state.left.speed, state.right.speed, rate, state.twist_rate)
@@ -257,9 +256,7 @@ def advance(plant: Plant, state: State, given: Inputs, step: float) -> tuple[Sta
             latched, count = True, _MOST_PASSES
             rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
             new = Speeds(new.left, new.right, rate, new.twist_rate)
-        new, would = new_speeds(
-            plant, state, load, frictions, windings, new, slips, latched, drawn, step
-        )
+        new, would = new_speeds(plant, state, load, frictions, windings, new, slips, latched, step)
         if k == 0 and (would.left != 0.0 or would.right != 0.0):
             slips, count = would, _PASSES_SLIPPING
     electric_l, electric_r = windings
@@ -291,7 +288,12 @@ def advance(plant: Plant, state: State, given: Inputs, step: float) -> tuple[Sta
     if is_simple:
         caught = latch.held_home(latched)
     else:
-        caught = latch.next_latch(claw, caught, angle, pulling, load.latch_released, step)
+        pulling = latch.mean_pull(
+            claw, caught, state.gate_angle, state.gate_rate, new.rate, load.latch_cinched, step
+        )
+        caught = latch.next_latch(
+            claw, caught, state.gate_angle, angle, pulling, load.latch_cinched, load.latch_released, step,
+        )  # fmt: skip
         latched = caught.claw == latch.FULL
     is_latched = 1.0 if latched else 0.0
     return State(left, right, angle, rate, is_latched, twist, new.twist_rate, caught), flow

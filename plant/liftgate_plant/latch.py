@@ -8,7 +8,8 @@ As built (`[latch] half` in the file) it is a claw in which a striker on the gat
 The pawl holds the claw in its half position, q = s_half, once the striker has come as far as s_half, and in its
 full one, q = s_full, once it has come home. Released, it is lifted after some time and stays so for some more;
 where it falls, the claw is caught as far as the striker is in. A cinching motor draws a half closed claw home by
-itself or on command, q = s_half − p, as fast as the hook's spring leaves it, and goes back to its own home after:
+itself or on command, q = s_half − p, as fast as the hook's spring leaves it, and goes back to its own home after,
+with the hook, if the claw is still half closed:
 
     ṗ = v_c (1 − k_l (s − q)/F_c) ≥ 0 while it pulls (a stalled gear does not let go),    ṗ = −v_c else, to p = 0
 
@@ -21,6 +22,8 @@ from typing import Annotated, NamedTuple
 
 from liftgate_plant import contact
 from liftgate_plant.compiler import compilable
+from liftgate_plant.contact import LinearizedForce
+from liftgate_plant.motor import phi_functions
 from liftgate_plant.quantity import Quantity, choice
 
 CINCHES = ("none", "automatic", "commanded")
@@ -159,29 +162,111 @@ def hook_place(claw: Claw, state: LatchState) -> float:
 
 
 @compilable
-def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float, step: float) -> float:
-    """The cinching motor's speed dp/dt [m/s] over a step from that angle [rad], implicit in the hook's spring; it
-    goes back where it is not to pull. 0 s: now.
-    """
+def is_to_pull(claw: Claw, state: LatchState, cinched: float) -> bool:
+    """Whether the cinching motor is to draw the claw home."""
     wanted = claw.cinch == AUTOMATIC or (claw.cinch == COMMANDED and cinched > 0.0)
-    if state.claw != HALF or not wanted:
-        return -claw.cinch_speed if state.pull > 0.0 else 0.0
+    return state.claw == HALF and wanted
+
+
+@compilable
+def yielding_of(claw: Claw) -> float:
+    """By how much the cinching motor's speed [m/s] falls with the way [m] that the hook is bent, v_c k_l/F_c."""
+    return claw.cinch_speed * claw.stiffness / claw.cinch_force
+
+
+@compilable
+def bent_by(claw: Claw, state: LatchState, angle: float) -> float:
+    """How far [m] a gate at an angle [rad] has bent the hook, s − q; negative: it does not touch it."""
+    return claw.distance * angle - hook_place(claw, state)
+
+
+@compilable
+def loaded_speed(claw: Claw, bent: float) -> float:
+    """The speed [m/s] of a cinching motor that pulls, with the hook bent so far [m]."""
     free = claw.cinch_speed
-    bent = claw.distance * angle - hook_place(claw, state)
-    yielding = free * claw.stiffness / claw.cinch_force
-    return min(free, max(0.0, free - yielding * bent) / (1.0 + yielding * step))
+    return min(free, max(0.0, free - yielding_of(claw) * bent))
+
+
+@compilable
+def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
+    """The cinching motor's speed dp/dt [m/s] now, with the gate at that angle [rad]; it goes back where it is not
+    to pull.
+    """
+    if not is_to_pull(claw, state, cinched):
+        return -claw.cinch_speed if state.pull > 0.0 else 0.0
+    return loaded_speed(claw, bent_by(claw, state, angle))
+
+
+@compilable
+def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
+    """How fast [m/s] the cinching motor draws the hook home now; away from there where it goes back."""
+    return pull_speed(claw, state, angle, cinched) if state.claw == HALF else 0.0
+
+
+@compilable
+def mean_pull(
+    claw: Claw,
+    state: LatchState,
+    angle: float,
+    rate: float,
+    rate_end: float,
+    cinched: float,
+    step: float,
+) -> float:
+    """The mean of dp/dt [m/s] over a step from that angle [rad], whose rate [rad/s] goes on a straight line.
+
+    While the motor pulls, the hook is bent by b, db/dt = ṡ + v_c − y b with y = v_c k_l/F_c, which is solved for
+    the mean of ṡ: the hook gives way to the motor, and the gate follows it.
+    """
+    free = claw.cinch_speed
+    if not is_to_pull(claw, state, cinched):
+        return -min(free, state.pull / step)
+    bent, yielding = bent_by(claw, state, angle), yielding_of(claw)
+    way = step * (0.5 * claw.distance * (rate + rate_end) + free)
+    share = 1.0
+    if bent < 0.0:  # until it touches
+        share = max(0.0, 1.0 + bent / way) if way > 0.0 else 0.0
+        bent = 0.0
+    _, phi1, phi2, _ = phi_functions(-yielding * share * step)
+    mean = share * (phi1 * bent + phi2 * share * way)
+    return loaded_speed(claw, mean)
+
+
+@compilable
+def pulled_force(
+    claw: Claw, bent: float, rate: float, stiff: bool, step: float
+) -> tuple[LinearizedForce, LinearizedForce]:
+    """The hook's mean force [N] over a step in which the cinching motor draws it and gives way to it, and how far
+    [m] the hook is bent at its end, both linear in the striker's rate [m/s] at the end.
+
+    b as in `mean_pull`, for a rate on a straight line; as in `contact.push` a stiff hook takes its force at the
+    step's end, where it has come with the rate there.
+    """
+    free, yielding = claw.cinch_speed, yielding_of(claw)
+    k, c = claw.stiffness, claw.damping
+    e, phi1, phi2, phi3 = phi_functions(-yielding * step)
+    if stiff:
+        end = LinearizedForce(e * bent + phi1 * step * free, phi1 * step)
+        by_bent = k - c * yielding
+        return LinearizedForce(by_bent * end.constant + c * free, by_bent * end.slope + c), end
+    start = step * (rate + free)
+    end = LinearizedForce(e * bent + phi1 * start - phi2 * step * rate, phi2 * step)
+    mean = LinearizedForce(phi1 * bent + phi2 * start - phi3 * step * rate, phi3 * step)
+    damping = c / step
+    constant = k * mean.constant + damping * (end.constant - bent)
+    return LinearizedForce(constant, k * mean.slope + damping * end.slope), end
 
 
 @compilable
 def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
     """What the hook pulls the striker home with [N], at an angle [rad] and a rate [rad/s] of the gate; a cinching
-    motor draws it meanwhile.
+    motor draws it meanwhile, or lets it go.
     """
     if claw.half == 0.0 or state.claw == OPEN:
         return 0.0
-    beyond = claw.distance * angle - hook_place(claw, state)
-    drawn = max(0.0, pull_speed(claw, state, angle, cinched, 0.0))
-    return contact.force(claw.stiffness, claw.damping, beyond, claw.distance * rate + drawn)
+    drawn = hook_speed(claw, state, angle, cinched)
+    bent = bent_by(claw, state, angle)
+    return contact.force(claw.stiffness, claw.damping, bent, claw.distance * rate + drawn)
 
 
 @compilable
@@ -200,11 +285,32 @@ def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: fl
 
 
 @compilable
+def drawn_since(
+    claw: Claw, state: LatchState, before: float, place: float, cinched: float, step: float
+) -> float:
+    """Way [m] that the cinching motor draws a claw which the pawl catches within a step, from then to the end of
+    the step. The striker goes from `before` to `place` [m] on a straight line, beyond the hook: no load.
+    """
+    caught = LatchState(HALF, state.pull, state.driven, state.lifted)
+    if before <= place or not is_to_pull(claw, caught, cinched):
+        return 0.0
+    left = (hook_place(claw, caught) - place) / (before - place)
+    return min(1.0, max(0.0, left)) * step * claw.cinch_speed
+
+
+@compilable
 def next_latch(
-    claw: Claw, state: LatchState, angle: float, pulling: float, released: float, step: float
+    claw: Claw,
+    state: LatchState,
+    before: float,
+    angle: float,
+    pulling: float,
+    cinched: float,
+    released: float,
+    step: float,
 ) -> LatchState:
-    """The latch after a step at whose end the gate is at that angle [rad], in which the cinching motor pulled at a
-    speed [m/s].
+    """The latch after a step in which the gate goes from an angle [rad] to another, and the cinching motor pulls
+    at a speed [m/s].
     """
     place = claw.distance * angle
     driven, lifted, is_driven = 0.0, max(0.0, state.lifted - step), False
@@ -221,4 +327,6 @@ def next_latch(
         held = FULL
     elif held == OPEN and place <= claw.half - pull:  # not behind a hook that is drawn home
         held = HALF
+        drawn = drawn_since(claw, state, claw.distance * before, place, cinched, step)
+        pull = min(pull + drawn, claw.entry)
     return LatchState(held, pull, driven, lifted)

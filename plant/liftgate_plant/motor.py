@@ -97,9 +97,16 @@ def modes(
     left: Winding, right: Winding, source_resistance: float
 ) -> tuple[float, float, float, float]:
     """Rates of decay [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
-    a = (left.resistance + source_resistance * left.duty * left.duty) / left.inductance
-    d = (right.resistance + source_resistance * right.duty * right.duty) / right.inductance
-    b = source_resistance * left.duty * right.duty / math.sqrt(left.inductance * right.inductance)
+    return rotation(
+        (left.resistance + source_resistance * left.duty * left.duty) / left.inductance,
+        (right.resistance + source_resistance * right.duty * right.duty) / right.inductance,
+        source_resistance * left.duty * right.duty / math.sqrt(left.inductance * right.inductance),
+    )
+
+
+@compilable
+def rotation(a: float, d: float, b: float) -> tuple[float, float, float, float]:
+    """The eigenvalues of [[a, b], [b, d]] and the rotation (cos, sin) to its eigenvectors (c, −s) and (s, c)."""
     if b == 0.0:
         return a, d, 1.0, 0.0
     half = (d - a) / (2.0 * b)

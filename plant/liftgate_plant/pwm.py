@@ -47,6 +47,9 @@ class Course(NamedTuple):
     on: float  # A, mean of the current while the PWM is on
 
 
+NO_COURSE = Course(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 @outlined
 def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
     """The course at a duty between 0 and 1, for a supply and a back-EMF [V] along it."""

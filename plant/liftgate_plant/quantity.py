@@ -23,11 +23,22 @@ class Quantity(NamedTuple):
     high: float
     meaning: str
     options: tuple[str, ...] = ()  # the words that it may be, where it is no number
+    least: float = 0.0  # beside 0, which is then allowed: nothing between
 
     @property
     def suffix(self) -> str:
         """What the file's key adds to the field's name."""
         return {"deg": "_deg", "°C": "_degc"}.get(self.unit, "")
+
+    @property
+    def range(self) -> str:
+        """The numbers that are allowed, as a person reads them, without the unit."""
+        low, high = (f"{value:.6g}" for value in (self.least or self.low, self.high))
+        return f"{'0, or ' if self.least else ''}{low} to {high}"
+
+    def allows(self, value: float) -> bool:
+        """Whether a value, in the file's unit, is in the range; NaN is not."""
+        return self.low <= value <= self.high and not 0.0 < value < self.least
 
     @property
     def scale(self) -> float:

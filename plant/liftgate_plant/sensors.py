@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_plant.compiler import compilable
-from liftgate_plant.current import CurrentPath, scaled
+from liftgate_plant.current import CurrentPath, scaled, shifted
 from liftgate_plant.dynamics import Inputs, Outputs, Plant, State
 from liftgate_plant.faults import CurrentFault, Faults
 from liftgate_plant.gate import GRAVITY
@@ -193,8 +193,11 @@ def sensed_current(
     ripple = Commutation(sensors.ripple, amplitude)
     if sensors.shunt_low_side > 0.0:
         switching = path.switching
-        seen = switching.while_on if sensors.shunt_sampled_on > 0.0 else switching.drawn
-        path, ripple = scaled(path, seen), Commutation(ripple.share, seen * amplitude)
+        seen, beside = switching.drawn, switching.drawn_beside
+        if sensors.shunt_sampled_on > 0.0:
+            seen, beside = switching.while_on, switching.on_beside
+        path = shifted(scaled(path, seen), beside)
+        ripple = Commutation(ripple.share, seen * amplitude)
     current = path.end
     turn = 2.0 * math.pi * order
     turning = Turning(

@@ -1,6 +1,8 @@
-"""The source: U_terminal = U_source − R_source Σ_d (share_d · i_d). The thesis has R_source = 0.
+"""The source: U_terminal = U_source − R_source Σ_d drawn_d. The thesis has R_source = 0.
 
-The share of a motor's current that the source gives is the signed duty, but where diodes bring current back.
+A bridge that is taken as its mean draws the signed duty's share of its motor's current, as if a capacitor buffered
+its period. Of one that switches `switching` has what it draws in each part of the period; the terminal voltage is
+then the mean over the period.
 """
 
 from __future__ import annotations
@@ -23,13 +25,7 @@ class Supply(NamedTuple):
 
 @compilable
 def terminal_voltage(
-    supply_voltage: float,
-    internal_resistance: float,
-    share_left: float,
-    current_left: float,
-    share_right: float,
-    current_right: float,
+    supply_voltage: float, internal_resistance: float, drawn_left: float, drawn_right: float
 ) -> float:
-    """U_terminal [V] at the bridges."""
-    drawn = share_left * current_left + share_right * current_right
-    return supply_voltage - internal_resistance * drawn
+    """U_terminal [V] at the bridges, for the currents [A] that they draw."""
+    return supply_voltage - internal_resistance * (drawn_left + drawn_right)

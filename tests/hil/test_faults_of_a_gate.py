@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 from hil_support import shipped_rig
 
 import liftgate_hil as lh
+from liftgate_hil.cli.main import main
 from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, GATE
 from liftgate_hil.errors import ConfigError
 
@@ -159,6 +161,26 @@ def test_the_current_is_read_with_gain_and_offset_within_the_converters_range() 
     _, broken = pair("current_offset", 0.1, value=1000.0)
     limit = lh.load_vehicle("suv").sensors.current_limit
     assert broken.sensed["left_current_a"] == limit
+
+
+def test_several_faults_of_a_reading_change_it_one_after_the_other() -> None:
+    def reading(*faults: tuple[str, dict[str, float]]) -> float:
+        gate = opening(settings=("sensors.current_noise=0", "sensors.current_resolution=0"))
+        for kind, values in faults:
+            gate.fault(kind, where="left", **values)
+        gate.step(0.1)
+        assert gate.truth["left_current_a"] > 0.2
+        return gate.sensed["left_current_a"]
+
+    offset, gain = ("current_offset", {"value": 5.0}), ("current_gain", {"factor": 2.0})
+    sound = reading()
+    assert reading(offset, gain) == pytest.approx(2.0 * (sound + 5.0))
+    assert reading(gain, offset) == pytest.approx(2.0 * sound + 5.0)
+    assert reading(offset, gain, offset, gain) == pytest.approx(2.0 * (2.0 * (sound + 5.0) + 5.0))
+    frozen = ("current_frozen", {})
+    before = opening(settings=("sensors.current_noise=0", "sensors.current_resolution=0"))
+    for order in ([frozen, offset, gain], [offset, frozen], [gain, offset, frozen]):
+        assert reading(*order) == before.sensed["left_current_a"]  # of the converter, behind them
 
 
 def test_a_frozen_reading_is_the_last_one() -> None:
@@ -470,6 +492,69 @@ def test_a_parameter_is_refused_where_a_vehicle_file_with_it_is(
     with lh.Gate() as gate, pytest.raises(ConfigError) as caught:
         gate.fault("parameter", key=key, value=value)
     assert said in str(caught.value)
+
+
+# Magnets that lose a fifth of their flux; with the speed constant alone the motor would make energy.
+WEAK = [("motor.torque_constant", 0.0122 * 0.8), ("motor.speed_constant", 0.0769 * 0.8)]
+
+
+def losing(folder: Path, *tables: str) -> int:
+    """The exit code of a simulation with these faults, each with more keys; its rows are in out.csv."""
+    faults = [
+        f'[[fault]]\nkind = "parameter"\nkey = "{key}"\nvalue = {value}\n{more}\n'
+        for (key, value), more in zip(WEAK, tables, strict=True)
+    ]
+    (folder / "weak.toml").write_text("".join(faults), encoding="utf-8")
+    (folder / "in.csv").write_text("time_s,left_duty,right_duty\n0,1,1\n", encoding="utf-8")
+    flags = ["--scenario", str(folder / "weak.toml"), "--output", str(folder / "out.csv")]
+    flags += ["--ideal", "--duration", "0.9", "--initial", "30"]
+    return main(["simulate", "--input", str(folder / "in.csv"), *flags])
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        ("start = 0.5", "start = 0.5"),
+        ("start = 0.5\nramp_s = 0.2", "start = 0.5\nramp_s = 0.2"),
+        ("start = 0.2", "start = 0.5"),
+        ("start = 0.2\nend = 3.0", "start = 0.5\nend = 1.0"),
+    ],
+)
+def test_a_motor_loses_its_flux_where_both_constants_do_so_together(
+    tmp_path: Path, tables: tuple[str, str]
+) -> None:
+    assert losing(tmp_path, *tables) == 0
+    rows = np.genfromtxt(tmp_path / "out.csv", delimiter=",", names=True)
+    assert rows["left_speed_rps"][-1] > 165.0  # of 153 with all of its flux
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        ("start = 0.6", "start = 0.5"),
+        ("start = 0.5\nend = 0.8", "start = 0.5\nend = 1.0"),
+        ("start = 0.5\nramp_s = 0.3", "start = 0.5\nramp_s = 0.2"),
+    ],
+)
+def test_a_motor_that_keeps_its_torque_for_a_while_is_refused(
+    tmp_path: Path, tables: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert losing(tmp_path, *tables) == 2
+    said = capsys.readouterr().err
+    assert "fault[1].value: motor.speed_constant" in said
+    assert "makes energy" in said
+
+
+def test_faults_of_a_running_gate_are_checked_beside_those_that_it_has() -> None:
+    with lh.Gate() as gate:
+        with pytest.raises(ConfigError, match="makes energy"):
+            gate.fault("parameter", key=WEAK[1][0], value=WEAK[1][1])
+        for key, value in WEAK:
+            gate.fault("parameter", key=key, value=value)
+    with lh.Gate() as gate:  # each of both possible alone
+        gate.fault("parameter", key="motor.speed_constant", value=0.0765)
+        with pytest.raises(ConfigError, match="makes energy"):
+            gate.fault("parameter", key="motor.torque_constant", value=0.01232)
 
 
 def test_a_parameter_may_get_the_value_that_it_has_and_a_numpy_number() -> None:

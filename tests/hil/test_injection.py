@@ -9,7 +9,7 @@ from typing import Any
 import can
 import numpy as np
 import pytest
-from hil_support import CALM, OPEN, both, command_frame, shipped_rig
+from hil_support import CALM, OPEN, both, command_frame, j1850, shipped_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -260,6 +260,37 @@ def test_faults_act_in_the_order_of_their_orders_in_every_loop(orders: list[Any]
             turns(gate._script.scene, 0.001 * number)
             np.testing.assert_array_equal(scene.faults.row, gate._script.scene.faults.row)
         assert running.done == gate.summary.injected
+
+
+def test_faults_of_one_message_act_in_the_order_of_their_orders(tmp_path: Path) -> None:
+    """What freezes holds what others got last; what is ordered later acts on that, in whichever slot it lies."""
+    checksum, frozen = fault("wrong_checksum", "LeftDrive"), fault("frame_frozen", "LeftDrive")
+    orders = {
+        0.2: [checksum],
+        0.3: [frozen],
+        0.4: [fault("wrong_checksum", "LeftDrive", on=0)],
+        0.5: [checksum],
+    }
+    _, lines = ran(tmp_path, orders, duration=0.6)
+    frames = [
+        (float(time.strip("()")), bytes.fromhex(data.partition("#")[2]))
+        for time, data in lines
+        if data.startswith("210#")
+    ]
+
+    def right(begin: float, end: float) -> set[bool]:
+        """Whether checksums are, between two times."""
+        own = [data for time, data in frames if begin + 0.011 < time < end]
+        assert len(own) > 15
+        return {data[7] == j1850(0x210, data, 7) for data in own}
+
+    assert right(0.0, 0.2) == {True}
+    assert right(0.2, 0.3) == {False}
+    assert right(0.3, 0.4) == {False}  # as the last one before
+    assert right(0.4, 0.5) == {False}
+    assert right(0.5, 0.6) == {True}  # inverted again
+    last = next(data for time, data in reversed(frames) if time < 0.301)
+    assert {data[:7] for time, data in frames if 0.312 < time < 0.6} == {last[:7]}
 
 
 def test_the_same_order_again_changes_nothing_and_another_value_ends_it_too(tmp_path: Path) -> None:

@@ -88,6 +88,23 @@ def test_labels_of_the_database_are_values(tmp_path: Path) -> None:
     assert {payload[0] & 3 for _, payload in of(frames, BODY)} == {2}
 
 
+def test_what_is_wrong_with_its_protection_is_told_with_the_file(tmp_path: Path) -> None:
+    """Of a message that nothing is mapped to, so that only a scenario that sets its signal asks for it."""
+    own = '[messages.Body]\ncounter = "AliveCounter"\nchecksum = "Checksum"\n'
+    text = (
+        Path(RIG.source).read_text(encoding="utf-8").replace('"liftgate.dbc"', f'"{RIG.database}"')
+    )
+    assert own in text
+    rig = tmp_path / "their.toml"
+    wrong = '[messages.Body]\nchecksum = "Checksum"\nprotection = "e2e-p01"\ndata_id = 0x1234\n'
+    rig.write_text(text.replace(own, wrong), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        recorded(tmp_path, SPEED + "value = 30\n", rig=rig)
+    assert caught.value.issues == [
+        f"{rig}: messages.Body.counter: missing; allowed: the signal of e2e-p01"
+    ]
+
+
 def test_its_messages_are_protected_as_the_rig_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,7 +79,7 @@ def test_a_row_begins_where_its_first_name_stands() -> None:
     assert OUT_ROWS._fields == tuple(starts)
     first = {name: row._fields[0] for name, row in starts.items()}
     assert (first["sensed"], first["truth"]) == ("left_current_a", "time_s")
-    first |= {"sensed": "left_current", "truth": "time"}  # what a rig calls them
+    first |= {"sensed": "left_current", "truth": "true_time"}  # what a rig calls them
     for name in starts:
         assert getattr(OUT_ROWS, name) == getattr(OUT, first[name])
     assert COLUMN_ROWS.truth == COLUMN_PLACE[Truth._fields[0]]
@@ -160,16 +160,40 @@ def test_a_rig_calls_quantities_as_rig_files_do() -> None:
     assert BUS_OUTPUTS.keys() >= {
         "left_current", "left_hall_count", "left_hall_speed", "left_hall_a", "left_hall_b",
         "gate_angle", "latch_state", "terminal_voltage", "ambient_temperature",
-        "left_motor_temperature", "road_slope", "gate_acceleration", "pinch_force",
+        "left_motor_temperature", "road_slope", "gate_acceleration", "pinch_force_max", "true_pinch_force",
         "tick_overruns", "command_timeouts", "rejected_frames", "emulator_state",
         "lateness_p50", "lateness_p99", "lateness_p999", "lateness_max", "execution_p50",
         "execution_max", "command_delay_p50", "command_delay_max", "command_delay_force",
-        "true_left_current", "true_gate_angle", "true_latch_state", "left_speed",
+        "true_left_current", "true_gate_angle", "true_latch_state", "true_left_speed",
     }  # fmt: skip
     assert BUS_INPUTS.keys() >= {
         "left_duty", "left_direction", "latch_release", "obstacle_angle", "obstacle_rate",
         "road_slope", "supply_voltage", "hand_force",
     }  # fmt: skip
+
+
+def test_what_is_so_is_always_called_true() -> None:
+    for column, signal in signals_of(Truth).items():
+        assert BUS_OUTPUTS[f"true_{bus_name(column, signal)}"] is signal
+    true = {name for name in BUS_OUTPUTS if name.startswith("true_")}
+    assert len(true) == len(Truth._fields)
+
+
+def test_a_sensor_that_is_added_changes_the_meaning_of_no_name() -> None:
+    """Whatever quantity of the truth it makes something of, its plain name is free."""
+    sensed = {bus_name(name, signal): signal for name, signal in signals_of(Sensed).items()}
+    for column, signal in signals_of(Truth).items():
+        name = bus_name(column, signal)
+        assert (name in BUS_OUTPUTS) == (name in sensed)
+        assert signals.renamed_output(name) == ("" if name in sensed else f"true_{name}")
+    assert signals.renamed_output("left_currant") == ""
+    assert signals.renamed_output("true_left_speed") == ""
+
+
+def test_a_name_that_stands_twice_is_refused() -> None:
+    one = signals_of(Status)
+    with pytest.raises(ValueError, match="pinch_force_max: two signals have this name"):
+        signals.whole({"sensed": {"pinch_force_max": one["pinch_force_max"]}, "status": one})
 
 
 @pytest.mark.parametrize("offline", [False, True])

@@ -23,6 +23,7 @@ from liftgate_plant.initial import initial_state
 from liftgate_plant.latch import LatchState
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+from tests import last_bits
 from tests.reference import event_solution
 
 SUV = Path(__file__).parents[2] / "configs" / "vehicles" / "suv.toml"
@@ -115,19 +116,21 @@ def column(rows: np.ndarray, name: str) -> np.ndarray:
 
 def load(vehicle: Vehicle, **changes: Any) -> Load:
     """The vehicle's surroundings with the latch released, so that the gate is free."""
-    return load_of(vehicle)._replace(**{"latch_released": 1.0, **changes})
+    return load_of(vehicle)._replace(**{"latch_released": 1.0, **last_bits.off(changes, "load")})
 
 
 def inputs(
     vehicle: Vehicle, left: DriveInput, right: DriveInput | None = None, **changes: Any
 ) -> Inputs:
     """Inputs with the latch released; the right drive does as the left where it isn't given."""
-    return Inputs(left, left if right is None else right, load(vehicle, **changes))
+    drives = (last_bits.off(each, "command") for each in (left, left if right is None else right))
+    return Inputs(*drives, load(vehicle, **changes))
 
 
 def at_rest(vehicle: Vehicle, angle_deg: float, latched: bool = False) -> State:
     """The gate at rest at an angle, drives in the middle of their play."""
-    return initial_state(plant_of(vehicle), math.radians(angle_deg), latched)
+    angle = last_bits.off(math.radians(angle_deg), "angle")
+    return initial_state(plant_of(vehicle), angle, latched)
 
 
 def _drive_input(command: event_solution.DriveInput) -> DriveInput:
@@ -181,7 +184,7 @@ def run_phases(
 ) -> np.ndarray:
     """The states at 0, step, 2 step, … through the phases, from rest at `initial_angle` [rad]."""
     plant = plant_of(vehicle)
-    start = initial_state(plant, initial_angle, float(latched))
+    start = initial_state(plant, last_bits.off(initial_angle, "angle"), float(latched))
     parts = [run(plant, start, inputs_of(vehicle, phases[0]), step, 0)]
     profile = friction_profile(vehicle, plant, 0)
     begin = 0.0

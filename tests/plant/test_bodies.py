@@ -116,8 +116,8 @@ def test_phi_functions_are_the_integrals_they_stand_for(z: float) -> None:
 
 
 def test_the_terminal_voltage_falls_with_what_both_bridges_draw() -> None:
-    assert supply.terminal_voltage(12.0, 0.05, 1.0, 10.0, -0.5, -4.0) == pytest.approx(11.4)
-    assert supply.terminal_voltage(12.0, 0.05, 1.0, -10.0, 0.0, 5.0) == pytest.approx(12.5)
+    assert supply.terminal_voltage(12.0, 0.05, 10.0, 2.0) == pytest.approx(11.4)
+    assert supply.terminal_voltage(12.0, 0.05, -10.0, 0.0) == pytest.approx(12.5)
 
 
 # Bridge.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import subprocess
 import sys
 from typing import Any
@@ -288,6 +289,22 @@ def test_a_shaft_that_turns_back_within_a_tick_passes_its_edges_twice() -> None:
     assert edges["level"].tolist() == [1, 0]
     assert [motion.shaft(time).position for time in edges["time_s"]] == pytest.approx([0.125] * 2)
     assert (state.count, state.edges, state.run) == (0, 2, -1)
+
+
+@pytest.mark.parametrize("way", [0.0, 1e-3, -1e-3])
+def test_a_shaft_that_stops_at_once_passes_no_edge_there_and_back(way: float) -> None:
+    """A jammed spindle: positions and speeds of both readings fit no path without a turn, and it made none."""
+    encoder = Encoder(4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, False)
+    for place in np.linspace(3.0, 4.0, 210):
+        before, now = Shaft(float(place), 150.0), Shaft(float(place) + way, 0.0)
+        halls, ring = initial_halls(encoder, before, before), edge_ring(8)
+        compiled(read_hall)(encoder, SOUND_HALL, halls, now, Tick(0.0, 1e-3, 1, False), 0, ring)
+        assert ring.written[0] == abs(
+            halls[0].count - initial_halls(encoder, before, before)[0].count
+        )
+        assert ring.written[0] == abs(
+            math.floor(now.position * 4 + 0.5) - math.floor(place * 4 + 0.5)
+        )
 
 
 def test_a_period_takes_five_edges_in_one_direction() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from liftgate_plant import dynamics
 from liftgate_plant.compiler import compiled
@@ -20,14 +21,17 @@ from liftgate_plant.latch import (
     OPEN,
     Claw,
     LatchState,
+    hook_force,
+    mean_pull,
     next_latch,
     pull_speed,
+    pulled_force,
 )
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.sensors import Sensors, strip_closes
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 from tests.plant import runs
-from tests.plant.runs import CLOSE, COAST, column, fast_run, inputs, state_of, suv
+from tests.plant.runs import BRAKE, CLOSE, COAST, column, fast_run, inputs, state_of, suv
 
 BUILT = ("latch.half=0.008", "latch.distance=0.95")
 
@@ -148,7 +152,7 @@ def test_the_hook_is_what_a_gate_meets_that_opens(claw: float, step: float):
     own = go(vehicle, start, runs.OPEN, 0.5, step)
     other = go(free, start, runs.OPEN, 0.5, step, latch_released=1.0, obstacle=hook)
     for name in ("angle", "rate", "left_current", "left_speed"):
-        assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-12)
+        assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-9)
 
 
 def test_the_claws_spring_is_what_a_gate_meets_that_closes():
@@ -159,7 +163,7 @@ def test_the_claws_spring_is_what_a_gate_meets_that_closes():
     other = go(free, start, CLOSE, 1.0, latch_released=1.0, obstacle=spring)
     assert place(vehicle, own).min() < 0.01
     for name in ("angle", "rate", "left_current"):
-        assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-12)
+        assert column(own, name) == pytest.approx(column(other, name), rel=1e-9, abs=1e-9)
 
 
 def half_closed(vehicle: Vehicle) -> Any:
@@ -196,6 +200,109 @@ def test_a_stalled_cinching_motor_pulls_with_its_force():
     assert shown.latch_force == pytest.approx(700.0, rel=1e-3)
 
 
+def time_home(vehicle: Vehicle, step: float) -> float:
+    """How long [s] the cinching motor takes from the half position, with the spindles shorted, to home."""
+    angle = vehicle.latch.half / vehicle.latch.distance
+    start = initial_state(plant_of(vehicle), angle)._replace(latch=HALF_CLOSED)
+    rows = go(vehicle, start, BRAKE, 1.5, step)
+    home, angles = int(np.argmax(column(rows, "claw") == FULL)), column(rows, "angle")
+    assert home > 0
+    return step * (home - 1 + angles[home - 1] / (angles[home - 1] - angles[home]))
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "force", "steps"),
+    [(2e6, 1200.0, (1e-3, 5e-3)), (1e7, 1200.0, (1e-3, 5e-3)), (2e6, 3000.0, (1e-3, 5e-3)),
+     (1e8, 2500.0, (1e-3,))],
+)  # fmt: skip
+def test_how_long_cinching_takes_does_not_hang_on_the_step(
+    stiffness: float, force: float, steps: tuple[float, ...]
+):
+    """The hook gives way to the motor while the gate follows: at 5 ms it took 81 ms and more too long."""
+    keys = (f"latch.stiffness={stiffness}", f"latch.cinch_force={force}")
+    vehicle = built("latch.cinch=automatic", *keys)
+    limit = time_home(vehicle, 2e-5)
+    for step in steps:
+        assert time_home(vehicle, step) == pytest.approx(limit, abs=2e-3), step
+
+
+@pytest.mark.parametrize("stiff", [False, True])
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 5e-3])
+def test_a_pulled_hook_is_bent_as_its_differential_equation_says(stiff: bool, step: float):
+    """db/dt = ṡ + v_c − y b, for a rate that goes from 4 to −6 mm/s (a stiff hook: is the last one all along)."""
+    claw, bent, rate, rate_end = CLAW._replace(damping=500.0), 2e-4, 0.004, -0.006
+    yielding = claw.cinch_speed * claw.stiffness / claw.cinch_force
+
+    def slope(time: float, b: np.ndarray) -> np.ndarray:
+        now = rate_end if stiff else rate + (rate_end - rate) * time / step
+        return np.array([now + claw.cinch_speed - yielding * b[0], b[0]])
+
+    end, area = solve_ivp(slope, (0.0, step), [bent, 0.0], rtol=1e-10, atol=1e-14).y[:, -1]
+    force, there = pulled_force(claw, bent, rate, stiff, step)
+    assert there.constant + there.slope * rate_end == pytest.approx(end, rel=1e-7)
+    damped = claw.damping * (slope(step, np.array([end, 0.0]))[0] if stiff else (end - bent) / step)
+    expected = claw.stiffness * (end if stiff else area / step) + damped
+    assert force.constant + force.slope * rate_end == pytest.approx(expected, rel=1e-7)
+    if not stiff:
+        state = HALF_CLOSED._replace(pull=0.001)
+        angle = (0.007 + bent) / claw.distance
+        mean = mean_pull(claw, state, angle, rate, rate, 0.0, step)
+        steady = solve_ivp(
+            lambda _, b: [rate + claw.cinch_speed - yielding * b[0], b[0]],
+            (0.0, step), [bent, 0.0], rtol=1e-10, atol=1e-14,
+        )  # fmt: skip
+        assert mean == pytest.approx(claw.cinch_speed - yielding * steady.y[1, -1] / step, rel=1e-7)
+
+
+def test_a_hook_that_goes_back_lets_the_gate_go_at_its_speed():
+    """A command that ends half way: what the hook is damped with is the striker's rate less its own."""
+    claw, state = (
+        CLAW._replace(cinch=float(COMMANDED), damping=3e3),
+        HALF_CLOSED._replace(pull=0.004),
+    )
+    resting = hook_force(claw, state, 0.0042, 0.0, 1.0)
+    assert resting == pytest.approx(2e6 * 2e-4 + 3e3 * (0.012 - 20.0 * 2e-4))
+    assert hook_force(claw, state, 0.0042, 0.0, 0.0) == pytest.approx(2e6 * 2e-4 - 3e3 * 0.012)
+    assert hook_force(claw, state._replace(claw=FULL), 0.0007, 0.0, 0.0) == pytest.approx(400.0)
+    assert mean_pull(claw, state, 0.0042, 0.0, 0.0, 0.0, 1e-3) == -0.012
+    assert mean_pull(claw, state._replace(pull=6e-6), 0.0042, 0.0, 0.0, 0.0, 1e-3) == -0.006
+
+
+def test_a_gate_that_is_let_go_follows_the_hook_with_its_force():
+    """The gate's balance over a step has the hook's returning speed: it is pushed out by what is shown."""
+    vehicle = built("latch.cinch=commanded", "latch.damping=5000")
+    start = half_closed(vehicle)
+    drawn = state_of(go(vehicle, start, COAST, 0.4, 1e-4, latch_cinched=1.0)[-1])
+    assert drawn.latch.claw == HALF
+    plant, given = plant_of(vehicle), inputs(vehicle, COAST, latch_released=0.0)
+    step = 2e-5
+    after = state_of(go(vehicle, drawn, COAST, step, step)[-1])
+    middle = after._replace(
+        gate_angle=0.5 * (drawn.gate_angle + after.gate_angle),
+        gate_rate=0.5 * (drawn.gate_rate + after.gate_rate),
+        latch=after.latch._replace(pull=0.5 * (drawn.latch.pull + after.latch.pull)),
+    )
+    acceleration = (after.gate_rate - drawn.gate_rate) / step
+    assert dynamics.outputs(plant, middle, given).gate_acceleration == pytest.approx(
+        acceleration, rel=0.02
+    )
+
+
+@pytest.mark.parametrize("step", [1e-3, 5e-3])
+@pytest.mark.parametrize("above", [5e-5, 2e-4, 4e-4])
+def test_a_claw_that_is_caught_within_a_step_is_drawn_from_then_on(above: float, step: float):
+    """A gate that comes down at 80 mm/s: so far [m] above where the pawl catches the claw."""
+    vehicle = built("latch.cinch=automatic")
+    distance = vehicle.latch.distance
+    start = initial_state(plant_of(vehicle), (vehicle.latch.half + above) / distance)
+    start = start._replace(gate_rate=-0.08 / distance)
+    pulls = {
+        each: column(go(vehicle, start, COAST, 0.02, each), "pull")[-1] for each in (step, 1e-5)
+    }
+    assert pulls[1e-5] > 1e-4
+    assert pulls[step] == pytest.approx(pulls[1e-5], abs=0.2 * step * vehicle.latch.cinch_speed)
+
+
 def test_what_the_cinching_motor_does_does_not_hang_on_the_step():
     vehicle = built("latch.cinch=automatic")
     start = half_closed(vehicle)
@@ -204,7 +311,7 @@ def test_what_the_cinching_motor_does_does_not_hang_on_the_step():
     for step in (1e-3, 5e-4):
         rows = go(vehicle, start, CLOSE, 0.4, step)[:: round(1e-3 / step)]
         errors.append(np.abs(place(vehicle, rows) - place(vehicle, fine)).max())
-    assert errors[0] < 2e-5
+    assert errors[0] < 3e-5  # m, of a gate that bounces off its hook at 0.2 m/s
     assert errors[1] < 0.7 * errors[0]
 
 
@@ -218,22 +325,25 @@ HALF_CLOSED = LatchState(HALF, 0.0, 0.0, 0.0)
 )
 def test_who_may_start_the_cinching_motor(cinch: int, commanded: float, expected: float):
     claw = CLAW._replace(cinch=float(cinch))
-    assert pull_speed(claw, HALF_CLOSED, 0.004, commanded, 1e-3) == expected
+    assert pull_speed(claw, HALF_CLOSED, 0.004, commanded) == expected
+    assert mean_pull(claw, HALF_CLOSED, 0.004, 0.0, 0.0, commanded, 1e-3) == expected
 
 
 def test_the_cinching_motors_speed_falls_with_its_load_and_never_turns():
-    assert pull_speed(CLAW, HALF_CLOSED, 0.0083, 0.0, 0.0) == pytest.approx(0.006)  # at half force
-    assert pull_speed(CLAW, HALF_CLOSED, 0.02, 0.0, 0.0) == 0.0
+    assert pull_speed(CLAW, HALF_CLOSED, 0.0083, 0.0) == pytest.approx(0.006)  # at half force
+    assert pull_speed(CLAW, HALF_CLOSED, 0.02, 0.0) == 0.0
     drawn = LatchState(OPEN, 0.003, 0.0, 0.0)
-    assert pull_speed(CLAW, drawn, 0.02, 1.0, 1e-3) == -0.012
-    assert pull_speed(CLAW, drawn._replace(pull=0.0), 0.02, 1.0, 1e-3) == 0.0
-    assert next_latch(CLAW, drawn._replace(pull=1e-6), 0.02, -0.012, 0.0, 1e-3).pull == 0.0
+    assert pull_speed(CLAW, drawn, 0.02, 1.0) == -0.012
+    assert pull_speed(CLAW, drawn._replace(pull=0.0), 0.02, 1.0) == 0.0
+    assert (
+        next_latch(CLAW, drawn._replace(pull=1e-6), 0.02, 0.02, -0.012, 0.0, 0.0, 1e-3).pull == 0.0
+    )
 
 
 def test_a_release_ends_the_cinching():
     state = HALF_CLOSED._replace(pull=0.004)
     for _ in range(60):
-        state = next_latch(CLAW, state, 0.004, 0.0, 1.0, 1e-3)
+        state = next_latch(CLAW, state, 0.004, 0.004, 0.0, 0.0, 1.0, 1e-3)
     assert state.claw == OPEN
 
 
@@ -284,10 +394,10 @@ def test_the_pawl_does_not_fall_behind_a_hook_that_is_drawn_home():
 @pytest.mark.parametrize("step", [1e-5, 1e-3, 5e-3])
 def test_the_pawl_stays_lifted_for_its_time(time: float, step: float):
     claw = CLAW._replace(hold_time=time)
-    state = next_latch(claw, LatchState(FULL, 0.0, 1.0, 0.0), 0.001, 0.0, 1.0, step)
+    state = next_latch(claw, LatchState(FULL, 0.0, 1.0, 0.0), 0.001, 0.001, 0.0, 0.0, 1.0, step)
     assert state.claw == OPEN
     count = 0
     while state.claw == OPEN:
-        state = next_latch(claw, state, 0.001, 0.0, 0.0, step)
+        state = next_latch(claw, state, 0.001, 0.001, 0.0, 0.0, 0.0, step)
         count += 1
     assert count * step == pytest.approx(max(time, step), abs=0.51 * step)

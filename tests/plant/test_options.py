@@ -161,7 +161,7 @@ def test_friction_that_grows_with_the_load_holds_more() -> None:
 
 
 def test_an_inertia_in_the_file_replaces_that_of_the_plate() -> None:
-    assert plant_of(suv("gate.inertia=20")).gate_inertia == 20.0
+    assert plant_of(suv("gate.inertia=20")).gate_inertia == pytest.approx(20.0, rel=1e-9)
     assert plant_of(suv()).gate_inertia == pytest.approx(10.5467, abs=5e-5)
 
 
@@ -206,12 +206,11 @@ def test_the_file_s_surroundings_are_the_load() -> None:
             "supply.voltage=13.5",
         )
     )
-    assert around.snow_mass == 12.0
-    assert around.wind_pressure == 34.0
-    assert around.hand_force == -56.0
+    forces = (around.snow_mass, around.wind_pressure, around.hand_force)
+    assert forces == pytest.approx((12.0, 34.0, -56.0), rel=1e-9)
     assert math.degrees(around.road_slope) == pytest.approx(7.0)
-    assert around.ambient_temperature == -8.0
-    assert around.supply_voltage == 13.5
+    assert around.ambient_temperature == pytest.approx(-8.0, rel=1e-9)
+    assert around.supply_voltage == pytest.approx(13.5, rel=1e-9)
 
 
 # Outputs.
@@ -264,7 +263,7 @@ def test_the_voltage_shown_is_that_on_the_motor() -> None:
     assert shown(DriveInput(-0.5, 0.0, 0.0)) == pytest.approx(-6.0)
     # 12 V less 0.05 Ω times the share of the current that the bridge takes from the source.
     assert shown(DriveInput(0.5, 0.0, 0.0), current=8.0) == pytest.approx(0.5 * (12.0 - 0.2))
-    assert shown(DriveInput(0.0, 3.0, 0.0)) == 3.0
+    assert shown(DriveInput(0.0, 3.0, 0.0)) == pytest.approx(3.0, rel=1e-9)
     assert shown(COAST, speed=100.0) == pytest.approx(7.69)
     assert shown(COAST, current=5.0) == pytest.approx(-13.2)
     assert shown(COAST, current=-5.0) == pytest.approx(13.2)

@@ -16,6 +16,8 @@ from liftgate_plant.initial import initial_state
 from liftgate_plant.pwm import Chopper, course
 from liftgate_plant.vehicle import Vehicle, plant_of
 from tests.plant.runs import inputs
+from tests.reference.switched_bridges import Bridge, periodic
+from tools.accuracy.bridges import Point, apart, compared, point, vehicle_at
 
 U, DROP = 12.0, 0.7
 R, L, C2 = 0.708, 4.37e-5, 0.0769
@@ -123,10 +125,67 @@ def test_mean_effective_value_and_peak_are_those_of_the_switched_current(
     assert path.mean == pytest.approx(expected.mean, rel=0.01, abs=2e-3)
     assert current.effective(path, step) == pytest.approx(expected.rms, rel=0.01)
     assert current.peak(path, step) == pytest.approx(expected.peak, rel=0.01)
-    drawn = path.switching.drawn * path.mean
+    drawn = path.switching.drawn * path.mean + path.switching.drawn_beside
     assert drawn == pytest.approx(expected.drawn, rel=0.01, abs=2e-3)
     shown = outputs(plant, state, given)
     assert shown.left_voltage == pytest.approx(R * expected.mean + C2 * state.left.speed, abs=0.02)
+
+
+@pytest.mark.parametrize("number", [*range(24), 217])  # a diode that conducts while the other sags
+def test_currents_and_terminal_voltage_on_a_source_with_resistance_are_the_switched_ones(
+    number: int,
+):
+    """A short version of `make accuracy`, which tries three hundred."""
+    found = apart(number)
+    assert found.is_met, (found, point(number))
+    assert found.terminal < 0.01
+
+
+def test_the_terminal_voltage_is_its_mean_over_a_period_with_slow_freewheeling_too():
+    """Between two pulses the current turns back through the transistors, and the source sees nothing of it."""
+    bridge = Bridge("slow", 0.5, 2e3, 5.4)
+    exact = periodic([bridge, bridge], 12.0, 0.05)
+    assert exact.terminal < 11.8  # where the duty's share of the mean current would give 11.96
+    found = compared(0, Point([bridge, bridge], 12.0, 0.05), 1e-3)
+    assert found.terminal < 1e-3
+
+
+@pytest.mark.parametrize("mode", ["slow", "diode", "fast"])
+def test_bridges_of_two_frequencies_see_each_other_in_the_mean(mode: str):
+    left, right = Bridge(mode, 0.6, 19e3, 4.0), Bridge(mode, -0.8, 7e3, -5.0)
+    exact = periodic([left, right], 12.0, 0.2, repeats=1e-3)
+    found = compared(0, Point([left, right], 12.0, 0.2), 1e-3, repeats=1e-3)
+    assert found.is_met, (found, exact)
+    assert found.terminal < 0.02
+
+
+def test_a_bridge_of_which_the_mean_is_taken_sags_with_what_a_switched_one_draws():
+    """The mean's own course: d (U − R_s drawn) = R i + e, of what both draw."""
+    vehicle = vehicle_at(Point([Bridge("diode", 0.4, 5e3, 5.0)] * 2, 12.0, 0.2))
+    mean = vehicle.right._replace(bridge=vehicle.right.bridge._replace(pwm_frequency=0.0))
+    vehicle = vehicle._replace(right=mean)
+    plant, advance = plant_of(vehicle), compiled(integrate.advance)
+    state = initial_state(plant, 0.5)
+    turning = state.left._replace(speed=5.0 / C2)
+    state = state._replace(left=turning, right=turning)
+    given = inputs(vehicle, DriveInput(0.4, 0.0, 0.0), DriveInput(0.7, 0.0, 0.0))
+    for _ in range(5):
+        state, flow = advance(plant, state, given, 1e-3)
+    drawn = flow.left.switching.drawn * flow.left.mean + flow.left.switching.drawn_beside
+    terminal = 12.0 - 0.2 * (drawn + 0.7 * state.right.current)
+    assert 0.7 * terminal == pytest.approx(R * state.right.current + C2 * state.right.speed)
+    assert outputs(plant, state, given).terminal_voltage == pytest.approx(terminal, abs=1e-4)
+    beside = periodic([Bridge("diode", 0.4, 5e3, 5.0)], 12.0 - 0.14 * state.right.current, 0.2)
+    assert state.left.current == pytest.approx(beside.currents[0].mean, rel=1e-3)
+
+
+def test_what_the_source_gives_is_finite_where_a_motors_mean_current_is_zero():
+    """A motor that idles under a PWM without freewheeling diodes draws and brakes in turn."""
+    bridge = Bridge("slow", 0.5, 2e3, 6.0)
+    assert periodic([bridge], 12.0, 0.0).currents[0].mean == pytest.approx(0.0, abs=1e-9)
+    found = compared(0, Point([bridge], 12.0, 0.0), 1e-3)
+    assert found.drawn < 1e-3
+    assert periodic([bridge], 12.0, 0.0).currents[0].drawn > 2.0
 
 
 @pytest.mark.parametrize(("mode", "duty", "frequency", "emf"), POINTS)

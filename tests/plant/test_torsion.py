@@ -103,7 +103,7 @@ def test_the_mirrored_gate_does_the_mirrored_thing() -> None:
 
     one, other = run("left", "right", 1.0), run("right", "left", -1.0)
     for ours, theirs in zip(one, other, strict=True):
-        assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-12)
+        assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-9)
     assert np.abs(one[3]).max() > 0.005
 
 

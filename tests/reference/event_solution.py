@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
+
+from tests import last_bits
 
 GRAVITY = 9.81
 METHOD = "Radau"
@@ -157,10 +159,15 @@ class MomentumEquation:
         self.hold = hold or limit
         self.sign = 0
 
+    @property
+    def is_held(self) -> bool:
+        """Whether its state stays 0."""
+        return self.limit is not None and self.sign == 0
+
     def derivative(self, view: View) -> float:
         if self.limit is None:
             return self.load(view) / self.inertia
-        if self.sign == 0:
+        if self.is_held:
             return 0.0
         return (self.load(view) - self.sign * self.limit(view)) / self.inertia
 
@@ -633,6 +640,17 @@ class Scene:
 
         return [alarm_of(element) for element in self.elements]
 
+    def held(self, state: Sequence[float]) -> list[int]:
+        """The states that stay as they are until the regime changes. An implicit solver keeps them to its rounding
+        only, and how that falls depends on the machine.
+        """
+        found = [1] if self.latch.holds or self.hinge.is_held else []
+        for drive in self.drives:
+            found += [each.index for each in (drive.coil, drive.shaft) if each.is_held]
+        at_rest = [rate for rate in found if state[rate] == 0.0]
+        integrals = {1: 0, **{drive.first + 1: drive.first + 2 for drive in self.drives}}
+        return found + [integrals[rate] for rate in at_rest if rate in integrals]
+
     def outputs(self, time: float, state: Sequence[float]) -> list[float]:
         """Forces of both drives, pinch force and terminal voltage."""
         v = self.geometry.view(time, state)
@@ -646,6 +664,37 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in over.items():
         result[key] = merged(base.get(key, {}), value) if isinstance(value, Mapping) else value
     return result
+
+
+def _vehicle_off(vehicle: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A vehicle with other last bits, where the suite's switch says so: of whole numbers too, but for counts."""
+
+    def numbers(table: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            key: numbers(each)
+            if isinstance(each, Mapping)
+            else float(each)
+            if type(each) is int and key != "drives"
+            else each
+            for key, each in table.items()
+        }
+
+    return last_bits.off(numbers(vehicle), "file")
+
+
+def _phases_off(phases: Sequence[Phase]) -> list[Phase]:
+    """Phases with other last bits, where the suite's switch says so. Each ends when it ends, and what both drives
+    do alike they go on doing alike.
+    """
+    return [
+        replace(
+            last_bits.off(each, "phase"),
+            end=each.end,
+            left=last_bits.off(each.left, "command"),
+            right=last_bits.off(each.right, "command"),
+        )
+        for each in phases
+    ]
 
 
 def solve(
@@ -663,6 +712,8 @@ def solve(
     drive (motor, gear, spindle, spring, mechanism, friction, bridge, thermal) that differ from the common ones.
     With one drive it is the left one and the right columns stay zero.
     """
+    vehicle, phases = _vehicle_off(vehicle), _phases_off(phases)
+    initial_angle = last_bits.off(initial_angle, "angle")
     times = np.asarray(sample_times, dtype=float)
     if times.size and (np.any(np.diff(times) < 0) or times[0] < 0 or times[-1] > phases[-1].end):
         raise ValueError("sample times must ascend from 0 to the end of the last phase")
@@ -709,17 +760,19 @@ def solve(
             )
             if not (piece.success and np.isfinite(piece.y).all()):
                 raise RuntimeError(f"integration failed at {piece.t[-1]} s: {piece.message}")
-            reached = float(piece.t[-1])
+            reached, held = float(piece.t[-1]), scene.held(state)
             last = phase is phases[-1] and reached >= phase.end
             chosen = (times >= now) & ((times <= reached) if last else (times < reached))
             if chosen.any():
                 rows = piece.sol(times[chosen]).T
+                rows[:, held] = [state[k] for k in held]
                 states[np.ix_(chosen, places)] = rows
                 outputs[chosen] = [
                     scene.outputs(time, row)
                     for time, row in zip(times[chosen].tolist(), rows.tolist(), strict=True)
                 ]
-            state = piece.y[:, -1].tolist()
+            kept = {k: state[k] for k in held}
+            state = [kept.get(k, value) for k, value in enumerate(piece.y[:, -1].tolist())]
             if piece.status == 1:
                 events += 1
                 if events > MAX_EVENTS:

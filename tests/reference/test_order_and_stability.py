@@ -10,6 +10,7 @@ import pytest
 from liftgate_plant.dynamics import DriveState, State
 from liftgate_plant.vehicle import plant_of
 from tests.plant.runs import (
+    BRAKE,
     CLOSE,
     GATE,
     OPEN,
@@ -100,3 +101,22 @@ def test_absurd_parameters_stay_stable(settings: tuple[str, ...], step: float) -
         # Whatever rings, it stays between the stops with a margin, and the drives end stalled.
         assert np.degrees(np.abs(column(rows, "angle"))).max() < 90.0
         assert abs(rows[-1][1]) < 5.0
+
+
+LIGHT = [  # of a gate of 0.2 kg, whose spindles a force holds that their damping alone makes
+    "motor.resistance=330", "motor.inductance=0.0195", "gear.inertia=0.000659", "gear.friction_torque=1.0",
+    "gear.backlash=0.00025", "spindle.friction_force=3.75", "spindle.load_friction=0.22",
+    "spring.stop_stiffness=6.2e11", "spring.preload=66.4", "spring.stiffness=14696", "mechanism.damping=5.83e7",
+    "seal.stiffness=19825", "gate.mass=0.2068", "friction.viscous=0.0566",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("step", [5e-5, 1e-3, 5e-3])
+def test_a_light_gate_at_rest_is_not_spun_up_by_its_own_friction(step: float) -> None:
+    """Each sliding direction of the spindles called for the other one, which no iteration ended (10,263 rev/s)."""
+    vehicle = suv(*LIGHT)
+    start = at_rest(vehicle, 5.371)
+    rows = fast_run(plant_of(vehicle), start, inputs(vehicle, BRAKE), step, round(0.3 / step))
+    assert column(rows, "left_speed").max() == pytest.approx(2.57, abs=0.7)
+    assert column(rows, "left_speed")[1] == 0.0
+    assert math.degrees(column(rows, "angle")[-1]) == pytest.approx(5.4732, abs=1e-3)

@@ -56,7 +56,7 @@ def recorder_of(folder: Path) -> int:
             command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
             if b"liftgate_hil.recording.process" in command and str(folder).encode() in command:
                 return int(entry.name)
-    return 0
+    raise ProcessLookupError(f"nobody records in {folder}")  # 0 would be this process's whole group
 
 
 def frames_in(path: Path) -> list[tuple[int, bytes, float]]:

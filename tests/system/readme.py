@@ -1,4 +1,6 @@
-"""The commands of README.md and of what `init` prints, as they stand there, and where they can be tried."""
+"""The commands of README.md, of the pages in docs, and of what `init` prints, as they stand there, and where they
+can be tried.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,22 @@ _PROGRAMS = (
 _CACHE = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # with the compiled model
 
 
+def pages() -> list[Path]:
+    """README, and the pages of docs."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
 def text() -> str:
-    """The whole of it."""
-    return (ROOT / "README.md").read_text(encoding="utf-8")
+    """All of them, one after the other."""
+    return "\n".join(each.read_text(encoding="utf-8") for each in pages())
 
 
 def commands() -> list[str]:
-    """Every command of its indented blocks, without the comments behind."""
+    """Every command of their indented blocks, each once, without the comments behind."""
     joined = text().replace("\\\n", " ")
     lines = (line[4:].strip() for line in joined.splitlines() if line.startswith("    "))
-    return [re.split(r" {2,}#", line)[0].strip() for line in lines if line.startswith(_PROGRAMS)]
+    found = [re.split(r" {2,}#", line)[0].strip() for line in lines if line.startswith(_PROGRAMS)]
+    return list(dict.fromkeys(found))
 
 
 def command(start: str) -> str:

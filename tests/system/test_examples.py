@@ -28,11 +28,10 @@ def run_script(script: Path, folder: Path) -> str:
     return done.stdout
 
 
-def python_of_readme() -> str:
-    """The blocks of README's section on Python, one after the other."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text.split("\n## From Python\n")[1].split("\n## ")[0]
-    lines = [line[4:] for line in section.splitlines() if line.startswith("    ")]
+def python_of_the_page() -> str:
+    """The blocks of the page on Python, one after the other."""
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
     return "\n".join(lines) + "\n"
 
 
@@ -47,9 +46,9 @@ def test_an_example_runs_where_it_is_started_and_tells_what_it_found(
     assert sorted(script.parent.iterdir()) == before
 
 
-def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
-    script = tmp_path / "readme.py"
-    script.write_text(python_of_readme(), encoding="utf-8")
+def test_the_python_of_the_page_runs(tmp_path: Path) -> None:
+    script = tmp_path / "page.py"
+    script.write_text(python_of_the_page(), encoding="utf-8")
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "examples").symlink_to(ROOT / "docs" / "examples")
     run_script(script, tmp_path)

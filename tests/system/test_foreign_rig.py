@@ -13,7 +13,7 @@ from liftgate_hil.cli.main import main
 RIG = Path(__file__).parent / "foreign" / "foreign.toml"
 STORY = [
     "opening",
-    "open, travel learned",
+    "open",
     "closing",
     "trapped while closing",
     "reversal done, stopped",

@@ -1,4 +1,5 @@
-"""A newcomer's path: every command of README.md and of what `init` prints, as it stands there, in a fresh folder.
+"""A newcomer's path: every command of README.md, of docs and of what `init` prints, as it stands there, in a fresh
+folder.
 
 What is not here (a bus, an adapter, a serial port) is replaced by what is, in `places`; what would run for ever
 gets a --duration.
@@ -134,7 +135,27 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
         time.sleep(0.05)
 
 
-def test_every_command_of_the_readme_is_run_or_is_said_to_be_run_elsewhere() -> None:
+def test_the_readme_is_one_page() -> None:
+    page = (readme.ROOT / "README.md").read_bytes()
+    assert len(page.splitlines()) <= 150
+    assert len(page) <= 8_000
+
+
+def test_every_page_is_reached_from_the_readme_and_every_link_leads_somewhere() -> None:
+    reached = set()
+    for page in readme.pages():
+        for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            path, _, anchor = target.partition("#")
+            if "://" in target:
+                continue
+            assert not anchor, f"{page.name}: {target}: a page is a topic, link it as a whole"
+            found = (page.parent / path).resolve()
+            assert found.exists(), f"{page.name}: {target}"
+            reached |= {found} if page.name == "README.md" else set()
+    assert reached >= {*readme.pages()[1:]}
+
+
+def test_every_command_of_the_pages_is_run_or_is_said_to_be_run_elsewhere() -> None:
     known = [command(each) for each in (*HERE, *ELSEWHERE)]
     assert len(set(known)) == len(known)
     assert set(readme.commands()) == set(known)
@@ -167,15 +188,25 @@ def test_a_recording_of_somebody_elses_car_is_judged(folder: Path) -> None:
 def test_what_init_prints_runs_as_it_stands(folder: Path) -> None:
     out = run(command("liftgate-hil init"), folder)
     steps = [re.split(r" {2,}#", line)[0].strip() for line in out.split("next:")[1].splitlines()]
-    cd, demo, pytest_, make, gate, ecu = (step for step in steps if step)
+    cd, check, demo, test, pytest_, make, *in_c, gate, ecu, port, serial = (
+        step for step in steps if step and not step.startswith("#")
+    )
     assert cd == "cd gate"
+    assert "fits vehicle.toml" in run(f"{cd} && {check}", folder)
     assert "closed and latched" in run(f"{cd} && {demo}", folder)
+    assert "presses softly: pass" in run(f"{cd} && {test}", folder)
     assert " passed" in run(f"{cd} && {pytest_} -p no:cacheprovider", folder)
     run(f"{cd} && {make}", folder)
-    program, wire = ecu.split()
-    assert os.access(folder / "gate" / program, os.X_OK)
-    assert wire == "can0"
-    assert f"--bus socketcan:{wire}" in gate  # on a vcan0: tests/vcan
+    demo, test, pytest_ = in_c
+    assert "reversed" in run(f"{cd} && {demo}", folder)
+    assert "presses softly: fail" in run(f"{cd} && {test}", folder, codes=(1,))
+    assert "2 failed, " in run(f"{cd} && {pytest_} -p no:cacheprovider", folder, codes=(1,))
+    for step, wire in ((ecu, "can0"), (serial, "/dev/ttyUSB1")):
+        program, said = step.split()
+        assert os.access(folder / "gate" / program, os.X_OK)
+        assert said == wire
+    assert "--bus socketcan:can0" in gate  # on a vcan0: tests/vcan
+    assert "--serial /dev/ttyUSB0" in port  # on a line: tests/system/test_serial_ecu.py
 
 
 def test_completion_goes_where_bash_looks_for_it(folder: Path) -> None:
@@ -366,7 +397,9 @@ def test_a_first_rig_is_drafted_and_checked(folder: Path) -> None:
 def test_the_gate_on_a_serial_line(folder: Path, ports: dict[str, str]) -> None:
     run(command("liftgate-hil --serial /dev/ttyUSB0"), folder, ports, SHORT)
     demo = command("liftgate-hil demo --serial")
-    assert "opening" in run(demo, folder, ports, "--overrun-limit 60 --duration 2")
+    told = run(demo, folder, ports, "--overrun-limit 60 --duration 2")
+    (accepted,) = re.findall(r"commands accepted (\d+)", told)
+    assert int(accepted) > 50
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, port = server.getsockname()
         link: list[socket.socket] = []

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import pytest
 
+import liftgate_hil as lh
 from liftgate_hil.config.shipped import shipped_folder
 from liftgate_hil.ecu.mutants import MUTANTS
 from liftgate_hil.runs.job import Job
@@ -63,6 +67,7 @@ def test_the_reference_ecu_passes_all_of_it() -> None:
     assert len(pack()) >= 25
     done = {name: suite.run_case(case) for name, case in pack().items()}
     assert {name: each.verdict for name, each in done.items() if each.verdict != "pass"} == {}
+    assert not [note for each in done.values() for note in each.notes if "too short" in note]
 
 
 def test_each_has_its_reason_a_description_and_a_requirement() -> None:
@@ -74,6 +79,37 @@ def test_each_has_its_reason_a_description_and_a_requirement() -> None:
         scenario = pack()[path.stem].parts.setup.scenario
         assert scenario.description, path
         assert scenario.requirement, path
+
+
+def test_a_fault_that_waits_for_the_gate_lasts_as_long_on_a_late_one(tmp_path: Path) -> None:
+    """It ends after a time of its own or as the gate goes on, not at a time of the run."""
+    for name, case in pack().items():
+        for fault in case.parts.setup.scenario.faults:
+            if fault.start.condition:
+                assert "time_s" not in fault.end.condition, name
+                assert fault.end.condition or fault.end.time == math.inf, name
+    for name in ("commands_stale", "supply_drop_out"):
+        text = Path(pack()[name].parts.setup.scenario.source).read_text(encoding="utf-8")
+        late = text.replace("time = 0.5", "time = 3.5")
+        assert late != text
+        (tmp_path / "late.toml").write_text(late, encoding="utf-8")
+        assert lh.run(tmp_path / "late.toml").notes == ()
+
+
+def test_an_ecu_that_only_stops_never_turns_back() -> None:
+    """A rod pushes it back, which moves the gate, too."""
+    turning = {
+        name: case
+        for name, case in pack().items()
+        if any(
+            each.name.startswith("turns back") for each in case.parts.setup.scenario.expectations
+        )
+    }
+    assert len(turning) >= 20
+    for name, case in turning.items():
+        found = suite.run_case(replace(case, job=replace(case.job, mutant="only_stops")))
+        told = {each.name: each.verdict for each in found.expectations}
+        assert {told[each] for each in told if each.startswith("turns back")} == {"fail"}, name
 
 
 def test_every_mutant_has_its_killer() -> None:

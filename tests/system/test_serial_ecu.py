@@ -84,6 +84,6 @@ def test_the_demo_runs_between_the_ends_of_a_serial_line(tmp_path: Path) -> None
             "--duration", "4", "--overrun-limit", "60", "--output", str(tmp_path),
         ) as demo,
     ):  # fmt: skip
-        out, complaints = demo.communicate(timeout=PATIENCE)
+        _, complaints = demo.communicate(timeout=PATIENCE)
     assert demo.returncode == 0, complaints
-    assert "deg  opening" in out
+    assert complaints.count("opening") == 1

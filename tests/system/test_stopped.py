@@ -103,7 +103,7 @@ def test_a_python_ecu_that_hangs_is_given_up(
     code, error = stopped_when_it_hangs(tmp_path, number, *given, "--ecu", "theirs:Ecu")
     assert code == 128 + number
     (cause,) = (line for line in error.splitlines() if line.startswith("liftgate-hil: "))
-    assert "no answer when it was to stop" in cause
+    assert "no answer" in cause
     assert "Traceback" not in error
 
 

@@ -125,6 +125,12 @@ def test_a_verdict_is_that_of_the_answers_in_the_window(short: Callable[..., Pat
         found["present 0.7"].reason
         == "U1A01-87: not reported from 0.7 s within 0.15 s, in 2 answers"
     )
+    # What comes behind the window is told, too.
+    assert re.fullmatch(
+        r"U1A01-87: not reported from 0\.05 s within 0\.15 s, in \d answers; "
+        r"reported at 0\.40\d s, allowed until 0\.2 s",
+        found["present 0.05"].reason,
+    )
 
 
 @pytest.mark.parametrize(

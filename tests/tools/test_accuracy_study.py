@@ -7,8 +7,10 @@ import math
 import pytest
 
 from liftgate_hil.config.vehicle import vehicle_of
+from liftgate_plant.pwm import FREEWHEELING
+from tools.accuracy.bridges import BAR, Apart, point
 from tools.accuracy.cases import NAMES, case
-from tools.accuracy.page import page_of
+from tools.accuracy.page import bridges_of, page_of
 from tools.accuracy.study import ANGLE_BAR, CURRENT_BAR, Errors, errors_of
 
 
@@ -62,3 +64,21 @@ def test_the_page_counts_what_meets_the_bars_and_tells_what_does_not() -> None:
     assert "| 1 | 2.000 | 0.00010 |" in page
     assert "| 2 | 0.100 | 0.00200 |" in page
     assert "- case 3: the reference gave up" in page
+
+
+def test_all_bridges_are_among_the_points() -> None:
+    points = [point(number) for number in range(60)]
+    bridges = [each for one in points for each in one.bridges]
+    assert {each.mode for each in bridges} == set(FREEWHEELING)
+    assert {len(each.bridges) for each in points} == {1, 2}
+    assert any(each.duty < 0.0 for each in bridges)
+    assert any(abs(each.duty) == 1.0 for each in bridges)
+    assert any(each.duty * each.emf < 0.0 for each in bridges)
+    assert all(1e3 <= each.frequency <= 20e3 for each in bridges)
+    assert all(0.0 <= each.resistance <= 0.2 for each in points)
+
+
+def test_the_page_counts_the_bridges_that_meet_the_bar() -> None:
+    page = bridges_of([Apart(0, 1e-4, 1e-4, 1e-4, 1e-3), Apart(7, 1e-4, BAR, 1e-4, 1e-3)])
+    assert "**1 of 2**" in page
+    assert "Point 7 does not" in page

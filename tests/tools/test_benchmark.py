@@ -2,12 +2,114 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tools.benchmark import episodes, inactive, parts, replays
+from tools.benchmark import episodes, inactive, lateness, parts, processes, replays
+from tools.benchmark.checkouts import HERE
+from tools.benchmark.effort import SHORT, WHOLE
+from tools.c_translator.build import BUILDS
+
+# What the report of cyclictest (rt-tests 2.5, `--json`) has of what is read here.
+CYCLICTEST = """#!/bin/sh
+for each in "$@"; do
+    case "$each" in --json=*) report="${each#--json=}";; esac
+done
+echo '{"thread": {"0": {"histogram": {"3": 90, "7": 9}, "cycles": 100, "max": 60000}}}' > "$report"
+"""
+SECTIONS = (
+    "The closed loop in machine code",
+    "Faults and expectations that do nothing",
+    "The step against C",
+    "Cost",
+    "What each part costs",
+    "Start",
+    "An hour of `simulate`",
+    "`identify` by rows",
+    "Lateness of a replay",
+    "Lateness, paired with cyclictest",
+    "Command to feedback",
+)
+
+
+def test_the_whole_benchmark_runs_to_its_end(tmp_path: Path) -> None:
+    """Shortened, with all of its sections; cyclictest is a stand-in, as few machines have it."""
+    program = tmp_path / "cyclictest"
+    program.write_text(CYCLICTEST)
+    program.chmod(0o755)
+    done = subprocess.run(
+        [sys.executable, "-m", "tools.benchmark", "--short", "--output", str(tmp_path)],
+        cwd=HERE,
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1200,
+    )
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "benchmark.md").read_text(encoding="utf-8")
+    assert [line[3:] for line in page.splitlines() if line.startswith("## ")] == [*SECTIONS]
+    assert "nan" not in page
+    assert (tmp_path / "benchmark.png").stat().st_size > 10_000
+
+
+def test_what_is_shortened_is_so_everywhere() -> None:
+    """A length that is added has its short one."""
+    same = [name for name in WHOLE._fields if getattr(WHOLE, name) == getattr(SHORT, name)]
+    assert same == []
+    assert len(lateness.CONDITIONS) > (SHORT.conditions or 0)
+    assert len(BUILDS) > (SHORT.builds or 0)
+
+
+def test_what_goes_wrong_in_the_loop_s_thread_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tools.benchmark import costs
+
+    def broken(*_: object) -> int:
+        raise TypeError("missing a required argument")
+
+    monkeypatch.setattr(costs, "compiled", lambda _: broken)
+    with pytest.raises(TypeError, match="missing a required"):
+        costs.hot_tick(None, SHORT)
+
+
+def test_starts_without_a_cold_round_are_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "times_of", lambda *_, **__: processes.Times(1.0, 2.0))
+    (found,) = processes.compile_times(["--help"], [HERE], SHORT).values()
+    assert found == processes.Compile(None, processes.Times(1.0, 2.0))
+    (found,) = processes.compile_times(["--help"], [HERE], WHOLE).values()
+    assert found.cold == found.warm
+
+
+def test_a_frame_that_is_lost_leaves_the_other_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a bus in a network loses some: the first of two rounds is told and left out."""
+    arrivals = [np.zeros(1)]
+
+    def played(
+        command: list[str], *_: object
+    ) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
+        told = '{"lateness_p50_us": 1, "lateness_p99_us": 2, "lateness_p999_us": 3, "lateness_max_us": 4}'
+        done = subprocess.CompletedProcess(command, 0, told, "")
+        return done, arrivals.pop() if arrivals else due[0]
+
+    due = [np.zeros(1)]
+    monkeypatch.setattr(
+        replays, "players", lambda *_: {"ours": [sys.executable, "-c", "", "--json"]}
+    )
+    monkeypatch.setattr(replays, "Ear", lambda *_: None)
+    monkeypatch.setattr(replays, "_played", played)
+    monkeypatch.setattr(
+        replays, "write_log", lambda *_: due.__setitem__(0, np.array([0.0, 1.0])) or due[0]
+    )
+    found = replays.measure("udp_multicast:x", 2, 1.0)
+    assert "1 of 2 frames arrived" in capsys.readouterr().err
+    assert found["told"] == {"ours": [1, 2, 3, 4]}
 
 
 @pytest.mark.parametrize("case", episodes.cases(None), ids=lambda case: case.name)

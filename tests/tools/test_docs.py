@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
+from cantools.database.can import Message, Signal
 
 from liftgate_hil.conditions.parser import parsed
 from liftgate_hil.config import scenario_keys
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
+from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.schema import Key
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from tools.docs import DOCS, PAGES, rig
 
@@ -151,6 +155,19 @@ def _options(path: Path) -> object:
     found = message_options(issues, read_toml(path), messages)
     issues.raise_if_any()
     return found
+
+
+def test_the_example_of_a_checksum_is_one_of_a_rig() -> None:
+    text = (DOCS / "rig.md").read_text(encoding="utf-8")
+    example = text.partition("`checksum = {…}` of a message")[2].partition("    [messages")[2]
+    content = tomllib.loads("[messages" + example.partition("\n\n`covers`")[0])
+    signals = [Signal("CRC", 0, 8), Signal("BZ", 8, 4)]
+    messages = {"TheirCommand": Message(0x86, "TheirCommand", 8, signals)}
+    issues = ConfigIssues("rig.md")
+    options = message_options(issues, content, messages)["TheirCommand"]
+    assert not issues.lines
+    assert options.own is not None
+    assert options.counter == "BZ"
 
 
 def test_every_quantity_that_a_rig_can_wire_is_on_its_page() -> None:

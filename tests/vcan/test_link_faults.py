@@ -39,6 +39,7 @@ FAULTS = {
 }
 FLAPS = {"gone and back twice": [GONE, THERE, GONE, THERE, UP]}
 OUTAGE = 0.06  # s, twice the commands' time-out
+AFTER = 10  # ticks from a loss's news to a command before it, where the machine stood still
 SHOWN = 110  # ticks from the last command before a loss to its news: 100, and a command period
 ERROR_FRAME, BUS_OFF, RESTARTED = 0x20000000, 0x40, 0x100  # linux/can.h, linux/can/error.h
 FOREIGN = 0x5A5
@@ -93,8 +94,12 @@ def feedback_within(seconds: float) -> bool:
 
 
 def check_shown(losses: list[int], story: Story) -> None:
-    """Each loss was told soon after the last command before it, but where the machine stood still."""
-    lags = sorted(told - max(tick for tick in story.accepted if tick <= told) for told in losses)
+    """Each loss was told soon after the last command before it, but where the machine stood still. A tick that is
+    made up gets a command at its own time, some ticks after a loss that came with it may have been told.
+    """
+    latest = [[tick for tick in story.accepted if tick <= told + AFTER] for told in losses]
+    assert all(latest), (losses, story.accepted)
+    lags = sorted(told - max(ticks) for told, ticks in zip(losses, latest, strict=True))
     assert lags[len(lags) - 1 - standstills(len(lags))] <= SHOWN, lags
 
 
@@ -116,7 +121,7 @@ def test_a_lost_link_is_told_the_motors_coast_and_it_returns(
                 assert feedback_within(PATIENCE)
                 gate.wait_for_news("is back", cycle + 1)
                 time.sleep(0.05)
-            assert gate.holds() == held
+            assert all(now <= then for now, then in zip(gate.holds(), held, strict=True))
             sent = sent_by(ecu)
         time.sleep(0.1)
         news = gate.news()

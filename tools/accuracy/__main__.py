@@ -7,8 +7,9 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from tools.accuracy.page import page_of
-from tools.accuracy.study import errors_of
+from tools.accuracy.bridges import Apart, apart, point
+from tools.accuracy.page import bridges_of, page_of
+from tools.accuracy.study import Errors, errors_of
 
 CASES = 300
 
@@ -21,17 +22,29 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, metavar="N", help="number of the first")
     parser.add_argument("--case", type=int, metavar="N", help="print one, write nothing")
     parser.add_argument("--jobs", type=int, default=2, metavar="N")
+    parser.add_argument("--point", type=int, metavar="N", help="the same of one of the bridges")
     args = parser.parse_args()
     if args.case is not None:
         print(errors_of(args.case))
         return 0
-    found = []
+    if args.point is not None:
+        print(point(args.point), apart(args.point), sep="\n")
+        return 0
+    numbers = range(args.first, args.first + args.cases)
+    found: list[Errors] = []
+    switched: list[Apart] = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for each in pool.map(errors_of, range(args.first, args.first + args.cases)):
+        for each in pool.map(errors_of, numbers):
             found.append(each)
             if not each.is_met:
                 print(each, flush=True)
-    Path(args.output, "accuracy.md").write_text(page_of(found), encoding="utf-8")
+        for other in pool.map(apart, numbers):
+            switched.append(other)
+            if not other.is_met:
+                print(other, flush=True)
+    Path(args.output, "accuracy.md").write_text(
+        page_of(found) + bridges_of(switched), encoding="utf-8"
+    )
     return 0
 
 

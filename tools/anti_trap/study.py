@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable
-from multiprocessing import Pool
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,8 +79,8 @@ def _run(task: Task) -> Outcome:
 
 def all_of(tasks: Iterable[Task]) -> list[Outcome]:
     """The outcomes, in order; on all CPUs."""
-    with Pool() as pool:
-        return pool.map(_run, list(tasks), chunksize=4)
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(_run, tasks, chunksize=4))
 
 
 def over_the_travel(calibration: Calibration) -> dict[str, dict[str, Outcome]]:

@@ -25,9 +25,11 @@ from tools.benchmark import (
     tables,
 )
 from tools.benchmark.checkouts import HERE, name_of
+from tools.benchmark.effort import SHORT, WHOLE, Effort
 from tools.benchmark.lateness import Pairs
 from tools.benchmark.machine import load_line, machine_lines
 from tools.c_translator.build import BUILDS, compare
+from tools.c_translator.build import ROUNDS as STEP_ROUNDS
 
 STEPS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
 
@@ -70,7 +72,9 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
     import matplotlib.pyplot as plt
     import numpy as np
 
-    figure, panels = plt.subplots(2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True)
+    figure, panels = plt.subplots(
+        2, len(pairs) // 2, figsize=(16, 7), sharex=True, sharey=True, squeeze=False
+    )
     for panel, pair in zip(panels.T.flat, pairs, strict=True):
         for runs, label, colour in (
             (pair.ours, "liftgate-hil", "C0"),
@@ -93,9 +97,9 @@ def plot(path: Path, pairs: list[Pairs]) -> None:
     plt.close(figure)
 
 
-def step_section() -> list[str]:
+def step_section(effort: Effort = WHOLE) -> list[str]:
     """The compiled step against C."""
-    points = compare()
+    points = compare(effort.of(STEP_ROUNDS), BUILDS[: effort.builds])
     lines = [
         "## The step against C",
         "",
@@ -112,6 +116,8 @@ def step_section() -> list[str]:
         cells = [
             f"**{point.ratio(each.name):.2f}** ({shown(point.translations[each.name])})"
             if each.name in point.translations
+            else "not measured"
+            if each.is_installed
             else "not installed"
             for each in BUILDS
         ]
@@ -119,7 +125,7 @@ def step_section() -> list[str]:
     return [*lines, ""]
 
 
-def episode_section() -> list[str]:
+def episode_section(effort: Effort = WHOLE) -> list[str]:
     """The closed loop."""
     lines = [
         "## The closed loop in machine code",
@@ -133,7 +139,7 @@ def episode_section() -> list[str]:
         "| | ratio, median | ratio of the minima | episode | plant and sensors |",
         "|---|---|---|---|---|",
     ]
-    for name, each in episodes.measure().items():
+    for name, each in episodes.measure(effort.of(episodes.ROUNDS), effort.ticks).items():
         lines.append(
             f"| {name} | **{each.ratio:.2f}** | {each.least_ratio:.2f} | {shown(each.episode)} "
             f"| {shown(each.plant)} |"
@@ -145,12 +151,12 @@ def episode_section() -> list[str]:
     ]
     lines += [
         f"| {name} | **{pace.wall:.0f}** | {pace.cpu:.0f} |"
-        for name, pace in processes.paces().items()
+        for name, pace in processes.paces(effort).items()
     ]
     return [*lines, ""]
 
 
-def inactive_section() -> list[str]:
+def inactive_section(effort: Effort = WHOLE) -> list[str]:
     """What is in the file, and does nothing."""
     return [
         "## Faults and expectations that do nothing",
@@ -161,29 +167,32 @@ def inactive_section() -> list[str]:
             A fault that waits for a condition has it evaluated in each tick."""
         ),
         "",
-        *inactive.table(inactive.measure()),
+        *inactive.table(inactive.measure(effort.of(inactive.ROUNDS), effort.ticks)),
         "",
     ]
 
 
-def replay_section() -> list[str]:
+def replay_section(effort: Effort = WHOLE) -> list[str]:
     """Against other players."""
+    rounds, seconds = effort.of(replays.ROUNDS), effort.replay_seconds
     lines = [
         "## Lateness of a replay",
         "",
         paragraph(
-            f"""The same log of {replays.SECONDS:g} s, 1000 frames a second at no period, played in turns by
-            `liftgate-hil replay`, python-can's `can.player` and can-utils' `canplayer` ({replays.ROUNDS} rounds,
+            f"""The same log of {seconds:g} s, 1000 frames a second at no period, played in turns by
+            `liftgate-hil replay`, python-can's `can.player` and can-utils' `canplayer` ({rounds} rounds,
             medians); stamps are the kernel's, of what arrives. Of each run the frame that is earliest against the
             log counts as on time. Ours also tells its lateness itself, from when each frame was due."""
         ),
         "",
     ]
     found = {
-        "a real vcan0, in a User-Mode Linux machine of one CPU where this kernel has none": replays.on_vcan()
+        "a real vcan0, in a User-Mode Linux machine of one CPU where this kernel has none": replays.on_vcan(
+            rounds, seconds
+        )
     }
     found["udp_multicast, python-can's own bus on this machine"] = replays.measure(
-        f"udp_multicast:{replays.GROUP}"
+        f"udp_multicast:{replays.GROUP}", rounds, seconds
     )
     for bus, figures in found.items():
         if figures is not None:
@@ -191,7 +200,7 @@ def replay_section() -> list[str]:
     return lines
 
 
-def parts_section() -> list[str]:
+def parts_section(effort: Effort = WHOLE) -> list[str]:
     """What is optional, part by part."""
     lines = [
         "## What each part costs",
@@ -206,12 +215,12 @@ def parts_section() -> list[str]:
     ]
     lines += [
         f"| {name} | {shown(each.tick)} | **{each.ratio:.2f}** | {shown(each.least)} |"
-        for name, each in parts.measure().items()
+        for name, each in parts.measure(effort.of(parts.ROUNDS)).items()
     ]
     return [*lines, ""]
 
 
-def start_section(roots: Sequence[Path]) -> list[str]:
+def start_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
     """From start to exit."""
     lines = [
         "## Start",
@@ -224,22 +233,29 @@ def start_section(roots: Sequence[Path]) -> list[str]:
         "| from start to exit | | cold: wall | cold: CPU | warm: wall | warm: CPU |",
         "|---|---|---|---|---|---|",
     ]
-    for name, each in processes.compiles(roots).items():
+    for name, each in processes.compiles(roots, effort).items():
         lines += [
-            f"| {name} | {name_of(root)} | {shown(times.cold.wall)} | **{shown(times.cold.cpu)}** "
-            f"| {shown(times.warm.wall)} | **{shown(times.warm.cpu)}** |"
+            f"| {name} | {name_of(root)} | {_start(times.cold)} | {_start(times.warm)} |"
             for root, times in each.items()
         ]
     return [*lines, ""]
 
 
-def table_section(roots: Sequence[Path]) -> list[str]:
+def _start(times: processes.Times | None) -> str:
+    """Two cells of a table."""
+    if times is None:
+        return "not measured | not measured"
+    return f"{shown(times.wall)} | **{shown(times.cpu)}**"
+
+
+def table_section(roots: Sequence[Path], effort: Effort = WHOLE) -> list[str]:
     """An hour in each format."""
+    seconds = effort.table_seconds
     lines = [
         "## An hour of `simulate`",
         "",
         paragraph(
-            f"""{tables.SECONDS * 1000:,} rows of all columns at 1 ms, from start to exit, in each format of
+            f"""{seconds * 1000:,.0f} rows of all columns at 1 ms, from start to exit, in each format of
             tables. Simulating and writing overlap, so that the wall time is less than the CPU time where two CPUs
             are free."""
         ),
@@ -250,13 +266,18 @@ def table_section(roots: Sequence[Path]) -> list[str]:
     lines += [
         f"| {motion} | `{suffix}` | {name_of(root)} | {shown(each.wall)} | **{shown(each.cpu)}** "
         f"| {each.peak / 1e6:.0f} MB | {each.size / 1e6:,.0f} MB |"
-        for (motion, suffix, root), each in tables.measure(roots).items()
+        for (motion, suffix, root), each in tables.measure(roots, seconds).items()
     ]
     return [*lines, ""]
 
 
-def identification_section(against: Path | None) -> list[str]:
+def identification_section(against: Path | None, effort: Effort = WHOLE) -> list[str]:
     """`identify` by rows."""
+    by_rows = [
+        # Of a million rows others take minutes.
+        identification.table((rows,), against if rows < 1_000_000 else None, rounds)
+        for rows, rounds in effort.identify_rows
+    ]
     return [
         "## `identify` by rows",
         "",
@@ -266,16 +287,18 @@ def identification_section(against: Path | None) -> list[str]:
             far off, a problem of few rows leads it near, and all rows are needed some twenty times."""
         ),
         "",
-        *identification.table((10_000,), against, rounds=3),
-        *identification.table((100_000,), against, rounds=1)[2:],
-        *identification.table((1_000_000,), None, rounds=1)[2:],  # others take minutes
+        *by_rows[0],
+        *(line for each in by_rows[1:] for line in each[2:]),
         "",
     ]
 
 
-def lateness_section(folder: Path, rounds: int, seconds: float) -> list[str]:
+def lateness_section(
+    folder: Path, rounds: int, seconds: float, effort: Effort = WHOLE
+) -> list[str]:
     """Against cyclictest."""
-    pairs, delays = lateness.measure(rounds, seconds)
+    conditions = lateness.CONDITIONS[: effort.conditions]
+    pairs, delays = lateness.measure(rounds, seconds, conditions)
     plot(folder / "benchmark.png", pairs)
     return [
         "## Lateness, paired with cyclictest",
@@ -321,41 +344,59 @@ def main() -> None:
         "--only-replays", action="store_true", help="print these two sections, and no more"
     )
     parser.add_argument("--only-files", action="store_true", help="print these three, and no more")
+    parser.add_argument(
+        "--short",
+        action="store_true",
+        help="a little of everything, in a minute: to see that it runs; its figures are worth nothing",
+    )
     args = parser.parse_args()
+    effort = SHORT if args.short else WHOLE
     against = args.against and args.against.resolve()
     roots = [HERE] if against is None else [against, HERE]
     if args.only_replays:
-        print("\n".join(inactive_section() + replay_section()))
+        print("\n".join(inactive_section(effort) + replay_section(effort)))
         return
     if args.only_files:
-        print(
-            "\n".join(start_section(roots) + table_section(roots) + identification_section(against))
-        )
+        print("\n".join(_files(roots, against, effort)))
         return
     args.output.mkdir(parents=True, exist_ok=True)
     text = ["# Benchmark", "", "Made by `make bench` on", "", *machine_lines(), load_line(), ""]
-    text += episode_section() + inactive_section() + step_section()
-    text += ["## Cost", "", "| | |", "|---|---|"]
-    figures = costs.measure()
-    for name, value in figures.items():
-        text.append(
-            f"| {name} | {f'{value:.0f} ×' if 'times real time' in name else shown(value)} |"
-        )
-    hot = figures[costs.HOT]
-    text += [f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |", ""]
-    text += (
-        parts_section()
-        + start_section(roots)
-        + table_section(roots)
-        + identification_section(against)
-    )
-    text += replay_section()
+    text += episode_section(effort) + inactive_section(effort) + step_section(effort)
+    text += cost_section(effort) + parts_section(effort) + _files(roots, against, effort)
+    text += replay_section(effort)
     if lateness.available():
-        text += lateness_section(args.output, args.rounds, args.seconds)
+        text += lateness_section(
+            args.output, effort.of(args.rounds), effort.lateness_seconds or args.seconds, effort
+        )
     else:
         print("no cyclictest: apt-get install rt-tests", file=sys.stderr)
     (args.output / "benchmark.md").write_text("\n".join(text), encoding="utf-8")
     print("\n".join(text))
+
+
+def cost_section(effort: Effort = WHOLE) -> list[str]:
+    """Steps, ticks and whole commands."""
+    lines = ["## Cost", "", "| | |", "|---|---|"]
+    figures = costs.measure(effort)
+    for name, value in figures.items():
+        lines.append(
+            f"| {name} | {f'{value:.0f} ×' if 'times real time' in name else shown(value)} |"
+        )
+    hot = figures[costs.HOT]
+    return [
+        *lines,
+        f"| ticks a second that one core makes, with socket I/O | {1.0 / hot:,.0f} |",
+        "",
+    ]
+
+
+def _files(roots: Sequence[Path], against: Path | None, effort: Effort) -> list[str]:
+    """The sections that another checkout can be compared in."""
+    return (
+        start_section(roots, effort)
+        + table_section(roots, effort)
+        + identification_section(against, effort)
+    )
 
 
 if __name__ == "__main__":

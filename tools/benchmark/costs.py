@@ -8,9 +8,9 @@ from __future__ import annotations
 import socket
 import statistics
 import tempfile
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from liftgate_hil.loop.realtime_loop import (
     RunParams,
     clock_ns,
     count_bits,
+    longest_wait,
     make_room,
     note_arrivals,
     note_frames,
@@ -35,9 +36,10 @@ from liftgate_hil.loop.realtime_loop import (
 )
 from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
+from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, scene_of, turns
+from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, scene_of, sent, turns
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -45,6 +47,7 @@ from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.dynamics import Inputs, Plant, State
 from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import load_of, plant_of
+from tools.benchmark.effort import WHOLE, Effort
 from tools.benchmark.processes import whole_process
 
 ROUNDS = 7
@@ -92,9 +95,14 @@ def hot_ticks(
         now = state.tick * config.step
         if turns(scene, now) or is_new:
             gate, is_new = in_force(config, scene.faults.row), False
+        frames = received(scene, config.inputs, frames, state.tick * config.step_ns, config.seed)
+        waited = longest_wait(frames, room.stamps, clock_ns(1, room))
         outside = outside_at(scene, now, config.step, 0, False, False)
         state, replies, truth, sensed = tick(gate, state, frames, outside)
-        place = note_row(shared, truth, sensed)
+        replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
+        dropped = float(shared.control[0].dropped)
+        bench = Bench(0.0, dropped, 1e-9 * waited, not_made(scene))
+        place = note_row(shared, truth, sensed, bench)
         note_tick(scene, shared.rows[place : place + 1], frames, replies)
         if replies.count > 0:
             send(shared, params, room, replies, 0)
@@ -122,7 +130,7 @@ def nothing_around(config: LoopConfig) -> Scene:
     return scene_of(constants_in(config))
 
 
-def hot_tick(sent: int | None) -> float:
+def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
     """Seconds of a tick with its socket I/O, mean of many, median of the rounds; at FIFO priority if that may
     be. As the shipped rig has it at 1 kHz (a command in ten ticks, five frames in ten), or with a command to
     read and so many frames to send each tick.
@@ -146,11 +154,12 @@ def hot_tick(sent: int | None) -> float:
     memory = Memory(4096, 65536)
     run = compiled(hot_ticks)
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    rounds = []
+    count = effort.steps // 10
 
-    def in_thread() -> None:
+    def in_thread() -> list[float]:
         Realtime().enter()
-        for _ in range(ROUNDS + 1):
+        rounds = []
+        for _ in range(effort.of(ROUNDS) + 1):
             nanoseconds = run(
                 config,
                 state,
@@ -159,9 +168,10 @@ def hot_tick(sent: int | None) -> float:
                 make_room(),
                 peer,
                 10 if sent is None else 1,
-                20_000,
+                count,
             )
-            rounds.append(nanoseconds * 1e-9 / 20_000)
+            rounds.append(nanoseconds * 1e-9 / count)
+        return rounds
 
     with ours, theirs:
         params = RunParams(
@@ -176,25 +186,25 @@ def hot_tick(sent: int | None) -> float:
         peer = Peer(
             theirs.fileno(), make_buffers(), command, empty_frames(16), np.zeros(16, dtype=np.int64)
         )
-        thread = threading.Thread(target=in_thread)
-        thread.start()
-        thread.join()
+        with ThreadPoolExecutor(1) as pool:  # the priority is that thread's alone
+            rounds = pool.submit(in_thread).result()
     memory.close()
     return statistics.median(rounds[1:])  # the first compiles
 
 
-def per_call(action: Callable[[], object], count: int) -> float:
+def per_call(action: Callable[[], object], count: int, rounds: int = ROUNDS) -> float:
     """Median seconds per unit of an action that does `count` of them."""
     times = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         start = time.thread_time()
         action()
         times.append((time.thread_time() - start) / count)
     return statistics.median(times)
 
 
-def measure() -> dict[str, float]:
+def measure(effort: Effort = WHOLE) -> dict[str, float]:
     """All figures, in seconds unless the name says otherwise."""
+    rounds, many, some = effort.of(ROUNDS), effort.steps, effort.steps // 40
     vehicle = session.vehicle_from("suv")
     rig = session.rig_from("liftgate")
     plant = plant_of(vehicle)
@@ -207,10 +217,10 @@ def measure() -> dict[str, float]:
     steps = compiled(many_steps)
     steps(plant, state, inputs, 0.001, 1)
     figures["step, compiled, in a loop"] = per_call(
-        lambda: steps(plant, state, inputs, 0.001, 200_000), 200_000
+        lambda: steps(plant, state, inputs, 0.001, many), many, rounds
     )
     figures["step, plain Python"] = per_call(
-        lambda: many_steps(plant, state, inputs, 0.001, 200), 200
+        lambda: many_steps(plant, state, inputs, 0.001, 200), 200, rounds
     )
 
     config = session.loop_config_of(vehicle, rig, 1000.0, 0)
@@ -219,34 +229,36 @@ def measure() -> dict[str, float]:
     ticks = compiled(many_ticks)
     ticks(config, loop_state, outside, 1)
     figures["tick, compiled, in a loop"] = per_call(
-        lambda: ticks(config, loop_state, outside, 50_000), 50_000
+        lambda: ticks(config, loop_state, outside, many // 4), many // 4, rounds
     )
     one_tick = compiled(tick)
     frames = empty_frames(1)
     one_tick(config, loop_state, frames, outside)
 
     def called() -> None:
-        for _ in range(5000):
+        for _ in range(some):
             one_tick(config, loop_state, frames, outside)
 
-    figures["tick, compiled, called from Python"] = per_call(called, 5000)
+    figures["tick, compiled, called from Python"] = per_call(called, some, rounds)
 
-    figures[HOT] = hot_tick(None)
-    figures["hot tick with a command read and one frame sent"] = hot_tick(1)
-    figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(3)
+    figures[HOT] = hot_tick(None, effort)
+    figures["hot tick with a command read and one frame sent"] = hot_tick(1, effort)
+    figures["hot tick with a command read and three frames sent (the heaviest)"] = hot_tick(
+        3, effort
+    )
     with_bus = portable_tick(one_tick, config, loop_state)
-    figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(5000), 5000)
+    figures["tick with python-can's virtual bus"] = per_call(lambda: with_bus(some), some, rounds)
 
     with tempfile.TemporaryDirectory() as folder:
         target = str(Path(folder) / "out.csv")
         arguments = ("simulate", "--voltage", "12", "--output", target)
-        short = whole_process(*arguments, "--duration", "0.001").wall
-        long = whole_process(*arguments, "--duration", "60").wall
+        short = whole_process(*arguments, "--duration", "0.001", rounds=rounds).wall
+        long = whole_process(*arguments, "--duration", "60", rounds=rounds).wall
     figures["simulate, 60 s at 1 ms with CSV, times real time"] = 60.0 / (long - short)
     figures["simulate, start to exit"] = short
-    figures["--help, start to exit"] = whole_process("--help").wall
+    figures["--help, start to exit"] = whole_process("--help", rounds=rounds).wall
     figures["emulator, start to exit with one tick"] = whole_process(
-        "--bus", "virtual:bench", "--duration", "0.001", "--quiet"
+        "--bus", "virtual:bench", "--duration", "0.001", "--quiet", rounds=rounds
     ).wall
     return figures
 

@@ -245,9 +245,11 @@ def measure_case(bench: Bench, case: Case, rounds: int) -> Figures:
     )
 
 
-def measure(rounds: int = ROUNDS) -> dict[str, Figures]:
-    """By ECU."""
+def measure(rounds: int = ROUNDS, ticks: int | None = None) -> dict[str, Figures]:
+    """By ECU; `ticks` of the demo, or all of it."""
     bench = bench_of()
+    if ticks is not None:
+        bench = bench._replace(ticks=ticks)
     with tempfile.TemporaryDirectory() as folder:
         library = built_library(Path(folder))
         found = {each.name: measure_case(bench, each, rounds) for each in cases(library)}

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from liftgate_hil.loop.rings import DELAY, LATENESS
 from liftgate_hil.loop.tick import constants_in
 from liftgate_hil.stimuli.scene import scene_of
 from liftgate_hil.transport.base import LinkCounts
+from tools.busy import busy_processes
 
 _BINS_US = 50_000  # of cyclictest's histogram
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h
@@ -114,6 +115,7 @@ class PairLine:
     """A wire to a process of our own; see liftgate_hil.transport.base.Line."""
 
     name = "socket pair"
+    threads: tuple[int, ...] = ()
 
     def __init__(self) -> None:
         self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -125,6 +127,9 @@ class PairLine:
             pass_fds=[theirs.fileno()],
         )
         theirs.close()
+
+    def drain(self) -> None:
+        """Nothing has come before."""
 
     def watch(self, control: object) -> str | None:
         """Nothing happens to it."""
@@ -160,16 +165,13 @@ def load(is_on: bool) -> Iterator[None]:
             pass
 
     thread = threading.Thread(target=burn)
-    hogs = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-        for hog in hogs:
-            hog.kill()
-            hog.wait()
+    with busy_processes(2):
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
 
 
 @contextlib.contextmanager
@@ -257,11 +259,13 @@ def available() -> bool:
     return shutil.which("cyclictest") is not None
 
 
-def measure(rounds: int, seconds: float) -> tuple[list[Pairs], dict[Condition, Distribution]]:
-    """All conditions; and the times from command to feedback at 1 kHz and FIFO, of all rounds."""
+def measure(
+    rounds: int, seconds: float, conditions: Sequence[Condition] = CONDITIONS
+) -> tuple[list[Pairs], dict[Condition, Distribution]]:
+    """Each of the conditions; and the times from command to feedback at 1 kHz and FIFO, of all rounds."""
     result = []
     delays: dict[Condition, Distribution] = {}
-    for condition in CONDITIONS:
+    for condition in conditions:
         pairs = Pairs(condition)
         delay = np.zeros(BINS, dtype=np.int64)
         with load(condition.loaded):

@@ -24,7 +24,7 @@ def main() -> None:
     """Until the other end is closed."""
     rig = session.rig_from("liftgate")
     message = rig.messages["DriveCommand"]
-    table = rig.input_config().messages[0]
+    bus = rig.input_config()
     frames = empty_frames(1)
     wire = socket.socket(fileno=int(sys.argv[1]))
     wire.setblocking(False)
@@ -36,7 +36,7 @@ def main() -> None:
              "LatchRelease": 1, "AliveCounter": counter % 16, "Checksum": 0}
         )  # fmt: skip
         frames.data[0, :8] = list(payload)
-        put_checksum(table, None, counter % 16, frames.data, 0)
+        put_checksum(bus, 0, counter % 16, frames.data, 0)
         try:
             wire.send(struct.pack("<IB3x8s", 0x120, 8, frames.data[0, :8].tobytes()))
             counter += 1

@@ -21,11 +21,10 @@ import tomlkit
 
 from liftgate_hil.config.shipped import data_root
 from tools.benchmark.checkouts import HERE, environment_of
+from tools.benchmark.effort import WHOLE, Effort
 
 ROUNDS = 7
 PACE_ROUNDS = 3
-COLD_ROUNDS = 3
-LONGER = 11  # demos one after the other, against one, for the marginal cost
 
 # What the compiler's figures are of: commands that do next to nothing but start.
 ENTRIES = {
@@ -52,7 +51,7 @@ class Pace(NamedTuple):
 class Compile(NamedTuple):
     """A command from start to exit, without machine code in the cache and with it."""
 
-    cold: Times
+    cold: Times | None  # None: not measured
     warm: Times
 
 
@@ -101,12 +100,13 @@ def repeated_demo(path: Path, times: int) -> float:
     return times * length
 
 
-def pace_of(*flags: str, rounds: int = PACE_ROUNDS) -> Pace:
+def pace_of(*flags: str, effort: Effort = WHOLE) -> Pace:
     """The marginal pace of `demo --clock free`: the difference of two lengths, in turns."""
+    longer = effort.demos
     with tempfile.TemporaryDirectory() as folder:
-        lengths = {n: repeated_demo(Path(folder) / f"{n}.toml", n) for n in (1, LONGER)}
+        lengths = {n: repeated_demo(Path(folder) / f"{n}.toml", n) for n in (1, longer)}
         runs: dict[int, list[Times]] = {n: [] for n in lengths}
-        for _ in range(rounds + 1):
+        for _ in range(effort.of(PACE_ROUNDS) + 1):
             for n in lengths:
                 scenario = str(Path(folder) / f"{n}.toml")
                 runs[n].append(
@@ -115,25 +115,30 @@ def pace_of(*flags: str, rounds: int = PACE_ROUNDS) -> Pace:
                         "--output", folder, *flags,
                     )
                 )  # fmt: skip
-    more = lengths[LONGER] - lengths[1]
+    more = lengths[longer] - lengths[1]
     least = {n: [min(each) for each in zip(*runs[n][1:], strict=True)] for n in runs}
-    return Pace(*(more / (b - a) for a, b in zip(least[1], least[LONGER], strict=True)))
+    return Pace(*(more / (b - a) for a, b in zip(least[1], least[longer], strict=True)))
 
 
-def paces() -> dict[str, Pace]:
+def paces(effort: Effort = WHOLE) -> dict[str, Pace]:
     """Of the demo's ways."""
     idle = "tools.benchmark.episodes:IdleEcu"
     return {
-        "without a recording": pace_of("--no-record"),
-        "with demo.log, demo.csv and demo.png": pace_of(),
+        "without a recording": pace_of("--no-record", effort=effort),
+        "with demo.log, demo.csv and demo.png": pace_of(effort=effort),
         "with a Python ECU that does nothing, without a recording": pace_of(
-            "--no-record", "--ecu", idle
+            "--no-record", "--ecu", idle, effort=effort
         ),
     }
 
 
-def compile_times(arguments: Sequence[str], roots: Sequence[Path]) -> dict[Path, Compile]:
-    """A command of each checkout, in turns, with an empty cache, and then with what it has left there; medians."""
+def compile_times(
+    arguments: Sequence[str], roots: Sequence[Path], effort: Effort = WHOLE
+) -> dict[Path, Compile]:
+    """A command of each checkout, in turns, with an empty cache, and then with what it has left there; medians.
+    Without cold rounds the user's own cache serves.
+    """
+    colds = effort.cold_rounds
     ours, theirs = os.openpty()
     try:
         with tempfile.TemporaryDirectory() as folder:
@@ -141,28 +146,30 @@ def compile_times(arguments: Sequence[str], roots: Sequence[Path]) -> dict[Path,
             command = [each.format(**places) for each in arguments]
 
             def run(root: Path, cache: int) -> Times:
-                environment = {"XDG_CACHE_HOME": f"{folder}/cache-{cache}"}
+                environment = {"XDG_CACHE_HOME": f"{folder}/cache-{cache}"} if colds else {}
                 return times_of(*command, environment=environment, root=root)
 
             # The cache is by content: checkouts do not meet in it.
             cold: dict[Path, list[Times]] = {root: [] for root in roots}
-            for cache in range(COLD_ROUNDS):
+            for cache in range(colds):
                 for root in roots:
                     cold[root].append(run(root, cache))
             warm: dict[Path, list[Times]] = {root: [] for root in roots}
-            for _ in range(ROUNDS):
+            for _ in range(effort.of(ROUNDS)):
                 for root in roots:
                     warm[root].append(run(root, 0))
     finally:
         os.close(ours)
         os.close(theirs)
-    return {root: Compile(_median(cold[root]), _median(warm[root])) for root in roots}
+    return {
+        root: Compile(_median(cold[root]) if colds else None, _median(warm[root])) for root in roots
+    }
 
 
 def _median(runs: Sequence[Times]) -> Times:
     return Times(*(statistics.median(each) for each in zip(*runs, strict=True)))
 
 
-def compiles(roots: Sequence[Path]) -> dict[str, dict[Path, Compile]]:
+def compiles(roots: Sequence[Path], effort: Effort = WHOLE) -> dict[str, dict[Path, Compile]]:
     """Of the commands in ENTRIES, by checkout."""
-    return {name: compile_times(arguments, roots) for name, arguments in ENTRIES.items()}
+    return {name: compile_times(arguments, roots, effort) for name, arguments in ENTRIES.items()}

@@ -130,7 +130,7 @@ def measure(
     """
     interface, _, channel = bus.partition(":")
     runs: dict[str, list[list[float]]] = {}
-    said: dict[str, list[list[float]]] = {}
+    own: dict[str, list[list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "frames.log"
         due = write_log(log, channel if interface == "socketcan" else "can0", seconds)
@@ -142,18 +142,18 @@ def measure(
             for name, command in players(interface, channel, log).items():
                 done, arrivals = _played(command, Ear(interface, channel), seconds)
                 if len(arrivals) != len(due):  # a bus in a network may lose some
-                    said = f"{name}: {len(arrivals)} of {len(due)} frames arrived: {done.stderr}"
-                    print(said, file=sys.stderr)
+                    lost = f"{name}: {len(arrivals)} of {len(due)} frames arrived: {done.stderr}"
+                    print(lost, file=sys.stderr)
                     continue
                 late = lateness(arrivals, due)
                 runs.setdefault(name, []).append([float(np.quantile(late, x)) for x in SHARES])
                 if "--json" in command:
                     told = json.loads(done.stdout)
                     figures = [told[f"lateness_{x}_us"] for x in ("p50", "p99", "p999", "max")]
-                    said.setdefault(name, []).append(figures)
+                    own.setdefault(name, []).append(figures)
     return {
         "arrived": {name: _medians(each) for name, each in runs.items()},
-        "told": {name: _medians(each) for name, each in said.items()},
+        "told": {name: _medians(each) for name, each in own.items()},
     }
 
 

@@ -9,6 +9,7 @@ from liftgate_hil.codec.checksum import PROFILES
 from liftgate_hil.config.diagnostics import KEYS
 from liftgate_hil.config.driver import BUTTON, RESET
 from liftgate_hil.config.inject import ORDERS
+from liftgate_hil.config.protection_tables import CHECKSUM, COUNTER
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.diagnostics.trouble_code import number_of
 from liftgate_hil.ecu.trouble_codes import TROUBLE_CODES, TroubleCode
@@ -53,8 +54,8 @@ _MAPPING = {
 MESSAGE = {
     "cycle_ms": ("the database's `GenMsgCycleTime`", "how often it is sent"),
     "timeout_cycles": ("3", "a command that does not come for so many cycles is stale"),
-    "counter": ("none", "the signal that counts frames"),
-    "checksum": ("none", "the signal with the checksum"),
+    "counter": ("none", "the signal that counts frames, up by one from 0; or a table, below"),
+    "checksum": ("none", "the signal with the checksum; or a table with the parameters of a maker's own, below"),
     "checksum_kind": ("crc8-sae-j1850", "over the identifier and the payload without the checksum"),
     "protection": ("simple", "`simple` is counter and checksum as above; the others are AUTOSAR's profiles"),
     "data_id": ("required by profiles 1 and 5", "of the message"),
@@ -78,17 +79,57 @@ STATES = {
 }  # fmt: skip
 _OTHERS = ("data_id", "data_id_list", "nothing")
 _OWN = "a signal of the message"
+_OWN_OR_TABLE = f"{_OWN}, or a table"
 # Where the checker's words are about the one file that it was asked with.
 _ANYWAY = {
     "signal": "MESSAGE.SIGNAL",
     "unit": "one of the quantity's kind: `mA` for a current",
     "saturates": "true or false",
-    "counter": _OWN,
-    "checksum": _OWN,
+    "counter": _OWN_OR_TABLE,
+    "checksum": _OWN_OR_TABLE,
     "data_id_nibble": _OWN,
     "dbc": "a DBC, ARXML, KCD or SYM file",
     **dict.fromkeys((key for key in STATES if key != "window"), "a whole number of 0 to `window`"),
 }
+
+_CHECKSUM = """\
+A cyclic redundancy check by the parameters of the Rocksoft model (R. N. Williams, 1993), as the Catalogue of
+parametrised CRC algorithms (G. Cook) lists them; all of it of up to 64 bits is checked against its check
+values. The named kinds stay: `checksum = "Checksum"` with `checksum_kind`.
+
+    [messages.TheirCommand]
+    counter = "BZ"
+
+    [messages.TheirCommand.checksum]
+    signal = "CRC"
+    width = 8
+    polynomial = 0x2F
+    start = 0xFF
+    final_xor = 0xFF
+    covers = ["payload", "data_id"]
+    data_id = 0x86
+
+`covers` lists what goes in, byte by byte in that order. `"payload"` is all bytes of the frame but those that
+the checksum fills. `"payload 1 to 7"` are these bytes, both ends in, the first of the frame being 0; `"payload
+7 to 1"` the other way round, `"payload 3"` one. Bits of the checksum in a byte that goes in count as 0.
+`"identifier"` is the frame's, two bytes, of an extended one four; `"counter"` the counter's value, in as many
+bytes as its signal needs; `"data_id"` the data ID, in as many bytes as the largest one needs. Byte 0 of these
+is the lowest and goes in first; `"identifier 1 to 0"` puts the higher one first, `"data_id 0 to 1"` takes two
+bytes whatever the value. The checksum's byte order is its signal's. `rig check` prints what that comes to."""
+
+_MAKERS = """\
+Of what open DBC projects know of makers these can be said so: Volkswagen MQB and MEB (0x2F, `covers =
+["payload", "data_id"]`, a list of 16 data IDs by the counter), FCA Giorgio and Rivian (0x1D, another
+`final_xor` for each message), Chrysler and Nissan (0x1D, `start` and `final_xor` 0xFF), Hyundai's LKAS11 (0x1D,
+`start` 0x22, `final_xor` 0xDF) and Hyundai CAN FD (0x1021 of 16 bits, `covers = ["payload", "identifier"]`,
+`final_xor` by the length). Subaru and Tesla have the named `sum8`. Sums and exclusive ors other than `sum8` and
+`xor8` are no cyclic checks and cannot be said: Toyota (a sum with the length), Honda and PSA (sums of half
+bytes), Hyundai's sums without the identifier, Volkswagen PQ, Ford. Such a message is left without `checksum`:
+it is taken unchecked, and sent with that signal's start value."""
+
+_COUNTER = """\
+A counter of its own width, start and step. Frames between two of its values are counted as lost; a value that
+it never has, as `counter`."""
 
 _INJECT = """\
 Messages by which a panel of CANoe, BUSMASTER or SavvyCAN, or a script, breaks something, presses a button of
@@ -163,10 +204,19 @@ def rig_page() -> str:
         "frame on it replaces what vehicle and scenario say.",
         _quantities(BUS_INPUTS),
         "## `[outputs]`: what the gate sends",
-        "What a sensor gives is called by its plain name; beside it the truth has the prefix `true_`.",
+        "What a sensor makes of a quantity has its plain name (`left_current`), what is so always the prefix "
+        "`true_` (`true_left_current`), also where no sensor gives it: a sensor that is added changes no name's "
+        "meaning. A rig with a name of before is refused with the name that it is now.",
         _quantities(BUS_OUTPUTS),
         "## `[messages.NAME]`",
         _table(answers, where, MESSAGE),
+        "## `checksum = {…}` of a message",
+        _CHECKSUM,
+        key_table(CHECKSUM),
+        _MAKERS,
+        "## `counter = {…}` of a message",
+        _COUNTER,
+        key_table(COUNTER),
         "## `state_machine` of a message",
         "AUTOSAR's E2E state machine. Its defaults let no frame with an error through.",
         _table(answers, f"{where}.state_machine", STATES),

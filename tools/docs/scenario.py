@@ -28,11 +28,26 @@ _CONDITIONS = (
     ("`( )`", "around either"),
 )  # fmt: skip
 
+_FAULTS = """\
+Several may be there at a time: they change a number, a reading or a frame one after the other, in the order of
+the file, so that an offset before a gain is amplified. Along a sensor's wire the order is that of the real one:
+the shaft, what is stuck, what is swapped, what is missing or too much; the current, its offsets and gains, the
+converter, what is frozen. Frames are changed first, then lost, repeated or delayed.
+
+A fault that was in force for less than the time-out of the message that it acts on, else of the drive command,
+is told in a note: what was said last bridges that."""
+
 _WINDOWS = """\
 An expectation looks at the ticks of its window `[t0, t0 + within_s]`, both ends in: `t0` is the time `after`, or
 the first tick in which that condition is true. Without `within_s` the window lasts to the end of the run. A tick
-in which a column or a signal of the condition has no value, or none that is finite, does not count; where `for_s`
-is given it is an interruption."""
+in which a column or a signal of the condition has no value, or none that is finite, does not count; where
+`for_s` is given it is an interruption. The state at time 0 has no row: a window from 0 on begins with the tick
+that ends one step later, and a stretch from 0 on is whole with the rows that there are, so that `for_s` may be
+all of `within_s`.
+
+A failure says what was measured, what was allowed and when: `pinch_force_n: 171.3 N, allowed below 150 N, at
+18.45 s`. Where what was to come true in a window came true behind it, it says so: `true at 4.31 s, allowed until
+4.105 s`."""
 
 _VERDICTS = (
     ("`pass`", "it held"),
@@ -99,7 +114,7 @@ def scenario_page() -> str:
         "its time on.",
         key_table(keys.SIGNAL),
         "## `[[fault]]`",
-        "Several may be there at a time: they change the gate one after the other, in the order of the file.",
+        _FAULTS,
         key_table(keys.FAULT, {"kind": "a kind"}),
         "The kinds, with the keys that each has beside these:",
         table(("kind", "keys", "is", "meaning"), map(_kind, FAULT_KINDS.values())),

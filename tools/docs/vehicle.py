@@ -39,8 +39,8 @@ scenario's `[set]` gives holds.
 | `low`, `high` | the ends of `uniform` |
 | `follow` | keys that change by the same factor: `["motor.speed_constant"]` |
 
-Normal distributions end at 3 σ, and each at its key's range. A car depends on its seed and on each key by itself,
-so that another key in the table leaves the rest of it as it was.
+Normal and lognormal ones end at 3 σ, and each at its key's range. A car depends on its seed and on each key by
+itself, so that another key in the table leaves the rest of it as it was.
 
 `--ideal` (`ideal=True`) is the opposite: the thesis's plant, without any error of `[sensors]`, without torsion,
 source resistance and heating, and with a friction that neither temperature, place, run nor age changes. What
@@ -62,8 +62,10 @@ With `pwm_frequency = 0` a motor sees the mean of its PWM. With a frequency its 
 switches off); with diodes it may end within each period, which lowers its mean. Recordings have the effective
 value and the peak of each tick (`left_current_rms_a`, `left_current_peak_a`); the ripple warms the winding.
 
-After a step of the duty the mean goes to its new course with the winding's L/R; the source's resistance carries
-the mean over a period, as a buffer capacitor makes it.
+After a step of the duty the mean goes to its new course with the winding's L/R. With a frequency the source sags
+by what both bridges draw in each part of the period, of which both begin at once where their frequencies are one;
+the terminal voltage is its mean over the period. With `pwm_frequency = 0` the source carries the mean of the
+PWM, as if a capacitor at the bridges buffered a period.
 
 `shunt_low_side = 1` puts the shunt into the bridge's ground: it sees what the source gives, so the duty's share
 of the current and nothing while the motor brakes; with `shunt_sampled_on = 1` it is read while the PWM is on.
@@ -112,7 +114,7 @@ def _rows(kind: Any, suv: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
             code(key),
             quantity.symbol,
             "" if quantity.unit == "1" else quantity.unit,
-            f"{number(quantity.low)} to {number(quantity.high)}",
+            quantity.range,
             "required" if default is None else _shown(default, quantity.scale),
             _shown(suv.get(key)),
             quantity.meaning,

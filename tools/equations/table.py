@@ -164,7 +164,7 @@ TABLE = (
         f"{BODIES}: φ̈ is torque by inertia, with the change of the lever that this leaves out"),
     # State equations.
     Row("4.1", "ẋ1 = −R/L x1 − c2Φ/L x2 + u/L", "electrics.winding_of",
-        "resistance, by_speed = by_winding + by_fuse", "resistance, by_speed = -by_winding + by_fuse", MOTOR),
+        "resistance, motor.inductance, by_speed, duty,", "-resistance, motor.inductance, by_speed, duty,", MOTOR),
     Row("4.2", "ẋ2 = (c1Φ x1 − M_L − (1 − η_M) M_L0)/2πJ", "drive_step.balance",
         "+ torque_constant * current - kappa", "- torque_constant * current - kappa", MOTOR),
     Row("4.3", "ẋ3 = x2", "drive_step.next_drive",

@@ -1,7 +1,8 @@
 """The page: python -m tools.pack [--output FOLDER] [--realtime NAME …]
 
-With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock: those that are
-named, or all, which writes pack-realtime.md.
+With --realtime scenarios of the pack run on a virtual bus in real time, too, beside the free clock, once with
+nothing else on the machine and once beside two busy processes: those that are named, or all, which writes
+pack-realtime.md.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ from liftgate_hil.runs.job import Job
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.mutation import mutate
+from tools.busy import busy_processes
 from tools.pack import page
+
+_LOADS = {"With nothing else": 0, "Beside two busy processes": 2}  # processes that never wait
 
 # Of its checks those on how well the machine keeps time.
 _LOOK_S = 60.0  # as long as scenarios take: what is rare counts
@@ -47,12 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if args.realtime is not None:
         chosen = [each for each in files if not args.realtime or each.stem in args.realtime]
         checks = [] if args.realtime else _examined()
-        free = _on(chosen, "free")
-        before = steal(ROOT)
-        both = free, _on(chosen, "realtime")
-        print(page.differences(*both))
+        free, conditions = _on(chosen, "free"), []
+        for name, count in _LOADS.items():
+            before = steal(ROOT)
+            with busy_processes(count):
+                outcomes = _on(chosen, "realtime")
+            stolen = stolen_percent(before, steal(ROOT))
+            conditions.append(page.Condition(name, outcomes, stolen))
+            print(f"{name}: {page.differences(free, outcomes)}", flush=True)
         if not args.realtime:
-            text = page.realtime_page(*both, checks, stolen_percent(before, steal(ROOT)))
+            text = page.realtime_page(free, conditions, checks)
             (args.output / "pack-realtime.md").write_text(text, encoding="utf-8")
         return 0
     jobs = len(os.sched_getaffinity(0))

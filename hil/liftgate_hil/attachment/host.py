@@ -71,9 +71,9 @@ class Host(Listener):
         self._status, self._state = status, "running"
         self._listener.status(status)
 
-    def compiles(self, name: str, seconds: float) -> None:
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
         """See Listener."""
-        self._listener.compiles(name, seconds)
+        self._listener.compiles(name, seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
         """See Listener."""

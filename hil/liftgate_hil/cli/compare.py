@@ -163,7 +163,8 @@ def _lines(found: Comparison, names: tuple[str, str]) -> list[str]:
         told = f"{first} frames, the same"
         if found.frames.first is not None:
             at = f"frame {found.frames.first + 1}, at {found.frames.time_s:.6f} s"
-            told = f"{first} and {second} frames; the first unlike one is {at}"
+            what = f": {found.frames.what}" if found.frames.what else ""
+            told = f"{first} and {second} frames; the first unlike one is {at}{what}"
         lines.append(told)
     lines.append("equal" if found.is_equal else "different")
     return lines

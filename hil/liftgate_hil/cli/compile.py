@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.errors import LiftgateError
+from liftgate_hil.judging.verdict import ERROR
 from liftgate_hil.listener import Listener
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
             options = RunOptions(clock=clock, duration=0.001, records=records, record_when=when)
             job = Job(scenario=None, ecu="reference", options=options, listener=_Compiling(teller))
             result = execute(job, stopped)
-            if result.reason:
+            if result.verdict == ERROR:
                 raise LiftgateError(result.reason)
 
 

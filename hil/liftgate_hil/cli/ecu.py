@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import gc
 import math
+import signal
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.processes.supervisor import supervise
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from liftgate_hil.stimuli.requests import Request
 
 
+_EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  # of this command
 _PATIENCE_NS = 2_000_000_000  # without a word from the gate, until it says that it waits
 
 
@@ -46,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--no-requests",
         action="store_true",
-        help="nothing but what the bus asks for (a rig's [requests]), until stopped",
+        help="nothing but what the bus asks for (a rig's [requests])",
     )
     parser.add_argument("--drives", type=int, choices=(1, 2), default=2, help="of the gate")
     parser.add_argument(
@@ -56,7 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SPEED,LIMITS",
         help="closing_speed and anti_trap_limits of the vehicle file's [coding] (default: 1,1)",
     )
-    parser.add_argument("--duration", type=options.bounded(1e-3, 1e9, "s"), metavar="S")
+    parser.add_argument(
+        "--duration",
+        type=options.bounded(1e-3, 1e9, "s"),
+        metavar="S",
+        help="seconds after the start; default: until stopped",
+    )
     parser.add_argument(
         "--realtime", action="store_true", help="ask for FIFO scheduling; what is refused is told"
     )
@@ -77,6 +85,10 @@ def _coding(text: str) -> Coding:
 
 def run(args: argparse.Namespace) -> int:
     """The command."""
+    from liftgate_hil.ecu.find import is_foreign
+
+    if is_foreign(args.ecu) and args.owns_process:
+        supervise(allowed=_EXIT_CODES)
     stop = StopSignals()
     from liftgate_hil import session
     from liftgate_hil.cli.teller import Teller
@@ -124,11 +136,10 @@ def _drive(
         if args.realtime:
             _ask_for_priority(args)
         requests = _requests(args.request) if args.request else list(scenario.requests)
-        duration = args.duration if args.duration is not None else scenario.duration
         if args.no_requests:
-            requests, duration = [], args.duration
+            requests = []
         peer = Peer(adapter, transport, alone(requests))
-        _take_turns(peer, adapter, rig, duration, args.duration is not None, stop, teller)
+        _take_turns(peer, adapter, rig, args.duration, stop, teller)
     finally:
         transport.close()
         faults = [
@@ -145,11 +156,10 @@ def _take_turns(
     adapter: Adapter,
     rig: Rig,
     duration: float | None,
-    is_from_start: bool,
     stop: StopSignals,
     teller: Teller,
 ) -> None:
-    """For so long [s]; a flag's duration counts from the start, a scenario's from when the gate is first heard."""
+    """Let the ECU take its turns for so long [s], counted from the start; None: until it is stopped."""
     gc.collect()  # what a start has made is looked at now, not in the middle of a motion for some 50 ms
     gc.freeze()
     start = time.monotonic_ns()
@@ -158,8 +168,7 @@ def _take_turns(
         while not stop():
             now = time.monotonic_ns() - start
             peer.poll(now)
-            spent = now if is_from_start else peer.elapsed_ns(now)
-            if duration is not None and spent * 1e-9 >= duration:
+            if duration is not None and now * 1e-9 >= duration:
                 break
             for event in adapter.events(told):
                 teller.happened(event.time, event.text)
@@ -178,7 +187,7 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
     from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, wake_sharply
 
     wake_sharply()
-    refused = ask_for_fifo(PRIORITY - 1)  # below the gate's loop
+    refused = ask_for_fifo(PRIORITY)  # that of the gate's loop, so that this never starves it
     if refused and not args.quiet:
         print(f"not given: {refused}", file=sys.stderr, flush=True)
 

@@ -86,6 +86,7 @@ def problem_of(
 ) -> tuple[Problem, tuple[str, ...]]:
     """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
+    from liftgate_hil.config.vehicle import refusals_of
     from liftgate_hil.identify.problem import Problem
     from liftgate_plant.friction_profile import is_the_law
 
@@ -109,6 +110,7 @@ def problem_of(
             is_delay_sought=is_delay_sought,
             speed_window=args.speed_window,
             longest=args.step,
+            refused_by=refusals_of,
         )
     except ValueError as error:
         raise ConfigError(f"{', '.join(args.files)}: {error}") from error

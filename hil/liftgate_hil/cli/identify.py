@@ -11,7 +11,7 @@ import argparse
 import dataclasses
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.cli import fitting, options
@@ -298,7 +298,30 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
     values = {result.parameters[k].name: result.parameters[k].value for k in told}
     source, variant = find_config("vehicles", args.vehicle), variant_of(args.draw, args.ideal)
     settings = settings_for(read_toml(source), variant, settings_of(args.settings), str(source))
-    return vehicle_text(source, settings, values, origin)
+    text = vehicle_text(source, settings, values, origin)
+    _check_saved(text, args.save_vehicle, [each.name for each in result.parameters], values)
+    return text
+
+
+def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[str, float]) -> None:
+    """What was found goes together, but with the initial values of what could not be told it need not. Raises
+    ConfigError where the loader would refuse the vehicle.
+    """
+    import tomllib
+
+    from liftgate_hil.config.vehicle import vehicle_of
+
+    untold = [name for name in sought if name not in told]
+    try:
+        vehicle_of(tomllib.loads(text), f"--save-vehicle {target}")
+    except ConfigError as error:
+        kept = f"; {', '.join(untold)} kept the initial value" if untold else ""
+        raise ConfigError(
+            [
+                f"{line}{kept}; allowed: --estimate without it, or another --set"
+                for line in error.issues
+            ]
+        ) from error
 
 
 def _plan(args: argparse.Namespace, origin: Provenance) -> int:

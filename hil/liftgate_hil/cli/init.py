@@ -1,5 +1,6 @@
-"""A folder to start from: database, vehicle, rig, scenario, a pytest test, and an ECU in C with the header of the
-serial line. All of it is a copy, to be changed.
+"""A folder to start from: database, vehicle, rig, scenario, tests, and an ECU in C with the header of the serial
+line, with a README that tells what to do. All of it is a copy, to be changed. In a git repository what is there
+is kept.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-COPIES = "--vehicle vehicle.toml --rig rig.toml"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
-    parser.add_argument("folder", metavar="FOLDER", help="is made; an existing one must be empty")
+    parser.add_argument(
+        "folder",
+        metavar="FOLDER",
+        help="is made; an existing one must be empty or a git repository",
+    )
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
@@ -39,7 +42,10 @@ def _contents(folder: str, written: Sequence[Path]) -> list[str]:
 
 
 def _next_steps(folder: str) -> list[str]:
-    """What to do there, as commands that run as they stand."""
+    """What to do there, as commands that run as they stand: those of the folder's README."""
+    from liftgate_hil.config.starter import starter_readme
+
+    heading = ""
     program, pytest, make = "liftgate-hil", "python -m pytest", "make -C ecu"
     python = Path(sys.executable)
     if Path(shutil.which("python3") or "").parent != python.parent:
@@ -47,12 +53,16 @@ def _next_steps(folder: str) -> list[str]:
         quoted = shlex.quote(str(python))
         program, pytest = f"{quoted} -m liftgate_hil", f"{quoted} -m pytest"
         make += f" PYTHON={quoted}"
-    return [
-        "next:",
-        f"  cd {shlex.quote(folder)}",
-        f"  {program} demo --clock free {COPIES} --scenario scenario.toml",
-        f"  {pytest}      # needs pytest",
-        f"  {make}      # needs a C compiler and make; then, on two ends of a bus:",
-        f"  {program} --bus socketcan:can0 {COPIES}",
-        "  ecu/build/ecu-can can0",
-    ]
+    instead = {"liftgate-hil": program, "python -m pytest": pytest, "make -C ecu": make}
+    steps = ["next:", f"  cd {shlex.quote(folder)}"]
+    for line in starter_readme().read_text(encoding="utf-8").splitlines():
+        step = line.removeprefix("    ")
+        if line.startswith("## "):
+            heading = line.removeprefix("## ")
+        elif step != line:
+            if heading:
+                steps += ["", f"  # {heading}"]
+                heading = ""
+            start = next((each for each in instead if step.startswith(each)), "")
+            steps.append(f"  {instead.get(start, start)}{step.removeprefix(start)}")
+    return steps

@@ -18,9 +18,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.measurements import add_map
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import EXIT_CODES, add_reports, summarise, targets_of, write
+from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
 from liftgate_hil.cli.test import add_set_parameter, naming_the_flag, parameters_of
 from liftgate_hil.errors import printable
 
@@ -76,7 +77,8 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import judged_suite, suite
     from liftgate_hil.testing.html_report import SuiteReport
-    from liftgate_hil.testing.reports import as_json, as_junit
+    from liftgate_hil.testing.junit import as_junit
+    from liftgate_hil.testing.reports import as_json
 
     targets = targets_of(args)
     about = _about(args)

@@ -97,6 +97,7 @@ def _command(argv: Sequence[str] | None) -> int:
     if name == "run" and arguments and not arguments[0].startswith("-"):
         parser.error(f"no subcommand {arguments[0]!r}; allowed: {', '.join(COMMANDS)}")
     args = parser.parse_args(arguments)
+    args.owns_process = argv is None
     args.command_line = shlex.join(["liftgate-hil", *(sys.argv[1:] if argv is None else argv)])
     try:
         return int(module.run(args))

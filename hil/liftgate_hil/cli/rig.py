@@ -57,7 +57,12 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     from liftgate_hil.config.rig import read_rig
     from liftgate_hil.config.rig_fit import check_fit, notes_on_fit
-    from liftgate_hil.config.rig_table import asked_by, injected_by, mapped_messages
+    from liftgate_hil.config.rig_table import (
+        asked_by,
+        injected_by,
+        mapped_messages,
+        protected_besides,
+    )
     from liftgate_hil.config.shipped import find_config
 
     path = find_config("rigs", args.file, "FILE")
@@ -69,6 +74,7 @@ def _check(args: argparse.Namespace) -> int:
     except ConfigError as error:
         issues.take(error.issues)
     messages, asked, injected = mapped_messages(rig), asked_by(rig), injected_by(rig)
+    others = protected_besides(rig)
     if args.json:
         answer = {
             "file": str(path),
@@ -79,6 +85,7 @@ def _check(args: argparse.Namespace) -> int:
                 {**each._asdict(), "signals": [signal._asdict() for signal in each.signals]}
                 for each in messages
             ],
+            "restbus_protection": others,
             "requests": asked,
             "inject": injected,
             "diagnostics": rig.diagnostics and asdict(rig.diagnostics),
@@ -87,7 +94,9 @@ def _check(args: argparse.Namespace) -> int:
         }
         print(json.dumps(answer, indent=1))
     else:
-        lines = [*_lines(messages), *_asked(rig)]
+        lines = _lines(messages)
+        lines += [f"restbus {name}; protection: {how}" for name, how in others.items()]
+        lines += _asked(rig)
         lines += [f"request {action} on a bus: {how}" for action, how in asked.items()]
         lines += [f"inject {what} by {how}" for what, how in injected.items()]
         lines += [f"note: {note}" for note in notes]

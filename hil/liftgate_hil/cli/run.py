@@ -7,12 +7,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
+from liftgate_hil.judging.verdict import INCONCLUSIVE
 
 if TYPE_CHECKING:
     from liftgate_hil.runs.result import Result
@@ -31,8 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """The command."""
     stopped = StopSignals()
-    report(args, run_loop(args, stopped), stopped)
-    return 0
+    result = run_loop(args, stopped)
+    report(args, result, stopped)
+    return given_up(result)
+
+
+def given_up(result: Result) -> int:
+    """The exit code of a run; says why where the bench has ended it before its end."""
+    if result.verdict != INCONCLUSIVE or not result.reason:
+        return 0
+    print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
+    return EXIT_CODES[INCONCLUSIVE]
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:

@@ -116,9 +116,9 @@ def run(args: argparse.Namespace) -> int:
     notes = (*notes, *_undriven(args, samples, vehicle.drives))
     for note in notes:
         print(f"{args.input or 'liftgate-hil simulate'}: {note}", file=sys.stderr)
-    offline = offline_of(setup, args.step, args.every)
+    offline = offline_of(setup, args.step)
     state = initial_state(offline.constants.plant, setup.start_angle)
-    blocks = simulate(offline, state, samples, round(duration / args.step))
+    blocks = simulate(offline, state, samples, round(duration / args.step), args.every)
     progress = _Progress(round(duration / args.step) * args.step)
     content = Content(
         columns_of(vehicle.drives, offline=True),

@@ -22,9 +22,9 @@ class CompilingOnly(Listener):
     def __init__(self, teller: Teller) -> None:
         self._teller = teller
 
-    def compiles(self, name: str, seconds: float) -> None:
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
         """See Listener."""
-        self._teller.compiles(name, seconds)
+        self._teller.compiles(name, seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
         """See Listener."""

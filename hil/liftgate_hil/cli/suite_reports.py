@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from liftgate_hil.testing.suite import Outcome
 
-EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3, "error": 2}
-
 
 def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
     """Which reports; `and_what` is what a folder of results has beside them."""

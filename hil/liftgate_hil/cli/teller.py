@@ -11,6 +11,8 @@ from typing import Any
 from liftgate_hil.cli.options import as_flags
 from liftgate_hil.listener import Listener, Status
 
+_BAR = 20  # characters
+
 
 class Teller(Listener):
     """Unless it is to be quiet. With the summary as JSON only what goes wrong is told beside it."""
@@ -42,14 +44,15 @@ class Teller(Listener):
         """See Listener."""
         self._draw(line_of(status, _columns()))
 
-    def compiles(self, name: str, seconds: float) -> None:
-        """See Listener."""
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Tell of a compilation: on a terminal with a bar, where it is known how long it took the last time."""
         if self._is_json or self._is_quiet:
             return
         if self._on_terminal():
-            self._draw(f"{name}, once for this version and machine: {seconds:.0f} s so far")
+            self._draw(compiling_line(name, seconds, expected))
         elif not self._compiling:
-            self._print(f"{name}, once for this version and machine …")
+            about = "" if expected is None else f", about {expected:.0f} s"
+            self._print(f"{name}, once for this version and machine{about} …")
         self._compiling = True
 
     def compiled(self, name: str, seconds: float) -> None:
@@ -92,6 +95,15 @@ class Teller(Listener):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Teller, (self._is_quiet, self._is_json, self._how)
+
+
+def compiling_line(name: str, seconds: float, expected: float | None) -> str:
+    """How far a compilation has come, by how long it took the last time [s]."""
+    if expected is None:
+        return f"{name}, once for this version and machine: {seconds:.0f} s so far"
+    done = min(_BAR, int(_BAR * seconds / expected))
+    bar = "#" * done + "." * (_BAR - done)
+    return f"{name} [{bar}] {seconds:.0f} s of about {expected:.0f} s"
 
 
 def line_of(status: Status, width: int) -> str:

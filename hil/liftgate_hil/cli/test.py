@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.cli import options
+from liftgate_hil.cli.exit_codes import EXIT_CODES
 from liftgate_hil.cli.stopping import StopSignals
-from liftgate_hil.cli.suite_reports import EXIT_CODES, add_reports, summarise, targets_of, write
+from liftgate_hil.cli.suite_reports import add_reports, summarise, targets_of, write
 from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
@@ -31,7 +32,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Flags."""
     parser.add_argument(
-        "paths", nargs="+", metavar="PATH", help="scenario files, or folders of them"
+        "paths",
+        nargs="+",
+        metavar="PATH",
+        help="scenario files, or folders of them; shipped: pack, pack/crank_dip",
     )
     options.add_ecu(parser, "reference")
     parser.add_argument(
@@ -58,6 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many at a time; default: a CPU each",
     )
+    parser.add_argument(
+        "--retry-inconclusive",
+        type=options.whole(0, 100),
+        default=0,
+        metavar="N",
+        help="run a scenario that is inconclusive again, up to N times: every attempt is reported, and a fail in "
+        "any of them counts; default: 0",
+    )
     add_reports(parser, ", and a recording of each scenario")
     parser.add_argument(
         "--mutants",
@@ -75,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import suite
     from liftgate_hil.testing.html_report import SuiteReport
-    from liftgate_hil.testing.reports import as_json, as_junit
+    from liftgate_hil.testing.junit import as_junit
+    from liftgate_hil.testing.reports import as_json
 
     targets = targets_of(args)
     teller = Teller(args.quiet, is_json=args.json == "-")
@@ -90,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     report = SuiteReport()
     outcomes = {}
     line = SuiteLine(teller, len(cases))
-    for outcome in suite.run_suite(cases, jobs, stop, line.began):
+    for outcome in suite.run_suite(cases, jobs, stop, line.began, args.retry_inconclusive):
         outcomes[outcome.case.file] = report.take(outcome)
         with line.aside():
             _tell(outcome, len(outcomes), len(cases), args)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
-import ctypes
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -20,6 +18,9 @@ from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError, EcuError
+from liftgate_hil.judging.verdict import ERROR
+from liftgate_hil.processes.inherited import foreign_output
+from liftgate_hil.processes.supervisor import dies_with_parent
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
@@ -32,14 +33,7 @@ ON_A_BUS = "bus"  # the ECU is somebody else's
 _USAGE = 2  # exit code
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
 _LEAVE_S = 5.0  # for its process to end
-_PDEATHSIG = 1  # PR_SET_PDEATHSIG
 _BEGIN_S = 600.0  # until a run begins, which may have to be compiled before
-_PRCTL = ctypes.CDLL(None).prctl
-
-
-def _ends_with_this_process() -> None:
-    """Have a child that is about to begin end when this process does, even where that is killed."""
-    _PRCTL(_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
 def run_loop(
@@ -66,26 +60,33 @@ def run_loop(
         raise stopped.failure(str(error)) from error
     finally:
         teller.clear()
-    if result.reason:
+    if result.verdict == ERROR:
         raise stopped.failure(result.reason)
     return result
 
 
 def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
-    """With the ECU in a second process on the same bus. Raises LiftgateError."""
+    """With the ECU in a second process on the same bus, which gets requests by its own clock: nothing can go
+    before time 0. Raises LiftgateError.
+    """
     from liftgate_hil.runs.run import execute
 
+    scenario = replace(parts.setup.scenario, precondition=())
+    parts = replace(parts, setup=replace(parts.setup, scenario=scenario))
     with _ecu_process(args, parts.setup.vehicle, job.listener) as child:
         result = execute(
-            replace(job, ecu=ON_A_BUS, ecu_elsewhere=job.ecu),
-            lambda: stopped() or child.has_failed(),
+            replace(job, ecu=ON_A_BUS, ecu_elsewhere=job.ecu, is_isolated=False),
+            lambda: stopped() or child.has_ended(),
             parts,
         )
-        events = child.end()
-    return result if result.reason else replace(result, events=events)
+        events = child.end(
+            is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted)
+        )
+    return result if result.verdict == ERROR else replace(result, events=events)
 
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
+    from liftgate_hil.ecu.find import is_foreign
     from liftgate_hil.runs.job import Job
     from liftgate_hil.session import variant_of
 
@@ -101,6 +102,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
         wire=options.wire_choice(args) if has_wire else None,
         options=options.run_options(args),
         trace=trace,
+        is_isolated=is_foreign(args.ecu),
         attachable_as=os.getpid(),
         listener=teller,
     )
@@ -116,12 +118,13 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         yield
         return
     from liftgate_hil.cli import dashboard
-    from liftgate_hil.dashboard.listening import bound
+    from liftgate_hil.dashboard.listening import bound, new_token
 
     if args.clock == "free":
         said = "a run on the free clock is over at once; allowed with clock realtime or lockstep"
         raise ConfigError(f"`dashboard`: {said}")
     dashboard.check_installed()
+    new_token()  # the environment's may be none
     listen = args.listen or options.LISTEN
     wire = bound(options.address_of(listen))
     command = [sys.executable, "-P", "-m", "liftgate_hil", "dashboard", "--listen", listen]
@@ -130,23 +133,23 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     command += ["--read-only"] if args.read_only else []
     child = subprocess.Popen(
         command,
-        stdout=sys.stderr or subprocess.DEVNULL,  # a program may read what this run prints
+        stdout=foreign_output(),
         start_new_session=True,  # a Ctrl-C is for the run
         pass_fds=[wire.fileno()],
-        preexec_fn=_ends_with_this_process,  # noqa: PLW1509
+        preexec_fn=dies_with_parent,  # noqa: PLW1509
     )
     wire.close()
     try:
         yield
     finally:
         if (code := child.poll()) is not None:
-            teller.say(f"the page had ended before (exit code {code})")
+            teller.say(f"the page had ended before the run (exit code {code})")
         child.terminate()
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(_LEAVE_S)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
+        child.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(_LEAVE_S)
 
 
 @contextlib.contextmanager
@@ -164,7 +167,7 @@ def _ecu_process(
     if getattr(args, "ecu_serial", None) is not None:
         command += ["--serial", args.ecu_serial]
     command += [flag for flag in ("--fd", "--realtime") if getattr(args, flag.strip("-"))]
-    child = EcuProcess(command, teller, has_to_tell=args.ecu == "reference")
+    child = EcuProcess(command, teller, is_ours=args.ecu == "reference")
     try:
         yield child
     finally:
@@ -172,19 +175,23 @@ def _ecu_process(
 
 
 class EcuProcess:
-    """The ECU's process; a thread reads what it tells, so that it never waits for a reader."""
+    """The ECU's process; a thread reads what it tells, so that it never waits for a reader. Where it `is_ours` it
+    tells events, else what comes is an ECU's own words.
+    """
 
-    def __init__(self, command: list[str], teller: Listener, has_to_tell: bool) -> None:
+    def __init__(self, command: list[str], teller: Listener, is_ours: bool) -> None:
         self._process = subprocess.Popen(
             command,
+            stdin=subprocess.DEVNULL,
+            stdout=foreign_output(),
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
             # This process may be killed; no thread runs in it yet.
-            preexec_fn=_ends_with_this_process,  # noqa: PLW1509
+            preexec_fn=dies_with_parent,  # noqa: PLW1509
         )
         self._teller = teller
-        self._has_to_tell = has_to_tell
+        self._is_ours = is_ours
         self._events: list[Event] = []
         self._others: collections.deque[str] = collections.deque(maxlen=20)
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -196,7 +203,7 @@ class EcuProcess:
         stream: IO[str] | None = self._process.stderr
         assert stream is not None
         for line in stream:
-            match = _EVENT.match(line)
+            match = _EVENT.match(line) if self._is_ours else None
             if match:
                 self._events.append(Event(float(match[1]), IN_WORDS, match[2]))
                 self._teller.happened(float(match[1]), match[2])
@@ -204,12 +211,14 @@ class EcuProcess:
             self._others.append(line.strip())
             self._teller.say(line.rstrip())
 
-    def has_failed(self) -> bool:
-        """Whether it ended with an error."""
-        return self._process.poll() not in (None, 0)
+    def has_ended(self) -> bool:
+        """Whether it has ended by itself."""
+        return self._process.poll() is not None
 
-    def end(self) -> list[Event]:
-        """End it; what it told. Raises ConfigError or EcuError where it had failed."""
+    def end(self, is_early: bool, has_taken_part: bool) -> list[Event]:
+        """End it; what it told. Raises ConfigError or EcuError where it had failed, had ended although that was
+        too early, or is ours and has not taken part in a run that nobody stopped.
+        """
         code = self._process.poll()
         self._process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -220,7 +229,9 @@ class EcuProcess:
             said = "; ".join(self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
             raise kind(f"the ECU's process: {said.replace('liftgate-hil: ', '')}")
-        if not self._events and self._has_to_tell:
+        if code == 0 and is_early:
+            raise EcuError("the ECU's process ended before the run")
+        if not (self._events or has_taken_part) and self._is_ours and is_early:
             said = "; ".join(self._others)[-300:] or "it said nothing"
             raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
@@ -230,6 +241,11 @@ class EcuProcess:
         self._process.wait(timeout)
 
     def kill(self) -> None:
-        """Whatever it does."""
+        """End it at once; its supervisor, where it has one, ends what it has started."""
+        self._process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)
+            return
         self._process.kill()
-        self._process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVE_S)

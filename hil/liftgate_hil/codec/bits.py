@@ -75,6 +75,38 @@ def insert(
 
 
 @outlined
+def extract_long(data: NDArray[np.uint8], row: int, place: Place) -> int:
+    """Up to 64 bits of a frame (row of `data`), unsigned; all 64 are two's complement, the largest integer that
+    compiled code has.
+    """
+    length = place.length
+    if length <= 32:
+        return extract(data, row, place.byte, place.shift, length, place.stride)
+    low = extract(data, row, place.byte, place.shift, 32, place.stride)
+    high = extract(data, row, place.byte + 4 * place.stride, place.shift, length - 32, place.stride)
+    return joined(high, low)
+
+
+@outlined
+def insert_long(data: NDArray[np.uint8], row: int, place: Place, raw: int) -> None:
+    """Put up to 64 bits into a frame (row of `data`), leaving the other bits as they are; see `extract_long`."""
+    first = min(place.length, 32)
+    insert(data, row, place.byte, place.shift, first, place.stride, raw & 0xFFFFFFFF)
+    if place.length > 32:
+        high = (raw >> 32) & 0xFFFFFFFF
+        byte = place.byte + 4 * place.stride
+        insert(data, row, byte, place.shift, place.length - 32, place.stride, high)
+
+
+@compilable
+def joined(high: int, low: int) -> int:
+    """Two words of 32 bits as one number of 64 bits, two's complement."""
+    if high >= 0x80000000:
+        high -= 0x100000000
+    return (high << 32) | low
+
+
+@outlined
 def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
     """A signal's raw value as a number (exact up to 53 bits)."""
     length = place.length

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.bits import Place, write_number
 from liftgate_hil.codec.frames import EXTENDED, FD, MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions, place_of, protection_row
-from liftgate_hil.codec.tables import END_TO_END, MESSAGE, NAME, PLACE, SELECTOR, SIGNAL, BusConfig
+from liftgate_hil.codec.tables import (
+    END_TO_END,
+    MESSAGE,
+    NAME,
+    OWN_CHECKSUM,
+    PLACE,
+    SELECTOR,
+    SIGNAL,
+    BusConfig,
+)
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.signals import PANEL
 from liftgate_plant import signals
@@ -148,8 +157,6 @@ def build_bus_config(
         _check_overlap(name, own, options_of, pages[0], issues, sending)
         head |= {"pages": len(pages), "start": len(tables.start)}
         tables.messages.append(tuple(head[field] for field in MESSAGE.fields or ()))
-        tables.end_to_end.append(tuple(head[field] for field in END_TO_END.fields or ()))
-        tables.has_profiles |= options_of.e2e is not None
         tables.start += [_page(start, message, page) for page in pages]
     return tables.bus()
 
@@ -178,13 +185,23 @@ class _Tables:
     selectors: list[tuple[float, ...]] = field(default_factory=list)
     names: list[tuple[float, float]] = field(default_factory=list)
     start: list[NDArray[np.uint8]] = field(default_factory=list)
+    own_checksums: list[tuple[Any, ...]] = field(default_factory=list)
     end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
-    has_profiles: bool = False
 
     def add_place(self, place: Place) -> int:
         """The place's row."""
         self.places.append(place)
         return len(self.places) - 1
+
+    def add_own(self, row: tuple[Any, ...]) -> int:
+        """The row of a checksum by parameters."""
+        self.own_checksums.append(row)
+        return len(self.own_checksums) - 1
+
+    def add_profile(self, row: Mapping[str, Any]) -> int:
+        """The row of an E2E profile."""
+        self.end_to_end.append(tuple(row[field] for field in END_TO_END.fields or ()))
+        return len(self.end_to_end) - 1
 
     def bus(self) -> BusConfig:
         """The rows as arrays."""
@@ -199,7 +216,8 @@ class _Tables:
             table(self.selectors, SELECTOR),
             table(self.names, NAME),
             np.array(self.start, dtype=np.uint8).reshape(-1, MAX_BYTES),
-            table(self.end_to_end, END_TO_END) if self.has_profiles else None,
+            table(self.own_checksums, OWN_CHECKSUM),
+            table(self.end_to_end, END_TO_END),
         )
 
 
@@ -348,7 +366,7 @@ def _message_row(
     message: Message, options: MessageOptions, tables: _Tables, issues: ConfigIssues
 ) -> dict[str, Any]:
     cycle_ms = min(max(cycle_of(message, options), 0.0), LONGEST_MS)
-    row = protection_row(message, options, tables.add_place, issues)
+    row = protection_row(message, options, tables, issues)
     identifier = identifier_of(message)
     return {
         "identifier": identifier,

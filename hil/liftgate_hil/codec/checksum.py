@@ -1,5 +1,5 @@
 """Checksums over a frame: the simple kinds that a DBC with a one-byte checksum signal uses, and those of the
-AUTOSAR E2E profiles 1, 2 and 5 (AUTOSAR_PRS_E2EProtocol, R21-11).
+AUTOSAR E2E profiles 1, 2 and 5 (AUTOSAR_PRS_E2EProtocol, R21-11). A maker's own stand in rocksoft.py.
 
 The simple kinds go over the identifier's low 16 bits (low byte first) and then the payload without the
 checksum's byte, so that a frame sent under another identifier does not pass. The E2E profiles have a data ID of
@@ -13,27 +13,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.codec.bits import extract_long, insert_long, place_at
 from liftgate_hil.codec.crc import crc8_byte
 from liftgate_hil.codec.e2e import profile_1, profile_2, profile_5
+from liftgate_hil.codec.rocksoft import rocksoft
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable, outlined
 
-NONE, CRC8_SAE_J1850, XOR8, SUM8, E2E_P01, E2E_P02, E2E_P05 = range(7)
+NONE, CRC8_SAE_J1850, XOR8, SUM8, E2E_P01, E2E_P02, E2E_P05, OWN = range(8)
 KINDS = {"none": NONE, "crc8-sae-j1850": CRC8_SAE_J1850, "xor8": XOR8, "sum8": SUM8}
 PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
 
 
 @outlined
-def checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum that a frame (row of `data`) must have; `table` is its record of tables.MESSAGE, `profile` that
-    of tables.END_TO_END or None.
+def profile_checksum(
+    table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int
+) -> int:
+    """The checksum that a frame (row of `data`) of an E2E profile must have; `table` is its record of
+    tables.MESSAGE, `profile` that of tables.END_TO_END.
     """
-    if profile is not None:
-        if table.kind == E2E_P01:
-            return profile_1.crc(table, profile, counter, data, row)
-        if table.kind == E2E_P02:
-            return profile_2.crc(table, profile, counter, data, row)
-        if table.kind == E2E_P05:
-            return profile_5.crc(table, profile, data, row)
+    if table.kind == E2E_P01:
+        return profile_1.crc(table, profile, counter, data, row)
+    if table.kind == E2E_P02:
+        return profile_2.crc(table, profile, counter, data, row)
+    return profile_5.crc(table, profile, data, row)
+
+
+@outlined
+def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
+    """The checksum of a simple kind that a frame (row of `data`) must have; `table` is its record of
+    tables.MESSAGE.
+    """
     low, high = table.identifier & 0xFF, (table.identifier >> 8) & 0xFF
     skip = table.checksum_byte
     if table.kind == CRC8_SAE_J1850:  # initial value and final XOR 0xFF, check value 0x4B
@@ -53,18 +63,35 @@ def checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], ro
 
 
 @compilable
-def checksum_in(table: Any, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum that a frame has."""
-    first = int(np.int64(data[row, table.checksum_byte]))
-    if table.kind == E2E_P05:  # low byte first
-        return first | int(np.int64(data[row, table.checksum_byte + 1])) << 8
-    return first
+def expected_checksum(
+    bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
+) -> int:
+    """The checksum that a frame (row of `data`) of a message that has one must have."""
+    table = bus.messages[message]
+    if table.kind == OWN:
+        return rocksoft(bus.own_checksums[table.own], bus.places, data, row)
+    if table.profile >= 0:
+        return profile_checksum(table, bus.end_to_end[table.profile], counter, data, row)
+    return checksum(table, data, row)
 
 
 @compilable
-def put_checksum(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> None:
-    """Complete a frame with its checksum."""
-    value = checksum(table, profile, counter, data, row)
-    data[row, table.checksum_byte] = value & 0xFF
-    if table.kind == E2E_P05:
-        data[row, table.checksum_byte + 1] = value >> 8
+def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> int:
+    """The checksum that a frame of a message that has one has."""
+    return extract_long(data, row, place_at(bus.places, bus.messages[message].checksum))
+
+
+@compilable
+def write_checksum(
+    bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int
+) -> None:
+    """Put a checksum into a frame."""
+    insert_long(data, row, place_at(bus.places, bus.messages[message].checksum), value)
+
+
+@compilable
+def put_checksum(
+    bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
+) -> None:
+    """Complete a frame, in which its counter stands, with its checksum."""
+    write_checksum(bus, message, data, row, expected_checksum(bus, message, counter, data, row))

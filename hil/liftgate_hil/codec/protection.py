@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from liftgate_hil.codec import checksum
 from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
+from liftgate_hil.codec.counter import MOST_VALUES, Counting
 from liftgate_hil.codec.e2e import profile_1
+from liftgate_hil.codec.rocksoft import Rocksoft
 from liftgate_hil.issues import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
+
+
+BY_ONE = Counting()  # from 0 on, as wide as its signal
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,8 @@ class MessageOptions:
     checksum: str | None = None
     checksum_kind: str = "crc8-sae-j1850"
     e2e: EndToEnd | None = None
+    counting: Counting = BY_ONE
+    own: Rocksoft | None = None  # instead of a kind
 
 
 def place_of(signal: Signal) -> Place:
@@ -54,70 +64,133 @@ def place_of(signal: Signal) -> Place:
     return Place(lowest // 8, 7 - lowest % 8, signal.length, -1, kind)
 
 
+def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
+    """(bytes,) the bits of a message that a signal fills."""
+    place = place_of(message.get_signal_by_name(name))
+    bits = np.zeros(message.length, dtype=np.uint8)
+    byte, bit = place.byte, place.shift
+    for _ in range(place.length):
+        bits[byte] |= 1 << bit
+        bit += 1
+        if bit == 8:
+            byte, bit = byte + place.stride, 0
+    return bits
+
+
+class ProtectionTables(Protocol):
+    """The tables that protection has rows in: each method takes a row and gives its number."""
+
+    def add_place(self, place: Place) -> int:
+        """Add a row of tables.PLACE."""
+
+    def add_own(self, row: tuple[Any, ...]) -> int:
+        """Add a row of tables.OWN_CHECKSUM."""
+
+    def add_profile(self, row: Mapping[str, Any]) -> int:
+        """Add a row of tables.END_TO_END."""
+
+
 def protection_row(
-    message: Message,
-    options: MessageOptions,
-    add_place: Callable[[Place], int],
-    issues: ConfigIssues,
+    message: Message, options: MessageOptions, tables: ProtectionTables, issues: ConfigIssues
 ) -> dict[str, Any]:
-    """Counter and checksum of a message, simple or of an E2E profile."""
-    key = f"messages.{message.name}"
-    e2e = options.e2e
+    """The columns of a message that say how it is protected: by counter and checksum, simple, by parameters or of
+    an E2E profile.
+    """
+    add_place = tables.add_place
+    key, e2e = f"messages.{message.name}", options.e2e
     for name in (options.counter, options.checksum, e2e.nibble if e2e else None):
         if name and message.get_signal_by_name(name).multiplexer_signal is not None:
             issues.add(
                 key, f"{name} is in some frames only; allowed: a signal that is in every frame"
             )
-    counter, modulus, nibble = -1, 1, -1
-    kind, checksum_byte = checksum.NONE, -1
-    if options.counter is not None:
-        place = place_of(message.get_signal_by_name(options.counter))
-        counter, modulus = add_place(place), 1 << place.length
-        bits = {"e2e-p05": 8}.get(e2e.profile, 4) if e2e else 0
-        if place.length > 32 or (e2e and place.length != bits):
-            allowed = f"{bits} bits" if e2e else "up to 32 bits"
-            issues.add(f"{key}.counter", f"{options.counter}: allowed: a signal of {allowed}")
-    if options.checksum is not None:
-        place = place_of(message.get_signal_by_name(options.checksum))
-        kind = checksum.PROFILES[e2e.profile] if e2e else checksum.KINDS[options.checksum_kind]
-        checksum_byte = place.byte
-        size = 2 if kind == checksum.E2E_P05 else 1
-        if place.length != 8 * size or place.shift != 0 or (size == 2 and place.stride < 0):
-            issues.add(
-                f"{key}.checksum",
-                f"{options.checksum}: allowed: a signal that fills "
-                + ("two bytes, Intel byte order" if size == 2 else "one byte"),
-            )
+    row = _counter_columns(message, options, add_place, issues)
+    row |= _checksum_columns(message, options, add_place, issues)
+    row["own"] = -1
+    if options.own is not None and options.checksum is not None:
+        masks = ~own_bits(message, options.checksum)
+        row["own"] = tables.add_own(options.own.row(message.frame_id, masks, row["counter"]))
+    row["profile"] = -1
     if e2e is None:
-        return _protection(counter, modulus, kind, checksum_byte, nibble, EndToEnd("", (0,)), 0)
+        return row
     for name in ("counter", "checksum"):
         if getattr(options, name) is None:
             issues.add(f"{key}.{name}", f"missing; allowed: the signal of {e2e.profile}")
+    nibble = -1
     if e2e.nibble is not None:
         place = place_of(message.get_signal_by_name(e2e.nibble))
         nibble = add_place(place)
         if place.length != 4:
             issues.add(f"{key}.data_id_nibble", f"{e2e.nibble}: allowed: a signal of 4 bits")
-    if kind == checksum.E2E_P01:
-        modulus = 15
-    return _protection(counter, modulus, kind, checksum_byte, nibble, e2e, e2e.window)
+    row["profile"] = tables.add_profile(_profile_columns(e2e, nibble))
+    return row
 
 
-def _protection(
-    counter: int, modulus: int, kind: int, byte: int, nibble: int, e2e: EndToEnd, window: int
+def _counter_columns(
+    message: Message,
+    options: MessageOptions,
+    add_place: Callable[[Place], int],
+    issues: ConfigIssues,
 ) -> dict[str, Any]:
-    """The columns of a message that say how it is protected."""
+    """Where a counter lies, and how it counts."""
+    if options.counter is None:
+        return {"counter": -1, **BY_ONE.columns(1)}
+    place, counting, e2e = (
+        place_of(message.get_signal_by_name(options.counter)),
+        options.counting,
+        options.e2e,
+    )
+    key = f"messages.{message.name}.counter"
+    if e2e is not None:
+        bits = {"e2e-p05": 8}.get(e2e.profile, 4)
+        if place.length != bits:
+            issues.add(key, f"{options.counter}: allowed: a signal of {bits} bits")
+        if e2e.profile == "e2e-p01":
+            counting = replace(counting, highest=14)
+    values = counting.highest_value(place.length) - counting.lowest + 1
+    if values > MOST_VALUES:
+        issues.add(
+            key,
+            f"{options.counter} takes {values} values; allowed: up to 2^48, with a `highest` of up to "
+            f"{counting.lowest + MOST_VALUES - 1}",
+        )
+        return {"counter": add_place(place), **BY_ONE.columns(1)}
+    return {"counter": add_place(place), **counting.columns(place.length)}
+
+
+def _checksum_columns(
+    message: Message,
+    options: MessageOptions,
+    add_place: Callable[[Place], int],
+    issues: ConfigIssues,
+) -> dict[str, Any]:
+    """Where a checksum lies, and of which kind it is."""
+    if options.checksum is None:
+        return {"kind": checksum.NONE, "checksum": -1, "checksum_byte": -1}
+    place, e2e = place_of(message.get_signal_by_name(options.checksum)), options.e2e
+    columns = {"checksum": add_place(place), "checksum_byte": place.byte}
+    if options.own is not None:
+        return {"kind": checksum.OWN, **columns}
+    kind = checksum.PROFILES[e2e.profile] if e2e else checksum.KINDS[options.checksum_kind]
+    size = 2 if kind == checksum.E2E_P05 else 1
+    if place.length != 8 * size or place.shift != 0 or (size == 2 and place.stride < 0):
+        issues.add(
+            f"messages.{message.name}.checksum",
+            f"{options.checksum}: allowed: a signal that fills "
+            + ("two bytes, Intel byte order" if size == 2 else "one byte")
+            + ("" if e2e else "; of another width: checksum = { signal, width, polynomial, … }"),
+        )
+    return {"kind": kind, **columns}
+
+
+def _profile_columns(e2e: EndToEnd, nibble: int) -> dict[str, Any]:
+    """The columns of tables.END_TO_END."""
     return {
-        "counter": counter,
-        "modulus": modulus,
-        "kind": kind,
-        "checksum_byte": byte,
         "data_ids": (e2e.data_ids * 16)[:16],
         "data_id_mode": profile_1.DATA_ID_MODES[e2e.data_id_mode],
         "nibble": nibble,
         "max_delta": e2e.max_delta,
         "sync": e2e.sync,
-        "window": window,
+        "window": e2e.window,
         "min_ok": e2e.min_ok,
         "max_error": e2e.max_error,
     }

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bits import extract, place_at, read_number
-from liftgate_hil.codec.checksum import checksum, checksum_in
+from liftgate_hil.codec.bits import extract_long, place_at, read_number
+from liftgate_hil.codec.checksum import checksum_in, expected_checksum
+from liftgate_hil.codec.counter import turn_of, value_at
 from liftgate_hil.codec.e2e import check_state
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, Frames
 from liftgate_hil.codec.refusals import (
@@ -26,11 +27,12 @@ from liftgate_hil.codec.refusals import (
     UNQUALIFIED,
     WRONG_LENGTH,
     no_refusals,
+    note_checksums,
     note_evidence,
     note_outcome,
 )
-from liftgate_hil.codec.tables import BusConfig, profile_of
-from liftgate_plant.compiler import compilable
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_plant.compiler import compilable, outlined
 
 
 class Counts(NamedTuple):
@@ -58,7 +60,7 @@ class Reception(NamedTuple):
 
     values: NDArray[np.float64]  # per quantity
     seen_ns: NDArray[np.int64]  # per message; -1: not there
-    counter: NDArray[np.int64]  # per message; -1: not known
+    counter: NDArray[np.int64]  # per message the turn of its counter; -1: not known
     cycles: NDArray[np.int64]  # per message: how many there were, lost ones by its counter too
     memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
     stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
@@ -138,18 +140,15 @@ def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> b
 @compilable
 def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
     """The alive counter in a frame."""
-    place = place_at(bus.places, bus.messages[message].counter)
-    return extract(data, frame, place.byte, place.shift, place.length, place.stride)
+    return extract_long(data, frame, place_at(bus.places, bus.messages[message].counter))
 
 
-@compilable
-def nibble_fits(bus: BusConfig, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
+@outlined
+def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
     """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
-    if profile is None:
-        return True
     if profile.nibble < 0:
         return True
-    sent = read_number(data, frame, place_at(bus.places, profile.nibble))
+    sent = read_number(data, frame, place_at(places, profile.nibble))
     return bool(sent == (profile.data_ids[0] >> 8) & 15)
 
 
@@ -158,36 +157,40 @@ def check(
     bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
     """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
-    table, profile = bus.messages[message], profile_of(bus.end_to_end, message)
-    memory = current.memory[message]
-    counter = 0
+    table, memory = bus.messages[message], current.memory[message]
+    counter, turn = 0, -1
     if table.counter >= 0:
         counter = counter_of(bus, message, frames.data, frame)
+        turn = turn_of(table, counter)
     found = expected = 0
     if table.kind:
-        found = checksum_in(table, frames.data, frame)
-        expected = checksum(table, profile, counter, frames.data, frame)
-    if found != expected or not nibble_fits(bus, profile, frames.data, frame):
-        note_evidence(current.refusals, BAD_CHECKSUM, -1, float(found), float(expected))
-        check_state.next_state(profile, memory, check_state.BAD_SUM)
-        return BAD_CHECKSUM, 0
-    if table.counter < 0:
+        found = checksum_in(bus, message, frames.data, frame)
+        expected = expected_checksum(bus, message, counter, frames.data, frame)
+    is_sound, last = found == expected, int(current.counter[message])
+    if table.profile >= 0:
+        profile, late = bus.end_to_end[table.profile], 0
+        is_sound = is_sound and nibble_fits(bus.places, profile, frames.data, frame)
+        if table.cycle_ns > 0 and current.seen_ns[message] >= 0:
+            late = max((now_ns - current.seen_ns[message]) // table.cycle_ns - 1, 0)
+        status = check_state.checked(profile, memory, table.modulus, is_sound, last, turn, late)
+    elif not is_sound:
+        status = check_state.BAD_SUM
+    elif table.counter < 0:
         return ACCEPTED, 0
-    last = int(current.counter[message])
-    late = 0
-    if table.cycle_ns > 0 and current.seen_ns[message] >= 0:
-        late = max((now_ns - current.seen_ns[message]) // table.cycle_ns - 1, 0)
-    status = check_state.place_in_sequence(table.modulus, profile, memory, last, counter, late)
+    else:
+        status = check_state.place_of_simple(last, turn)
     if status == check_state.BAD_SUM:
+        if not is_sound:
+            note_checksums(current.refusals, found, expected)
         return BAD_CHECKSUM, 0
-    current.counter[message] = counter
-    state = check_state.next_state(profile, memory, status)
+    if turn >= 0:
+        current.counter[message] = turn
     if status in (check_state.REPEATED, check_state.WRONG):
-        wanted = (last + 1) % table.modulus
-        note_evidence(current.refusals, BAD_COUNTER, -1, float(counter), float(wanted))
+        wanted = float(value_at(table, (last + 1) % table.modulus)) if last >= 0 else np.nan
+        note_evidence(current.refusals, BAD_COUNTER, -1, float(counter), wanted)
         return BAD_COUNTER, 0
-    lost = check_state.missing(last, counter, table.modulus) if last >= 0 else 0
-    if state != check_state.VALID or status == check_state.SYNCHRONISING:
+    lost = check_state.missing(last, turn, table.modulus) if last >= 0 else 0
+    if table.profile >= 0 and not check_state.is_qualified(memory, status):
         return UNQUALIFIED, lost
     return ACCEPTED, lost
 
@@ -313,3 +316,13 @@ def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
                 reception.values[bus.signals[row].quantity] = np.nan
     note_stale_time(bus, reception)
     return stale
+
+
+@compilable
+def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
+    """Whether a frame has waited for longer than its message's time-out: nobody sends that any more."""
+    message = find_message(bus, identifier & ~FD)
+    if message < 0:
+        return False
+    timeout_ns = bus.messages[message].timeout_ns
+    return bool(timeout_ns > 0 and age_ns > timeout_ns)

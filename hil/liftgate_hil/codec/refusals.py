@@ -27,8 +27,10 @@ REFUSAL = np.dtype(
         ("time_ns", "i8"),  # model time of the first, and of it:
         ("message", "i8"),  # row of the tables
         ("signal", "i8"),  # row of the tables, of one out of range
-        ("found", "f8"),  # length, checksum, counter, identifier, or value in the database's unit
-        ("expected", "f8"),  # length, checksum, counter
+        ("found", "f8"),  # length, counter, identifier, or value in the database's unit
+        ("expected", "f8"),  # length, counter; NaN: none
+        ("checksum", "i8"),  # found; of 64 bits two's complement
+        ("right_checksum", "i8"),  # that it would be
     ]
 )
 
@@ -45,6 +47,14 @@ def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected
         refusals[cause].signal = signal
         refusals[cause].found = found
         refusals[cause].expected = expected
+
+
+@compilable
+def note_checksums(refusals: Any, found: int, expected: int) -> None:
+    """The checksum of a frame, and what it should be, if it is the first that is wrong."""
+    if refusals[BAD_CHECKSUM].count == 0:
+        refusals[BAD_CHECKSUM].checksum = found
+        refusals[BAD_CHECKSUM].right_checksum = expected
 
 
 @compilable

@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
-
 # Where a signal's bits lie; the fields of `Place`.
 PLACE = np.dtype(
     [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
@@ -58,13 +56,49 @@ MESSAGE = np.dtype(
         ("cycle_ns", "i8"),  # 0: not cyclic
         ("timeout_ns", "i8"),  # 0: never goes stale
         ("counter", "i8"),  # row in `places` of the alive counter; -1: none
-        ("modulus", "i8"),  # values that it takes
+        # How it counts, see counter.Counting.
+        ("modulus", "i8"),  # turns until it begins anew
+        ("lowest", "i8"),
+        ("span", "i8"),  # values from there on
+        ("offset", "i8"),  # of its start above the lowest
+        ("step", "i8"),  # modulo the span
+        ("grain", "i8"),  # what step and span have in common
+        ("inverse", "i8"),  # of step / grain modulo the modulus
         ("kind", "i8"),  # of protection, see checksum.KINDS
+        ("checksum", "i8"),  # row in `places` of the checksum; -1: none
         ("checksum_byte", "i8"),  # its first; -1: none
+        ("own", "i8"),  # row in `own_checksums`; -1: none
+        ("profile", "i8"),  # row in `end_to_end`; -1: none
     ]
 )
 
-# What a message of an AUTOSAR E2E profile has besides.
+MOST_COVERED = 128  # bytes that a checksum of OWN_CHECKSUM is over
+
+# A checksum by parameters, see rocksoft.py.
+OWN_CHECKSUM = np.dtype(
+    [
+        ("unused", "i8"),  # 64 - its width
+        ("mask", "i8"),  # of its bits
+        ("start", "i8"),  # of the register, mirrored
+        ("final_xor", "i8"),
+        ("reflect_in", "i8"),  # 1 or 0
+        ("reflect_out", "i8"),
+        ("counter", "i8"),  # row in `places` of the counter; -1: none
+        ("id_count", "i8"),
+        ("data_ids", "i8", (16,)),
+        ("count", "i8"),  # bytes that it is over, in their order:
+        ("source", "u1", (MOST_COVERED,)),  # see rocksoft.PARTS
+        ("number", "u1", (MOST_COVERED,)),  # of the byte there
+        (
+            "bits",
+            "u1",
+            (MOST_COVERED,),
+        ),  # of the payload those that count; of an identifier the byte
+        ("table", "i8", (256,)),  # what each byte makes of the register
+    ]
+)
+
+# An AUTOSAR E2E profile of a message.
 END_TO_END = np.dtype(
     [
         ("data_ids", "i8", (16,)),  # the data ID, in profile 2 the list
@@ -73,21 +107,11 @@ END_TO_END = np.dtype(
         # Of the state machine, see e2e/check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
-        ("window", "i8"),  # 0: no state machine
+        ("window", "i8"),
         ("min_ok", "i8", (3,)),  # in the states INIT, VALID, INVALID
         ("max_error", "i8", (3,)),
     ]
 )
-
-
-@compilable
-def profile_of(end_to_end: Any, message: int) -> Any:
-    """A message's row of END_TO_END, or None. What takes it asks for None in a condition of its own: that is where
-    the compiler leaves the rest out.
-    """
-    if end_to_end is None:
-        return None
-    return end_to_end[message]
 
 
 class BusConfig(NamedTuple):
@@ -99,4 +123,5 @@ class BusConfig(NamedTuple):
     selectors: Any  # SELECTOR
     names: Any  # NAME
     start: NDArray[np.uint8]  # (pages of all messages, 64) payloads with start values
-    end_to_end: Any  # (m,) END_TO_END; None: no message has a profile, and none is compiled
+    own_checksums: Any  # OWN_CHECKSUM
+    end_to_end: Any  # END_TO_END

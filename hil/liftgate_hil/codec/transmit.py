@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bits import FLOAT32, insert, place_at, write_number
+from liftgate_hil.codec.bits import FLOAT32, insert_long, place_at, write_number
 from liftgate_hil.codec.checksum import put_checksum
+from liftgate_hil.codec.counter import value_at
 from liftgate_hil.codec.frames import Frames, empty_frames
-from liftgate_hil.codec.tables import BusConfig, profile_of
-from liftgate_plant.compiler import compilable
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_plant.compiler import compilable, outlined
 
 
 @compilable
@@ -34,15 +35,15 @@ def encode(
     bus: BusConfig,
     message: int,
     values: NDArray[np.float64],
-    counter: int,
+    before: int,
     frames: Frames,
     row: int,
 ) -> None:
-    """Write one message into a row of `frames`, with the page whose turn it is after `counter` frames; a quantity
-    that is NaN keeps its start value.
+    """Write one message into a row of `frames`, with the page and the counter that follow so many frames `before`;
+    a quantity that is NaN keeps its start value.
     """
     table = bus.messages[message]
-    page = counter % table.pages
+    page = before % table.pages
     frames.identifiers[row] = table.identifier | table.fd
     frames.lengths[row] = table.length
     for i in range(table.length):
@@ -53,23 +54,21 @@ def encode(
         if (signal.pages >> page) & 1 and not np.isnan(value):
             place = place_at(bus.places, signal.place)
             write_number(frames.data, row, place, raw_of(bus, index, value))
-    turn = counter % table.modulus
+    counter = 0
     if table.counter >= 0:
-        place = place_at(bus.places, table.counter)
-        insert(frames.data, row, place.byte, place.shift, place.length, place.stride, turn)
-    profile = profile_of(bus.end_to_end, message)
-    put_nibble(bus, profile, frames.data, row)
+        counter = value_at(table, before % table.modulus)
+        insert_long(frames.data, row, place_at(bus.places, table.counter), counter)
+    if table.profile >= 0:
+        put_nibble(bus.places, bus.end_to_end[table.profile], frames.data, row)
     if table.kind:
-        put_checksum(table, profile, turn, frames.data, row)
+        put_checksum(bus, message, counter, frames.data, row)
 
 
-@compilable
-def put_nibble(bus: BusConfig, profile: Any, data: NDArray[np.uint8], row: int) -> None:
+@outlined
+def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> None:
     """The part of the data ID that is sent openly (profile 1)."""
-    if profile is None:
-        return
     if profile.nibble >= 0:
-        place = place_at(bus.places, profile.nibble)
+        place = place_at(places, profile.nibble)
         write_number(data, row, place, float((profile.data_ids[0] >> 8) & 15))
 
 

@@ -70,6 +70,12 @@ def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Seq
     ]
 
 
+def _gain(values: Values, side: str) -> Sequence[Edit]:
+    """A gain also of the offsets before it: several change the reading one after the other."""
+    offset = Edit(f"faults.{side}.current.offset", SCALE, float(values["factor"]))
+    return [*_current("gain", SCALE, "factor")(values, side), offset]
+
+
 def _short(values: Values, side: str) -> Sequence[Edit]:
     line = Edit(f"plant.{side}.line.is_shorted", SET, 1.0)
     return [_BROKEN, line, *_current("shorted", SET)(values, side)]
@@ -131,15 +137,18 @@ _KINDS = (
     FaultKind("hall_extra", "edges that no shaft makes, on A or B by chance", _hall("extra", "rate"),
               _key("rate", Number(0.0, 1e5, "1/s"), "how many")),
     FaultKind("hall_swapped", "Hall A and B are exchanged: the count runs backwards", _hall("swapped")),
-    FaultKind("current_offset", "added to the current's reading", _current("offset", ADD, "value"),
+    FaultKind("current_offset", "added to the current's reading, behind offsets and gains before it in the file",
+              _current("offset", ADD, "value"),
               _key("value", Number(-1e3, 1e3, "A"), "how much")),
-    FaultKind("current_gain", "the current's reading is too large or too small",
-              _current("gain", SCALE, "factor"), _key("factor", Number(-100.0, 100.0), "by this factor")),
-    FaultKind("current_frozen", "the current's last reading stays", _current("frozen", SET)),
+    FaultKind("current_gain", "the current's reading is too large or too small, with offsets and gains "
+              "before it in the file",
+              _gain, _key("factor", Number(-100.0, 100.0), "by this factor")),
+    FaultKind("current_frozen", "the current's last reading stays, with the offsets and gains that it has",
+              _current("frozen", SET)),
     FaultKind("angle_offset", "added to the angle's reading", _gate("sensors.angle_offset", ADD, "value"),
               _key("value", Number(-360.0, 360.0, "deg", math.radians(1.0)), "how much"), of=GATE),
-    FaultKind("angle_frozen", "the angle's last reading stays", _gate("faults.angle_frozen", SET),
-              of=GATE),
+    FaultKind("angle_frozen", "the angle's last reading stays, with the offset that it has",
+              _gate("faults.angle_frozen", SET), of=GATE),
     FaultKind("latch_stuck", "the latch's switch says the same, whatever the latch does",
               _gate("faults.latch_reading", SET, "value"),
               _key("value", Level(("open", "latched")), "what it says"), of=GATE),
@@ -165,12 +174,12 @@ _KINDS = (
     FaultKind("frame_repeated", "each frame comes twice", _none, _DIRECTION, of=MESSAGE),
     FaultKind("frame_corrupted", "one bit of the data is another one, by chance which; on the wire itself, where "
               "the bus's own checksum would tell it, no bit can be changed", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("wrong_counter", "the alive counter stands still, under a checksum that is right", _none,
-              _DIRECTION, of=MESSAGE),
+    FaultKind("wrong_counter", "the alive counter stands still as in the last frame before it, under a checksum "
+              "that is right", _none, _DIRECTION, of=MESSAGE),
     FaultKind("wrong_checksum", "the checksum's bits are inverted", _none, _DIRECTION, of=MESSAGE),
     FaultKind("wrong_length", "the next shorter frame that there is", _none, _DIRECTION, of=MESSAGE),
-    FaultKind("frame_frozen", "the data stay as they were, counter and checksum too", _none, _DIRECTION,
-              of=MESSAGE),
+    FaultKind("frame_frozen", "the data stay those of the last frame before it, counter and checksum too", _none,
+              _DIRECTION, of=MESSAGE),
     FaultKind("babbling", "somebody sends without end: eight bytes of 0", _none, (
         *_DIRECTION,
         Key("id", Whole(0, 0x1FFFFFFF), "the identifier; above 0x7FF an extended one"),

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS
 from liftgate_hil.codec.checksum import KINDS, PROFILES
+from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.e2e.check_state import MAX_WINDOW
 from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
+from liftgate_hil.config.protection_tables import checksum_table, counter_table
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.issues import ConfigIssues
 
@@ -37,22 +39,51 @@ def message_options(
         key = f"messages.{name}"
         given = table(issues, key, value)
         known_keys(issues, key, given, (*_OPTIONS, *_E2E))
-        signals = [each.name for each in messages[name].signals]
         result[name] = MessageOptions(
             cycle_ms=_number(issues, f"{key}.cycle_ms", given.get("cycle_ms"), 0.1, LONGEST_MS),
             timeout_cycles=_number(
                 issues, f"{key}.timeout_cycles", given.get("timeout_cycles"), 1.0, 1000.0
             )
             or 3.0,
-            counter=_own_signal(issues, f"{key}.counter", given.get("counter"), signals),
-            checksum=_own_signal(issues, f"{key}.checksum", given.get("checksum"), signals),
-            checksum_kind=text(
-                issues, f"{key}.checksum_kind", given.get("checksum_kind", "crc8-sae-j1850"), KINDS
-            )
-            or "none",
-            e2e=_end_to_end(issues, key, given, signals),
+            **_protection(issues, key, given, messages[name]),
         )
     return result
+
+
+def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) -> dict[str, Any]:
+    """The fields of MessageOptions that say how a message is protected."""
+    signals = [each.name for each in message.signals]
+    counting, own = Counting(), None
+    counter, checksum = given.get("counter"), given.get("checksum")
+    e2e = _end_to_end(issues, key, given, signals)
+    is_table = {"counter": isinstance(counter, dict), "checksum": isinstance(checksum, dict)}
+    if e2e is not None:
+        for name in [name for name, is_one in is_table.items() if is_one]:
+            issues.add(f"{key}.{name}", f"{e2e.profile} has its own; allowed: the name of a signal")
+            issues.settle(f"{key}.{name}")
+        counter = None if is_table["counter"] else counter
+        checksum = None if is_table["checksum"] else checksum
+    if isinstance(counter, dict):
+        counter, counting = counter_table(issues, f"{key}.counter", counter, message)
+    else:
+        counter = _own_signal(issues, f"{key}.counter", counter, signals)
+    if isinstance(checksum, dict):
+        if "checksum_kind" in given:
+            issues.add(
+                f"{key}.checksum_kind", "its parameters say which; allowed: with a named checksum"
+            )
+        checksum, own = checksum_table(issues, f"{key}.checksum", checksum, message, counter)
+    else:
+        checksum = _own_signal(issues, f"{key}.checksum", checksum, signals)
+    kind = given.get("checksum_kind", "crc8-sae-j1850")
+    return {
+        "counter": counter,
+        "checksum": checksum,
+        "checksum_kind": text(issues, f"{key}.checksum_kind", kind, KINDS) or "none",
+        "e2e": e2e,
+        "counting": counting,
+        "own": own,
+    }
 
 
 def _end_to_end(

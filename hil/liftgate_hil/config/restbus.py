@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import (
@@ -36,6 +36,8 @@ class SignalValue:
     value: float | str
     source: str = ""  # the file
     key: str = ""  # in it: signal[0]
+    # What messages call its value, where that is not the file's own.
+    value_key: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ def changes_in(
     """The changes of a restbus; `taken` are the messages that gate or ECU send."""
     found = []
     for each in values:
-        own = ConfigIssues(each.source)
+        value_key = f"{each.key}.value"
+        own = ConfigIssues(each.source, {value_key: each.value_key} if each.value_key else {})
         number = value_in(f"{each.key}.", each.signal, each.value, tables, taken, own)
         issues.take(own.lines)
         if number is not None:

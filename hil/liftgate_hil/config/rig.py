@@ -62,7 +62,7 @@ class Rig:
     @cached_property
     def tables(self) -> BusTables:
         """What the bench sends by it."""
-        return BusTables(self.messages, self.outputs, self.options)
+        return BusTables(self.messages, self.outputs, self.options, self.source)
 
     @property
     def settable(self) -> tuple[str, ...]:
@@ -132,6 +132,11 @@ class Rig:
         """Of a message; 0: it has none."""
         return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
+    def timeout_ms(self, name: str) -> float:
+        """How long a message may stay out [ms] until what it said last no longer counts; 0: it has no cycle."""
+        options = self.options.get(name, MessageOptions())
+        return max(0.0, options.timeout_cycles * self.cycle_ms(name))
+
 
 def load_rig(path: Path) -> Rig:
     """The rig of a file. Raises ConfigError with all faults of the file."""
@@ -197,7 +202,7 @@ def _collecting(issues: ConfigIssues) -> Iterator[None]:
     try:
         yield
     except ConfigError as error:
-        issues.take(error.issues)
+        issues.take(issues.unsettled(error.issues))
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from liftgate_hil.codec.bus_config import SignalMapping, cycle_of, pages_of
+from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
+from liftgate_hil.codec.rocksoft import Covered, Rocksoft
 from liftgate_hil.config.inject import REQUEST, SIGNAL
 from liftgate_hil.config.restbus import Press
 from liftgate_hil.config.rig import Rig
@@ -52,6 +54,15 @@ def mapped_messages(rig: Rig) -> list[MappedMessage]:
         *_messages(rig, "received", rig.inputs, BUS_INPUTS),
         *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS),
     ]
+
+
+def protected_besides(rig: Rig) -> dict[str, str]:
+    """How messages are protected that carry no quantity: those of the restbus."""
+    return {
+        name: _protection(options)
+        for name, options in rig.options.items()
+        if name not in rig.mapped and (options.counter or options.checksum)
+    }
 
 
 def asked_by(rig: Rig) -> dict[str, str]:
@@ -144,8 +155,38 @@ def _protection(options: MessageOptions) -> str:
     if options.e2e is not None:
         parts.append(options.e2e.profile)
     if options.counter is not None:
-        parts.append(f"counter {options.counter}")
+        parts.append(f"counter {options.counter}{_counted(options.counting)}")
     if options.checksum is not None:
         kind = f" ({options.checksum_kind})" if options.e2e is None else ""
+        if options.own is not None:
+            kind = f" ({_parameters(options.own)})"
         parts.append(f"checksum {options.checksum}{kind}")
     return ", ".join(parts) or "none"
+
+
+def _counted(counting: Counting) -> str:
+    """How a counter counts, in words; nothing where it is as wide as its signal and goes up by one from 0."""
+    if counting.highest is None:
+        return ""
+    span = f"{counting.lowest} to {counting.highest}"
+    return f" ({span}, from {counting.start_value()} in steps of {counting.step})"
+
+
+def _parameters(own: Rocksoft) -> str:
+    """A checksum by its parameters, in words."""
+    digits = (own.width + 3) // 4
+    told = [f"CRC of {own.width} bits, polynomial 0x{own.polynomial:0{digits}X}"]
+    told.append(f"start 0x{own.start:0{digits}X}")
+    told += ["reflected in"] if own.reflect_in else []
+    told += ["reflected out"] if own.reflect_out else []
+    told.append(f"final XOR 0x{own.final_xor:0{digits}X}")
+    told.append("over " + " + ".join(map(_covered, own.covers)))
+    if own.data_ids:
+        ids = " ".join(f"0x{each:X}" for each in own.data_ids)
+        told.append(f"data ID {ids}" + (" by the counter" if len(own.data_ids) > 1 else ""))
+    return ", ".join(told)
+
+
+def _covered(covered: Covered) -> str:
+    span = "" if covered.first == covered.last else f" to {covered.last}"
+    return f"{covered.part} {covered.first}{span}"

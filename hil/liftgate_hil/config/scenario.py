@@ -53,6 +53,9 @@ class Fault:
     period: float = 0.0
     share: float = 1.0
     key: str = ""  # of the file: fault[0]
+    length: float = math.inf  # s, from its start
+    # What messages call its `value`; "": that of `key`.
+    value_key: str = field(default="", compare=False)
 
     @property
     def identity(self) -> tuple[Any, ...]:
@@ -101,7 +104,8 @@ def _comes(instant: Instant, after: Instant) -> Expectation | None:
     if not instant.condition:
         return None
     opener = after.condition or after.time
-    return Expectation(instant.condition, "eventually", instant.condition, opener, key=instant.key)
+    known = (instant.condition, "eventually", instant.condition, opener)
+    return Expectation(*known, key=instant.key, source=instant.source)
 
 
 def no_scenario() -> Scenario:
@@ -114,13 +118,13 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
     those that it includes.
     """
     parts = _parts(path, replaced or {}, [])
-    parameters = _parameters(parts, replaced or {})
+    parameters, origins = _parameters(parts, replaced or {})
     top: dict[str, Any] = {}
     settings: dict[tuple[str, ...], Setting] = {}
     found = _Found([], [], [], [], [], [])
     for part in parts:
         raw = {
-            key: value if key in _FREE else _filled_in(part.issues, key, value, parameters)
+            key: value if key in _FREE else _filled_in(part, key, value, parameters, origins)
             for key, value in part.raw.items()
         }
         own = read_table(part.issues, "", raw, keys.TOP)
@@ -129,7 +133,9 @@ def load_scenario(path: Path, replaced: Mapping[str, float] | None = None) -> Sc
                 own[name] = _beside(part.path, own[name])
         top |= {key: own[key] for key in own if key in raw or key not in top}
         given = table(part.issues, "set", raw.get("set", {}))
-        settings |= {each.names: each for each in settings_in(given, f"{part.path}: set.")}
+        for each in settings_in(given, f"{part.path}: set."):
+            called = part.issues.called(f"set.{each.key}")
+            settings[each.names] = each._replace(source=called.removesuffix(each.key))
         _Reader(part.path, part.issues, parameters).read(raw, found)
     _check_once(parts[-1].issues, "profile", [name for name, _ in found.profiles])
     if any(part.issues.count for part in parts):
@@ -206,13 +212,19 @@ def _lines_of(issues: ConfigIssues) -> list[str]:
     return []
 
 
-def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> dict[str, float]:
-    """The parameters of all files, a file's own over those that it includes, with other values."""
+def _parameters(
+    parts: Sequence[_Part], replaced: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, str]]:
+    """The parameters of all files, a file's own over those that it includes, with other values; and what messages
+    call each.
+    """
     known: dict[str, float] = {}
+    origins: dict[str, str] = {}
     for part in parts:
         given = table(part.issues, "parameters", part.raw.get("parameters", {}))
         for name, value in given.items():
             known[name] = number(part.issues, f"parameters.{name}", value, -1e15, 1e15)
+            origins[name] = f"{part.path}: parameters.{name}"
     issues = parts[-1].issues
     for name, value in replaced.items():
         if name not in known:
@@ -220,22 +232,37 @@ def _parameters(parts: Sequence[_Part], replaced: Mapping[str, float]) -> dict[s
             issues.add(f"parameters.{name}", f"no such parameter; allowed: {allowed}")
             continue
         known[name] = number(issues, f"parameters.{name}", value, -1e15, 1e15)
-    return known
+        origins[name] = f"`parameters` {name}"
+    return known, origins
 
 
-def _filled_in(issues: ConfigIssues, key: str, value: Any, parameters: Mapping[str, float]) -> Any:
-    """A value with each `$name` in it replaced by the parameter; conditions take theirs themselves."""
+def _filled_in(
+    part: _Part,
+    key: str,
+    value: Any,
+    parameters: Mapping[str, float],
+    origins: Mapping[str, str],
+) -> Any:
+    """A value with each `$name` in it replaced by the parameter; conditions take theirs themselves. What is wrong
+    with such a value is told of where the parameter has it from, unless that is the same file.
+    """
+    issues = part.issues
     if isinstance(value, dict):
         return {
-            name: _filled_in(issues, f"{key}.{name}", each, parameters)
+            name: _filled_in(part, f"{key}.{name}", each, parameters, origins)
             for name, each in value.items()
         }
     if isinstance(value, list):
-        return [_filled_in(issues, f"{key}[{i}]", each, parameters) for i, each in enumerate(value)]
+        return [
+            _filled_in(part, f"{key}[{i}]", each, parameters, origins)
+            for i, each in enumerate(value)
+        ]
     if isinstance(value, str) and _PARAMETER.fullmatch(value):
         if value[1:] in parameters:
             if math.isnan(parameters[value[1:]]):  # which is told of the parameter
                 issues.settle(key)
+            if not origins[value[1:]].startswith(f"{part.path}: "):
+                issues.originate(key, f"{origins[value[1:]]}, as {part.path}: {key}")
             return parameters[value[1:]]
         allowed = ", ".join(f"${name}" for name in parameters) or "none, there are no [parameters]"
         issues.add(key, f"{show(value)}: no such parameter; allowed: {allowed}")
@@ -397,7 +424,12 @@ class _Reader:
         values = read_table(self.issues, key, given, keys.SIGNAL)
         when = self._instant(values["time"], values["delay_s"], f"{key}.time")
         return SignalValue(
-            when, values["signal"] or "", values["value"] or 0.0, str(self.path), key
+            when,
+            values["signal"] or "",
+            values["value"] or 0.0,
+            str(self.path),
+            key,
+            self.issues.called(f"{key}.value"),
         )
 
     def fault(self, key: str, given: Table) -> Fault:
@@ -411,6 +443,8 @@ class _Reader:
         values = {"delay_s": 0.0} | read_table(self.issues, key, given, (*common, *own))
         if kind is not None and values["where"] is not None:
             self._where(f"{key}.where".lstrip("."), kind, values["where"])
+        if "for_s" in given and "end" in given:
+            self.issues.add(f"{key}.for_s", "allowed: without end")
         if "share" in given and "period_s" not in given:
             self.issues.add(f"{key}.share", "allowed: together with period_s")
         start, end = self._span(
@@ -425,6 +459,8 @@ class _Reader:
             period=values["period_s"] or 0.0,
             share=values["share"],
             key=f"{self.path}: {key}",
+            length=values["for_s"] or math.inf,
+            value_key=self.issues.called(f"{key}.value"),
         )
 
     def _where(self, key: str, kind: FaultKind, where: str) -> None:
@@ -464,7 +500,8 @@ class _Reader:
         opener = after.condition or after.time
         name = str(values["name"] or "")
         state = values["state"] or ""
-        return Expectation(name, kind, values[kind], opener, within, values["for_s"], key, state)
+        known = (name, kind, values[kind], opener, within, values["for_s"], key, state)
+        return Expectation(*known, source=str(self.path))
 
 
 def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
@@ -481,7 +518,7 @@ def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
     given |= {"kind": kind} | ({} if where is None else {"where": where})
     found = _Reader(Path(), issues, {}).fault("", given)
     issues.raise_if_any()
-    return replace(found, key="`fault`")
+    return replace(found, key="`fault`", value_key="")
 
 
 def _check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:

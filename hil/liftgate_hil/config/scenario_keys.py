@@ -135,6 +135,8 @@ FAULT = (
         "that is one's", None, "both; all messages"),
     Key("start", When(), "when it begins", START, "0"),
     Key("end", When(), "when it is over; a condition counts once it has begun", NEVER, "never"),
+    Key("for_s", Number(1e-4, LATEST, "s"), "how long it is there, from its start, in place of end", None,
+        "to end"),
     _DELAY,
     Key("period_s", Number(1e-4, LATEST, "s"), "intermittent: it comes back with this period", None),
     Key("share", Number(0.0, 1.0), "of each period, from its begin, in which it is there", 1.0),

@@ -192,7 +192,7 @@ class When:
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
         """See Kind."""
         if isinstance(value, str) and value.strip():
-            return Instant(math.nan, value, key=key)
+            return Instant(math.nan, value, key=key, source=issues.source)
         if isinstance(value, bool) or not isinstance(value, int | float):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return Instant()

@@ -8,6 +8,9 @@ from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.toml import shortened
 from liftgate_hil.errors import ConfigError
 
+_SHOWN = 12  # names that are told
+_SETS = ("pack",)  # of scenarios, in a folder of their own
+
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -44,6 +47,14 @@ def shipped_folder(kind: str, name: str) -> Path | None:
     return folder if is_name and folder.is_dir() else None
 
 
+def _told(kind: str) -> str:
+    """The shipped names of a kind, and its folders."""
+    folder = data_root() / "configs" / kind
+    names = shipped_names(f"configs/{kind}")
+    names = [*names[:_SHOWN], "…"] if len(names) > _SHOWN else names
+    return ", ".join([*names, *(f"{name}/NAME" for name in _SETS if (folder / name).is_dir())])
+
+
 def find_config(kind: str, name: str, called: str = "") -> Path:
     """The file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 
@@ -53,11 +64,13 @@ def find_config(kind: str, name: str, called: str = "") -> Path:
     called = called or f"`{kind[:-1]}`"
     path = Path(name)
     is_name = not path.suffix and len(path.parts) == 1
+    if len(path.parts) == 2 and not is_there(path) and shipped_folder(kind, path.parts[0]):
+        return find_config(f"{kind}/{path.parts[0]}", path.stem, called)
     if is_name and name in shipped_names(f"configs/{kind}"):
         return data_root() / "configs" / kind / f"{name}.toml"
     issue = issue_with(path)
     if issue and not is_there(path):
-        shipped = f"a shipped name ({', '.join(shipped_names(f'configs/{kind}'))})"
+        shipped = f"a shipped name ({_told(kind)})"
         issue = (
             f"neither a file nor {shipped}" if is_name else f"{issue}; allowed: one, or {shipped}"
         )

@@ -23,6 +23,7 @@ from liftgate_hil.config.units import (
     dimensions_named,
 )
 from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.signals import renamed_output
 from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
@@ -41,7 +42,19 @@ def signal_mappings(
 ) -> list[SignalMapping]:
     """What a section maps; faults are noted."""
     given = table(issues, section, raw.get(section, {}))
-    known_keys(issues, section, given, quantities)
+    old = {name: renamed_output(name) for name in given if section == "outputs"}
+    for name, now in old.items():
+        if now:
+            issues.add(
+                f"{section}.{name}",
+                f"no sensor gives it, so its name is {now} now; allowed: {now}",
+            )
+    known_keys(
+        issues,
+        section,
+        {name: value for name, value in given.items() if not old.get(name)},
+        quantities,
+    )
     found = [
         _mapping(issues, section, quantity, quantities[quantity], given[quantity], messages)
         for quantity in given
@@ -156,7 +169,7 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
     hint = ""
     if "rate of turning" in known and key.endswith("hall_speed"):
         side = key.partition(".")[2].removesuffix("hall_speed")
-        hint = f"; or the motor's speed, {side}speed"
+        hint = f"; or the motor's speed, true_{side}speed"
     issues.add(
         key,
         f"{said}; allowed: unit = {' | '.join(map(show, allowed_units(ours).split(', ')))}, "

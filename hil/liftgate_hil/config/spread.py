@@ -9,7 +9,7 @@
     current_offset = { absolute = 0.05 }                            # A
 
 What belongs to a drive is drawn for each drive. A draw depends on its seed and the key alone, so that another key
-in the table changes nothing of the rest. Normal ones end at 3 σ, and every one at the key's range.
+in the table changes nothing of the rest. Normal and lognormal ones end at 3 σ, and every one at the key's range.
 """
 
 from __future__ import annotations
@@ -201,4 +201,5 @@ def _within(place: Names, value: float) -> float:
     """Within the range that the key allows."""
     key = key_of(place)
     assert key is not None
-    return min(max(value, key.quantity.low), key.quantity.high)
+    within = min(max(value, key.quantity.low), key.quantity.high)
+    return key.quantity.least if 0.0 < within < key.quantity.least else within

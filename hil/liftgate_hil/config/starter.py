@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from liftgate_hil.config.shipped import c_headers, data_root, ecu_sources
@@ -19,19 +20,32 @@ _FILES = {
 }
 
 
+README = "README.md"
+README_BESIDE = "LIFTGATE.md"  # where the folder has one
+
+
+def starter_readme() -> Path:
+    """The page that tells what to do with the files."""
+    return data_root() / "configs/starter" / README
+
+
 def create_starter(folder: Path) -> list[Path]:
     """Fill `folder`, which is made where it does not exist; the files written, relative to it.
 
-    The ECU's sources and the headers they need go to its subfolder `ecu`. Raises ConfigError where the folder is
-    not empty, is no folder, or cannot be written to; then nothing that was there has changed.
+    It may be a new or an empty one, or a git repository, of which all that is there is kept: with a README of its
+    own, ours has another name. The ECU's sources and the headers they need go to its subfolder `ecu`. Raises
+    ConfigError where the folder is none of that, where something that is there would be overwritten (all of that
+    is named), or where it cannot be written to; then nothing that was there has changed.
     """
-    sources = {Path(name): data_root() / source for name, source in _FILES.items()}
-    for source in (*ecu_sources(), *c_headers()):
-        sources[Path("ecu", source.name)] = source
     try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            kind = "is not empty" if folder.is_dir() else "is a file"
-            raise ConfigError(f"{folder}: {kind}; allowed: a new or an empty folder")
+        _check(folder)
+        sources = _sources(folder)
+        taken = list(dict.fromkeys(_in_the_way(folder, name) for name in sources))
+        if found := [str(each) for each in taken if each is not None]:
+            raise ConfigError(
+                f"{folder}: would overwrite {', '.join(found)}; allowed: a folder without them (nothing was "
+                "written)"
+            )
         for name, source in sources.items():
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -41,3 +55,34 @@ def create_starter(folder: Path) -> list[Path]:
         where = error.filename or folder
         raise ConfigError(f"{folder}: cannot be written: {where}: {error.strerror}") from error
     return list(sources)
+
+
+def _check(folder: Path) -> None:
+    """Whether the folder may be filled. Raises ConfigError."""
+    if not folder.exists():
+        return
+    allowed = "allowed: a new or an empty folder, or a git repository"
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: is a file; {allowed}")
+    if any(folder.iterdir()) and not (folder / ".git").exists():
+        raise ConfigError(f"{folder}: is not empty; {allowed}")
+
+
+def _sources(folder: Path) -> dict[Path, Path]:
+    """Name in the folder: what it is a copy of."""
+    sources = {Path(name): data_root() / source for name, source in _FILES.items()}
+    there = folder.iterdir() if folder.exists() else ()
+    has_readme = any(each.stem.casefold() == "readme" for each in there)
+    sources[Path(README_BESIDE if has_readme else README)] = starter_readme()
+    for source in (*ecu_sources(), *c_headers()):
+        sources[Path("ecu", source.name)] = source
+    return sources
+
+
+def _in_the_way(folder: Path, name: Path) -> Path | None:
+    """What is there in place of a file, or of a folder above it, relative to `folder`; None: nothing."""
+    for part in reversed((name, *name.parents[:-1])):
+        place = folder / part
+        if os.path.lexists(place) and (part == name or not place.is_dir()):
+            return part
+    return None

@@ -68,14 +68,23 @@ def _is_deeper(content: Table, levels: int) -> bool:
 
 
 def number(
-    issues: ConfigIssues, key: str, value: object, low: float, high: float, unit: str = ""
+    issues: ConfigIssues,
+    key: str,
+    value: object,
+    low: float,
+    high: float,
+    unit: str = "",
+    least: float = 0.0,
 ) -> float:
-    """`value` as a float within [low, high]; a fault and NaN where it is not."""
-    allowed = f"{low:g} to {high:g}{' ' + unit if unit else ''}"
+    """`value` as a float within [low, high], and not between 0 and `least`; a fault and NaN where it is not."""
+    begin = f"0, or {least:g}" if least else f"{low:g}"
+    allowed = f"{begin} to {high:g}{' ' + unit if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, int | float):
         issues.add(key, f"{show(value)} is not a number; allowed: {allowed}")
         return math.nan
-    if not low <= value <= high:  # NaN is not; whole numbers may be too large for a float
+    if (
+        not low <= value <= high or 0.0 < value < least
+    ):  # NaN is not; whole numbers may be too large for a float
         issues.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)

@@ -22,7 +22,6 @@ from liftgate_plant.quantity import Points, Quantity
 from liftgate_plant.sensors import Sensors, encoder_of
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
-_LEAST_PWM = 1000.0  # Hz
 _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements scatter
 
 
@@ -76,6 +75,17 @@ def faults_with(vehicle: Vehicle) -> list[str]:
     """What is wrong with a vehicle as a whole: what no single value of it shows."""
     issues = ConfigIssues("")
     _check_whole(issues, vehicle)
+    return [line.removeprefix(": ") for line in issues.lines]
+
+
+def refusals_of(vehicle: Vehicle) -> list[str]:
+    """All that the loader would refuse of a vehicle whose values are within their ranges, a line each: what
+    `faults_with` finds, and friction that cannot be tabulated.
+    """
+    issues = ConfigIssues("")
+    _check_whole(issues, vehicle)
+    if not issues.lines:
+        _check_friction(issues, vehicle)
     return [line.removeprefix(": ") for line in issues.lines]
 
 
@@ -134,7 +144,7 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
         return said if said in quantity.options else quantity.options[0]
     if origin is float:
         return quantity.scale * number(
-            issues, key, value, quantity.low, quantity.high, _unit(quantity)
+            issues, key, value, quantity.low, quantity.high, _unit(quantity), quantity.least
         )
     if origin is Points:
         return _points(issues, key, value, quantity)
@@ -175,7 +185,7 @@ def _allowed(quantity: Quantity, form: str = "") -> str:
     if quantity.options:
         return f"allowed: {', '.join(quantity.options)}"
     unit = _unit(quantity)
-    return f"allowed: {form}{quantity.low:g} to {quantity.high:g}{' ' + unit if unit else ''}"
+    return f"allowed: {form}{quantity.range}{' ' + unit if unit else ''}"
 
 
 def _unit(quantity: Quantity) -> str:
@@ -239,14 +249,10 @@ def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """A PWM's period is short beside what the motor does, and freewheeling goes with one."""
+    """Freewheeling goes with a PWM."""
     for side, own in zip(SIDES[: vehicle.drives], (vehicle.left, vehicle.right), strict=False):
         frequency, freewheeling = own.bridge.pwm_frequency, own.bridge.freewheeling
         prefix = "bridge" if vehicle.left.bridge == vehicle.right.bridge else f"{side}.bridge"
-        if 0.0 < frequency < _LEAST_PWM:
-            issues.add(
-                f"{prefix}.pwm_frequency", f"{frequency:g}; allowed: 0, or {_LEAST_PWM:g} to 1e6 Hz"
-            )
         if frequency == 0.0 and freewheeling != "slow":
             issues.add(
                 f"{prefix}.freewheeling", f"{freewheeling} without pwm_frequency; allowed: together"

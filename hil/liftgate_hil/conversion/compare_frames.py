@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.measurement.recorded import Recorded
 
-_FIELDS = ("identifier", "length", "is_sent", "payload")
+_FIELDS = {
+    "identifier": "identifier",
+    "length": "length",
+    "is_sent": "direction",
+    "payload": "data",
+}
+_SAME_NS = 1000  # formats keep microseconds, rounded or cut off
+_COARSE_NS = 1_000_000  # resolution in which ASC and TRC say when they began
 
 
 @dataclass(frozen=True)
@@ -20,35 +27,46 @@ class FramesCompared:
     counts: tuple[int, int]
     first: int | None  # the first that is not the same, from 0; None: all are
     time_s: float  # its time
+    what: str = ""  # is unlike in it
 
 
 def compare_frames(first: Recorded, second: Recorded) -> FramesCompared:
     """The frames of two recordings, with their times to the microsecond: since the start of the run, or where one
     does not know that, by the clock.
     """
-    counts, unlike, time, offset = [0, 0], None, float("nan"), None
+    counts, unlike, time, offset, what = [0, 0], None, float("nan"), None, ""
     heads = [_Frames(first), _Frames(second)]
     while all(head.fill() for head in heads):
         count = min(len(head.block) for head in heads)
         here, there = (head.take(count) for head in heads)
-        shift = here["time_ns"] // 1000 - there["time_ns"] // 1000
+        shift = here["time_ns"] - there["time_ns"]
         if offset is None:
-            by_clock = (second.start_ns - first.start_ns) // 1000
-            offset = by_clock if shift[0] == by_clock else 0
-        bad = shift != offset
-        for field in _FIELDS:
-            differs = here[field] != there[field]
-            bad |= differs.any(axis=1) if differs.ndim > 1 else differs
+            offset = _offset(int(shift[0]), first.start_ns, second.start_ns)
+        differs = {"time": abs(shift - offset) > _SAME_NS}
+        for field, name in _FIELDS.items():
+            own = here[field] != there[field]
+            differs[name] = own.any(axis=1) if own.ndim > 1 else own
+        bad = np.logical_or.reduce(list(differs.values()))
         if unlike is None and bad.any():
             at = int(np.argmax(bad))
             unlike, time = counts[0] + at, float(here["time_ns"][at] / 1e9)
+            what = ", ".join(name for name, own in differs.items() if own[at])
         counts = [each + count for each in counts]
     for place, head in enumerate(heads):
         while head.fill():
             if unlike is None:
                 unlike, time = counts[place], float(head.block["time_ns"][0] / 1e9)
             counts[place] += len(head.take(len(head.block)))
-    return FramesCompared((counts[0], counts[1]), unlike, time)
+    return FramesCompared((counts[0], counts[1]), unlike, time, what)
+
+
+def _offset(shift: int, first_ns: int, second_ns: int) -> int:
+    """What lies between the stamps of both [ns], by those of their first frames and when each began."""
+    by_clock = second_ns - first_ns
+    if abs(shift - by_clock) <= _SAME_NS:
+        return by_clock
+    is_coarse = any(each and each % _COARSE_NS == 0 for each in (first_ns, second_ns))
+    return shift if is_coarse and abs(shift - by_clock) <= _COARSE_NS else 0
 
 
 class _Frames:

@@ -61,6 +61,11 @@ def is_library(ecu: Any) -> bool:
     return isinstance(ecu, str | Path) and _LIBRARY.fullmatch(str(ecu)) is not None
 
 
+def is_foreign(ecu: Any) -> bool:
+    """Whether an `ecu` names code of a user's, a library or a Python class, which another process can load."""
+    return isinstance(ecu, str | Path) and str(ecu) not in ("reference", ON_A_BUS)
+
+
 def _instance_of(name: str) -> Any:
     """An object of "module:Class". Raises ConfigError, EcuError."""
     module, _, attribute = name.partition(":")
@@ -69,7 +74,7 @@ def _instance_of(name: str) -> Any:
             return getattr(importlib.import_module(module), attribute)()
     except NoAnswerError:
         raise EcuError(f"`ecu` {name}: no answer when it was to stop") from None
-    except Exception as error:  # what a user's module does is not known
+    except (Exception, SystemExit) as error:  # what a user's module does is not known
         raise ConfigError(
             f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported, "
             "of which an object can be made without arguments"

@@ -109,7 +109,7 @@ def _without_counter(config: EcuConfig) -> EcuConfig:
 def _without_checksum(config: EcuConfig) -> EcuConfig:
     messages = config.inputs.messages.copy()
     # A profile's goes with its counter.
-    is_simple = np.isin(messages.kind, list(checksum.KINDS.values()))
+    is_simple = np.isin(messages.kind, [*checksum.KINDS.values(), checksum.OWN])
     messages.kind[is_simple] = checksum.NONE
     return config._replace(inputs=config.inputs._replace(messages=messages))
 

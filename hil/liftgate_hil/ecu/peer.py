@@ -101,11 +101,6 @@ class Peer:
         """Whether one of its frames has come yet."""
         return self._began_ns() >= 0
 
-    def elapsed_ns(self, now_ns: int) -> int:
-        """How long the ECU's clock has been running at a time [ns]."""
-        began = self._began_ns()
-        return now_ns - began if began >= 0 else 0
-
     def _is_gates(self, frames: Frames) -> bool:
         """Whether one of these frames is the gate's."""
         theirs = frames.identifiers[: frames.count] & ~FD

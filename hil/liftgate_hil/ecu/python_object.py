@@ -46,12 +46,12 @@ class PythonEcu(Adapter):
         self._error: BaseException | None = None
         self._reason = ""
         self._message_of = message_of_fields
-        if isinstance(ecu, type) or not callable(getattr(ecu, "step", None)):
+        if isinstance(ecu, type) or not callable(_attribute(ecu, "step")):
             raise ConfigError(
                 f"`ecu` {shown(ecu)}: allowed: an object with step(now_s, frames) -> frames"
             )
-        self._request: Callable[[str], object] | None = getattr(ecu, "request", None)
-        period = getattr(ecu, "period_s", None)
+        self._request: Callable[[str], object] | None = _attribute(ecu, "request")
+        period = _attribute(ecu, "period_s")
         seconds = rig.command_cycle_ms() * 1e-3 if period is None else period
         if not isinstance(seconds, int | float) or not 1e-6 <= seconds <= 60.0:
             raise ConfigError(
@@ -65,12 +65,12 @@ class PythonEcu(Adapter):
 
     def takes(self, action: str) -> bool:
         """See Adapter."""
-        can_reset = self._another is not None or callable(getattr(self._ecu, "reset", None))
+        can_reset = self._another is not None or callable(_attribute(self._ecu, "reset"))
         return can_reset if action == "reset" else super().takes(action)
 
     def reset(self) -> None:
         """See Adapter."""
-        own = getattr(self._ecu, "reset", None)
+        own = _attribute(self._ecu, "reset")
         if not self.takes("reset"):
             raise EcuError(
                 f"the ECU {shown(self._ecu)} cannot be made anew; allowed: MODULE:CLASS, or an object with reset()"
@@ -87,7 +87,7 @@ class PythonEcu(Adapter):
             raise EcuError(
                 f"the ECU's reset: {type(error).__name__}: {text_of(error)}{_place_of(error)}"
             ) from error
-        self._request = getattr(self._ecu, "request", None)
+        self._request = _attribute(self._ecu, "request")
         head = self.state.port.head[0]
         head.waiting = head.next_ns = 0
 
@@ -102,6 +102,11 @@ class PythonEcu(Adapter):
         if self._error is not None:
             return f"{type(self._error).__name__}: {text_of(self._error)}{_place_of(self._error)}"
         return super().failure()
+
+    def close(self) -> None:
+        """Let go of the ECU, whose own end may run code."""
+        with FOREIGN:
+            self._ecu = self._another = self._request = None
 
     def _on_request(self, instance: int, action: int) -> int:
         try:
@@ -152,6 +157,18 @@ class PythonEcu(Adapter):
             outbox["format"][place] = flags
             outbox["payload"][place, : len(data)] = np.frombuffer(data, dtype=np.uint8)
         return len(answer)
+
+
+def _attribute(ecu: Any, name: str) -> Any:
+    """An attribute of an ECU, None where it has none. Raises ConfigError where its own code fails at that."""
+    try:
+        with FOREIGN:
+            return getattr(ecu, name, None)
+    except Exception as error:  # what a property does is not known
+        said = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
+        raise ConfigError(
+            f"`ecu` {shown(ecu)}: {name}: {said}; allowed: attributes that can be read"
+        ) from error
 
 
 def _place_of(error: BaseException) -> str:

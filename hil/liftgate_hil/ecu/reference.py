@@ -60,6 +60,9 @@ class EcuConfig(NamedTuple):
     needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves,
     patience_ns: NDArray[np.int64]  # and for how long
     drives_rows: NDArray[np.int64]  # (2,) rows of `inputs` with the drives' currents
+    speed_rows: NDArray[
+        np.int64
+    ]  # (2,) those with their speeds; of another cycle, or of none, the currents'
     has_latch: int  # 0: the angle says when the gate is home,
     has_angle: int  # 0: nothing does
     signed: int  # 1: the duty's sign is the direction
@@ -103,6 +106,7 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
             dtype=np.int64,
         ),
         drives_rows=np.array(_current_rows(rig), dtype=np.int64),
+        speed_rows=np.array(_speed_rows(rig), dtype=np.int64),
         has_latch=int("latch_state" in {mapping.quantity for mapping in rig.outputs}),
         has_angle=int("gate_angle" in {mapping.quantity for mapping in rig.outputs}),
         signed=int("left_direction" not in {mapping.quantity for mapping in rig.inputs}),
@@ -144,6 +148,19 @@ def _current_rows(rig: Rig) -> tuple[int, int]:
     return left, of.get("right_current", left)
 
 
+def _speed_rows(rig: Rig) -> tuple[int, int]:
+    """The messages with the drives' speeds that are sampled together with their currents; else the currents'."""
+    names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
+    of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
+    left, right = _current_rows(rig)
+
+    def together(side: str, row: int) -> int:
+        other = of.get(f"{side}_period_speed", row)
+        return other if rig.cycle_ms(names[other]) == rig.cycle_ms(names[row]) else row
+
+    return together("left", left), together("right", right)
+
+
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
     """The messages with these inputs; those of the test bench are none of an ECU's."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
@@ -153,11 +170,15 @@ def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
 
 @compilable
 def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
-    """When a drive's feedback was sampled [s]: its message's cycles so far, or where it has none when it came."""
+    """When a drive's feedback was sampled [s]: the cycles of its message so far, or where it is not cyclic the
+    time of its arrival. Where current and speed come in two messages, a sample is complete with the later one,
+    for which it waits up to one cycle: a speed of before beside a current of now is no load.
+    """
     row = config.drives_rows[drive]
     cycle_ns = config.inputs.messages[row].cycle_ns
     if cycle_ns > 0:
-        return float(reception.cycles[row] * cycle_ns * 1e-9)
+        current, speed = reception.cycles[row], reception.cycles[config.speed_rows[drive]]
+        return float(max(min(current, speed), current - 1) * cycle_ns * 1e-9)
     return float(reception.seen_ns[row] * 1e-9)
 
 

@@ -50,6 +50,7 @@ def _best_about(problem: Problem, found: Found, given_std: Floats | None) -> tup
         rest = errors - slopes @ step
         weighting = weighting_of(problem.measured, rest, given_std)
         end = np.clip(at + np.append(step, 0.0), low, high)
+        end = at if problem.refusals(end) else end
         return loss_of(problem.measured, weighting, rest, given_std), end
 
     tried = problem.on_all_cpus(followed, list(found.point[-1] + _DELAYS))

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.identify.limits import step_within_limits
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.statistics import normal_equations
 from liftgate_hil.identify.weighting import (
@@ -35,6 +36,7 @@ _NEAR = 1.0  # standard deviations: within which slopes are the same
 _GOOD = 0.02  # of the way from where slopes were taken: they tell a step to that
 _SHRINKS = 0.5  # a step by the slopes of another point, by the one before it, at most
 _FIRST, _FACTOR = 1e-3, 10.0  # damping: at first, how fast it changes
+_MOST = 1e30  # damping by which a step is none
 _REACH = 5.0  # sizes of an unknown that one step may go
 _BLIND = 1e-12  # of an unknown's own curvature, added: what no one can tell stays where it is
 _TRIALS = 8  # by wide differences
@@ -114,6 +116,8 @@ def descend(
             slopes = slopes.after(moved) if is_good else _fresh(problem, place, moved)
         elif slopes.away > 0.0:
             slopes = _fresh(problem, place, moved)
+        elif damping > _MOST or not math.isfinite(promised):
+            return Descent(place, tuple(history), "no step makes the loss smaller", slopes.values)
         else:
             damping = max(_FACTOR * damping, _FIRST)
     if moved >= STILL:
@@ -200,7 +204,9 @@ def _compared(problem: Problem, slopes: Floats) -> Floats:
 def _step(
     problem: Problem, place: Place, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
-    """(step, the decrease of −log L that it promises, its size in standard deviations)."""
+    """(step, the decrease of −log L that it promises, its size in standard deviations). It stays within the
+    bounds, and where the vehicle's checks refuse nothing.
+    """
     point = place.point
     step = np.zeros(len(point))
     if not len(free):
@@ -216,38 +222,13 @@ def _step(
     high = np.minimum(high - point, reach)[free]
     size = np.diag(matrix)
     size = np.where(size > 0.0, size, 1.0)
-    own = within(matrix + (damping + _BLIND) * np.diag(size), gradient, low, high)
+
+    def allowed(own: Floats) -> bool:
+        step[free] = own
+        return not problem.refusals(point + step)
+
+    bent = matrix + (damping + _BLIND) * np.diag(size)
+    own = step_within_limits(bent, gradient, low, high, problem.sizes[free], allowed)
     curve = max(float(own @ matrix @ own), 0.0)  # rounding may leave less than nothing
     step[free] = own
     return step, float(gradient @ own) - 0.5 * curve, math.sqrt(curve / len(free))
-
-
-def within(matrix: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
-    """The least of ½ xᵀ M x − gᵀ x with low ≤ x ≤ high, around 0: by an active set."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    matrix, gradient = matrix * np.outer(scale, scale), gradient * scale
-    low, high = low / scale, high / scale
-    x = np.zeros(len(gradient))
-    held = np.zeros(len(gradient), dtype=np.bool_)
-    for _ in range(10 * len(x)):
-        target = x.copy()
-        own = np.flatnonzero(~held)
-        if len(own):
-            rest = gradient - matrix[:, held] @ x[held]
-            target[own] = np.linalg.solve(matrix[np.ix_(own, own)], rest[own])
-        way = target - x
-        limit = np.where(way > 0.0, high, low) - x
-        share = np.where(way != 0.0, limit / np.where(way != 0.0, way, 1.0), np.inf)
-        first = int(np.argmin(share))
-        if share[first] < 1.0:
-            x = x + max(float(share[first]), 0.0) * way
-            x[first] = high[first] if way[first] > 0.0 else low[first]
-            held[first] = True
-            continue
-        x = target
-        pull = gradient - matrix @ x
-        leaves = held & np.where(x >= high, pull < 0.0, pull > 0.0)
-        if not np.any(leaves):
-            break
-        held[int(np.argmax(np.where(leaves, np.abs(pull), 0.0)))] = False
-    return np.clip(x, low, high) * scale

@@ -36,6 +36,9 @@ _SIGNED_SHARE = (
     1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
 )
 _AT_BOUND = 1e-6  # of its size
+# How near a limit of the vehicle's checks is one that holds an estimate: of its size, of its standard deviation,
+# and of its size at most.
+_BESIDE, _BESIDE_STD, _BESIDE_MOST = 1e-5, 0.02, 1e-3
 _FAR_PERCENT = 0.0  # fit of the initial vehicle below which short pieces come first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
@@ -63,9 +66,11 @@ def identify(
 ) -> Identification:
     """Estimate what is sought. `given_std`: of the outputs' noise, where it is not to be estimated.
 
-    Raises NothingToTellError.
+    Raises NothingToTellError, and ValueError where the search would begin at a vehicle that its checks refuse.
     """
     began = time.perf_counter()
+    if wrong := problem.refusals(problem.initial):
+        raise ValueError("; ".join(wrong))
     kept = _comparable(problem)
     given_std = None if given_std is None else given_std[kept]
     found = _from_few_rows(problem, report, given_std)
@@ -320,6 +325,7 @@ def _estimates(
 ) -> list[Estimate]:
     low, high = problem.bounds
     apart = {k for group in known.apart for k in group}
+    limits = _limits_at(problem, point, covariance)
     result = []
     for k, value in enumerate(point):
         std = math.sqrt(max(float(covariance[k, k]), 0.0))
@@ -341,6 +347,8 @@ def _estimates(
             remark = (
                 f"at its bound {float(low[k] if value - low[k] < high[k] - value else high[k]):g}"
             )
+        elif k in limits and len(limits) == 1:
+            remark = f"at a limit of what a vehicle may be: {limits[k]}"
         elif k < len(problem.sought) and std > _largest_std(float(value), quantity):
             times = std / max(abs(value), 1e-300)
             remark = f"too uncertain: its standard deviation is {times:.2g} times its value"
@@ -357,10 +365,33 @@ def _estimates(
                 low=float(low[k]),
                 high=float(high[k]),
                 identifiable=not remark,
-                remark=remark,
+                remark=remark or _along(limits.get(k, "")),
             )
         )
     return result
+
+
+def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int, str]:
+    """By the numbers of the parameters that a limit of the vehicle's checks holds: what these refuse further on,
+    by a step that no longer counts.
+    """
+    found = {}
+    for k in range(len(problem.sought)):
+        std = math.sqrt(max(float(covariance[k, k]), 0.0))
+        beside = _BESIDE * problem.sizes[k]
+        if math.isfinite(std):
+            beside = max(beside, min(_BESIDE_STD * std, _BESIDE_MOST * problem.sizes[k]))
+        for way in (-beside, beside):
+            other = point.copy()
+            other[k] += way
+            if wrong := problem.refusals(other):
+                found[k] = wrong[0]
+    return found
+
+
+def _along(limit: str) -> str:
+    """The remark on an estimate that a limit holds together with others: the data tell where along it."""
+    return f"held with others by a limit of what a vehicle may be: {limit}" if limit else ""
 
 
 def _unit_of(name: str) -> str:

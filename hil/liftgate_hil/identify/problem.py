@@ -39,6 +39,14 @@ _END = 0.2  # of an experiment, at most, that is left out for want of its inputs
 ALL = -1  # experiment of an unknown that all share
 
 
+Checks = Callable[[Vehicle], Sequence[str]]
+
+
+def nothing_refused(vehicle: Vehicle) -> Sequence[str]:
+    """The checks of a problem whose parameters may have any values within their bounds."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Sought:
     """A parameter to estimate; values in the file's unit."""
@@ -66,6 +74,7 @@ class Problem:
     is_delay_sought: bool = False
     speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
     longest: float = 1e-3  # s, of a step
+    refused_by: Checks = nothing_refused  # a search goes only where these find nothing wrong
     evaluations: int = 0
     beginnings: Sequence[InitialCondition] = ()  # default: as the data say
     unknowns: list[Unknown] = field(init=False)
@@ -175,6 +184,10 @@ class Problem:
         """The vehicle with the parameters of a point of the search."""
         names = [s.parameter for s in self.sought]
         return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
+
+    def refusals(self, point: Floats) -> Sequence[str]:
+        """What the checks of `refused_by` find wrong with the vehicle at a point, a line each."""
+        return self.refused_by(self.vehicle_at(point)) if self.sought else []
 
     def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
         """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:

@@ -31,6 +31,8 @@ def profile(
                 break
             point = point.copy()
             point[number] = value
+            if problem.refusals(point):
+                break
             there = search(problem, None, given_std, point, (number,))
             point = there.point
             values.append(value)

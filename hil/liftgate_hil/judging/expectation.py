@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 KINDS = ("always", "eventually", "never", "dtc")
 PRESENT, ABSENT = STATES = ("present", "absent")  # of a trouble code
@@ -26,6 +26,7 @@ class Expectation:
     hold: float = 0.0
     key: str = ""  # of the file: expect[0]
     state: str = ""  # of a trouble code: one of STATES
+    source: str = field(default="", compare=False)  # the file; "": the scenario's
 
     @property
     def is_always(self) -> bool:

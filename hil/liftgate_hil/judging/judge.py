@@ -21,6 +21,9 @@ from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import PRESENT, Expectation
+from liftgate_hil.judging.failure import failure_of
+from liftgate_hil.judging.fault_times import TimedFault, brief_faults
+from liftgate_hil.judging.stepped_again import StepAgain, stepped_again
 from liftgate_hil.judging.table import (
     ALWAYS,
     BLOCK,
@@ -34,8 +37,8 @@ from liftgate_hil.judging.table import (
     judge_block,
 )
 from liftgate_hil.judging.timeliness import Timeliness
-from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
-from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
@@ -65,6 +68,7 @@ class Expected:
     awaited: int = 0  # the last so many are what stimuli wait for
     codes: tuple[str, ...] = ()  # trouble codes, that they speak of
     diagnostics: Diagnostics | None = None  # how the ECU is asked for them
+    faults: tuple[TimedFault, ...] = ()  # of the scenario
 
     def names(self, place: int) -> list[str]:
         """The columns and signals that an expectation speaks of, and what opens it, each once."""
@@ -82,22 +86,25 @@ def expected_of(
     source: str,
     awaited: Sequence[Expectation] = (),
     diagnostics: Diagnostics | None = None,
+    faults: Sequence[TimedFault] = (),
 ) -> Expected:
     """Fit expectations to a database and to a gate. Raises ConfigError with all that does not fit; `source` is the
     file. `awaited` are conditions that stimuli wait for, as expectations: where one never comes nothing passes.
-    `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be.
+    `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be. `faults` are the scenario's.
     """
     expectations = [*expectations, *awaited]
     issues = ConfigIssues(source)
 
-    def condition_of(key: str, text: str, is_never: bool = False) -> Condition | None:
+    def condition_of(
+        of: Expectation, key: str, text: str, is_never: bool = False
+    ) -> Condition | None:
         try:
             made = parsed(text, parameters, lambda name: signal_unit(messages, name))
         except ValueError as error:
-            issues.add(key, str(error))
+            issues.add_of(of.source, key, str(error))
             return None
         for said in made.beyond(drives):
-            issues.add(key, said)
+            issues.add_of(of.source, key, said)
         return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
 
     own: list[Condition | None] = []
@@ -109,9 +116,10 @@ def expected_of(
         if each.kind == "dtc":
             own.append(_reported(each))
         else:
-            own.append(condition_of(key, each.condition, each.kind == "never"))
+            own.append(condition_of(each, key, each.condition, each.kind == "never"))
         if isinstance(each.after, str):
-            openers.append(condition_of(f"{each.key}.after" if is_own else each.key, each.after))
+            key = f"{each.key}.after" if is_own else each.key
+            openers.append(condition_of(each, key, each.after))
     issues.raise_if_any()
     conditions = [each for each in (*own, *openers) if each is not None]
     opener_of, count = [], len(expectations)
@@ -124,7 +132,15 @@ def expected_of(
     watched(messages, signals, issues)
     issues.raise_if_any()
     found = tuple(expectations), tuple(conditions), tuple(opener_of)
-    return Expected(*found, signals, messages, len(awaited), codes, diagnostics if codes else None)
+    return Expected(
+        *found,
+        signals,
+        messages,
+        len(awaited),
+        codes,
+        diagnostics if codes else None,
+        tuple(faults),
+    )
 
 
 def codes_of(
@@ -135,14 +151,14 @@ def codes_of(
     codes = tuple(dict.fromkeys(each.condition for each in asking))
     if not asking:
         return ()
-    key = f"{asking[0].key}.dtc"
+    key, source = f"{asking[0].key}.dtc", asking[0].source
     if diagnostics is None:
         said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
-        issues.add(key, f"{asking[0].condition}: {said}")
+        issues.add_of(source, key, f"{asking[0].condition}: {said}")
     if not services.is_there():
-        issues.add(key, f"{asking[0].condition}: trouble codes {services.MISSING}")
+        issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")
     if len(codes) > MOST_CODES:
-        issues.add(key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
+        issues.add_of(source, key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
     return codes
 
 
@@ -165,8 +181,9 @@ class Judge:
         self, expected: Expected, rate: float, end: float, tolerance: float | None = None
     ) -> None:
         self.expected = expected
-        self._timeliness = None if tolerance is None else Timeliness(tolerance)
-        self._end = end
+        self._step = 1.0 / rate
+        self._timeliness = None if tolerance is None else Timeliness(tolerance, 1.0 / rate)
+        self.end = end
         self._last = -math.inf
         self._not_made = 0.0  # of stimuli, at the last row
         self._frames = no_logged()
@@ -176,6 +193,7 @@ class Judge:
         )
         self._run = compiled(judge_block)
         self._tables, self._judged = tables_of(expected, rate, end)
+        self._judge(np.zeros((0, ROW_WIDTH)), no_logged(), _NO_MARKS)  # compiles before time counts
 
     @property
     def reads_the_bus(self) -> bool:
@@ -198,68 +216,88 @@ class Judge:
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
-        inside = rows[rows[:, COLUMN_PLACE["time_s"]] <= self._end + SLACK]
+        inside = rows[rows[:, COLUMN_PLACE["time_s"]] <= self.end + SLACK]
         if len(inside):
             self._not_made = float(inside[-1, COLUMN_PLACE["stimuli_not_made"]])
-        self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self._end))
-        frames = frames.view(np.recarray)
-        payloads = np.ascontiguousarray(frames["payload"])
-        seen = self._run(self._tables, self._judged, rows, frames, payloads, marks, self._end)
+        self._last = max(self._last, min(float(rows[-1, COLUMN_PLACE["time_s"]]), self.end))
+        seen = self._judge(rows, frames, marks)
         self._frames = np.array(frames[seen:]) if seen < len(frames) else no_logged()
         self._marks = marks[seen:]
 
-    def verdicts(self, error: str = "", late: str = "", gaps: Sequence[Gap] = ()) -> list[Verdict]:
+    def _judge(self, rows: NDArray[np.float64], frames: Any, marks: Any) -> int:
+        """Judge rows with the frames that came and their marks. How many frames belong to these rows; the others
+        wait for later ones.
+        """
+        frames = frames.view(np.recarray)
+        payloads = np.ascontiguousarray(frames["payload"])
+        return int(self._run(self._tables, self._judged, rows, frames, payloads, marks, self.end))
+
+    def verdicts(
+        self,
+        error: str = "",
+        late: str = "",
+        gaps: Sequence[Gap] = (),
+        again: StepAgain | None = None,
+    ) -> list[Verdict]:
         """What came of them, in the order of the file; `error` is why the run has not come to its end, `late` how
         late the bench itself was, or what it has not made, so that nothing can be said of the ECU, `gaps` what was
-        not recorded.
+        not recorded. Where the bench's lateness may have decided, `again` steps the gate again.
         """
         if self._not_made > 0.0 and not late:
             late = f"the bench has not made {self._not_made:g} of the stimuli that it was asked for"
         count = len(self.expected.expectations) - self.expected.awaited
         found = [self._in_gaps(place, self._verdict(place, error), gaps) for place in range(count)]
-        found = [self._on_time(place, each) for place, each in enumerate(found)]
-        found = self._hindered(found, late)
+        found = [self._on_time(place, each, again) for place, each in enumerate(found)]
+        found = self._hindered(found, late, gaps)
         return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
 
-    def _on_time(self, place: int, verdict: Verdict) -> Verdict:
-        """A verdict that no lateness of the bench in its window, until it was decided, could have changed.
+    def late(self) -> str:
+        """When the bench was later than is tolerated, of all the run; "": it was not."""
+        if self._timeliness is None:
+            return ""
+        found = self._timeliness.worst(0.0, math.inf)
+        return found.told if found.seconds > self._timeliness.tolerance else ""
+
+    def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
+        """A verdict that the bench's own lateness in its window, until it was decided, has not decided; how that
+        is known is its method.
 
         One that fails, or whose trigger never came, tells of lateness before, which may have led to it.
         """
-        progress = self._judged.progress[place]
-        if self._timeliness is None or verdict.verdict == ERROR:
+        progress, timeliness = self._judged.progress[place], self._timeliness
+        if timeliness is None or verdict.verdict == ERROR:
             return verdict
         begin, is_opened = float(progress.begin), not np.isnan(progress.begin)
-        before = self._timeliness.lateness(0.0, begin if is_opened else self._last)
+        before = timeliness.worst(0.0, begin if is_opened else self._last).told
         if not is_opened:
             return _with_reason(verdict, before)
         if verdict.verdict not in (PASS, FAIL):
             return verdict
         end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
-        late = self._timeliness.lateness(begin, end)
-        if late:
-            return Verdict(verdict.name, INCONCLUSIVE, reason=late)
         if verdict.verdict == FAIL and before:
             verdict = _with_reason(verdict, f"before its window {before}")
-        if verdict.margin_unit != "N" or verdict.margin is None:
-            return verdict
-        uncertain = self._timeliness.force_uncertainty(float(progress.begin), end)
-        if not uncertain:
-            return verdict
-        if abs(verdict.margin) < uncertain:
-            reason = (
-                f"the frames' delay means {uncertain:.3g} N, the margin is {verdict.margin:.3g} N"
-            )
-            return Verdict(verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertain)
-        return replace(verdict, uncertainty=uncertain)
+        late, force = timeliness.worst(begin, end), 0.0
+        if verdict.margin_unit == "N" and late.seconds > 0.0:
+            at, around = float(progress.margin_at), late.seconds + self._step
+            # Where nothing is pinched around its margin a force cannot be another there.
+            if timeliness.pinches(at - around, at + around):
+                force = late.seconds * timeliness.force_rate(begin, end)
+        if late.seconds > timeliness.tolerance:
+            return stepped_again(verdict, place, late.seconds, force, late.told, again)
+        if verdict.margin is not None and abs(verdict.margin) < force:
+            why = f"the frames' delay means {force:.3g} N, the margin is {verdict.margin:.3g} N"
+            return stepped_again(verdict, place, late.seconds, force, why, again)
+        return replace(verdict, uncertainty=force or None)
 
-    def _hindered(self, found: list[Verdict], late: str) -> list[Verdict]:
+    def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
         """Verdicts of a run in which stimuli never came, or the bench was late."""
         count = len(found)
         for place in range(count, len(self.expected.expectations)):
             if not self._judged.progress[place].is_decided:
                 waiting = self.expected.expectations[place]
-                reason = f"{waiting.key} never came: {waiting.condition}"
+                never = f"{waiting.key} never came: {waiting.condition}"
+                known = self._in_gaps(place, Verdict("", INCONCLUSIVE, reason=never), gaps).reason
+                reason = known if known == never else f"{waiting.key}: {known}"
                 found = [
                     Verdict(each.name, INCONCLUSIVE, reason=reason)
                     if each.verdict == PASS
@@ -278,7 +316,7 @@ class Judge:
         progress = self._judged.progress[place]
         if np.isnan(progress.begin):
             return None
-        begin, end = float(progress.begin), min(float(progress.end), self._end)
+        begin, end = float(progress.begin), min(float(progress.end), self.end)
         return begin, max(begin, end if math.isfinite(end) else self._last)
 
     def closest(self, place: int) -> float:
@@ -299,7 +337,8 @@ class Judge:
         verdict = PASS if is_decided != expectation.is_always else FAIL
         if expectation.kind == "dtc":
             time = float(progress.decided_at) if is_decided else None
-            return Verdict(name, verdict, time_s=time, reason=self._told(place, verdict))
+            reason = self._told(place, verdict)
+            return Verdict(name, verdict, time_s=time, reason=reason, method=DIRECT)
         condition, decider = self.expected.conditions[place], int(progress.decider)
         time = progress.decided_at if is_decided else progress.margin_at
         return Verdict(
@@ -311,6 +350,7 @@ class Judge:
             reason=self._told(place, verdict),
             margin_time_s=float(progress.margin_at),
             decided_by=comparisons_of(condition)[decider].text,
+            method=DIRECT,
         )
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
@@ -336,11 +376,11 @@ class Judge:
             return f"its trigger never came: {expectation.after}"
         if progress.is_decided:
             return ""
-        end = min(float(progress.end), self._end)
+        end = min(float(progress.end), self.end)
         if progress.begin > self._last + SLACK:
             return f"its window begins at {progress.begin:g} s, the run ended at {self._last:g} s"
-        if progress.end > self._end + SLACK and math.isfinite(expectation.within):
-            return f"its window, to {progress.end:g} s, was cut off by the end at {self._end:g} s"
+        if progress.end > self.end + SLACK and math.isfinite(expectation.within):
+            return f"its window, to {progress.end:g} s, was cut off by the end at {self.end:g} s"
         if math.isfinite(end) and self._last < end - SLACK:
             return f"its window, to {end:g} s, was cut off where the run ended, at {self._last:g} s"
         if progress.ticks == 0:
@@ -365,21 +405,26 @@ class Judge:
         return ""
 
     def _told(self, place: int, verdict: str) -> str:
-        expectation, progress = self.expected.expectations[place], self._judged.progress[place]
+        """Why an expectation failed; "" where it passed."""
         if verdict == PASS:
             return ""
-        text, since = expectation.condition, f"from {progress.begin:g} s"
-        if expectation.kind == "dtc" and expectation.is_always:
-            return f"{text}: reported at {progress.decided_at:g} s"
-        if expectation.kind == "always":
-            return f"{text}: not at {progress.decided_at:g} s"
-        if expectation.kind == "never":
-            return f"{text}: at {progress.decided_at:g} s"
-        held = f" for {expectation.hold:g} s" if expectation.hold else ""
-        within = f" within {expectation.within:g} s" if math.isfinite(expectation.within) else ""
-        if expectation.kind == "dtc":
-            return f"{text}: not reported {since}{within}, in {progress.counted} answers"
-        return f"{text}{held}: not {since}{within}"
+        progress = self._judged.progress[place]
+        end = min(float(progress.end), self.end)
+        last = end if math.isfinite(end) else self._last
+        return failure_of(
+            self.expected.expectations[place], self.expected.conditions[place], progress, last
+        )
+
+    def notes(self) -> list[str]:
+        """What of the stimuli may explain verdicts: faults that were in force for too short to matter."""
+        expected = self.expected
+        first = len(expected.expectations) - expected.awaited
+        came = {
+            (each.condition, each.after): float(self._judged.progress[place].decided_at)
+            for place, each in enumerate(expected.expectations)
+            if place >= first and self._judged.progress[place].is_decided
+        }
+        return brief_faults(expected.faults, came, self._last, self._tables.step)
 
 
 def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
@@ -395,7 +440,16 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
         row.within, row.hold = each.within, each.hold
         row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
         room += int(row.stretch_count) if each.hold else 0
-    for name in ("begin", "end", "decided_at", "margin", "margin_at", "since", "false_at"):
+    for name in (
+        "begin",
+        "end",
+        "decided_at",
+        "margin",
+        "margin_at",
+        "since",
+        "false_at",
+        "late_at",
+    ):
         progress[name] = math.nan
     issues = ConfigIssues("")
     tables = Expectations(
@@ -403,6 +457,7 @@ def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations
         table_of(expected.conditions, (*expected.signals, *expected.codes)),
         watched(expected.messages, expected.signals, issues),
         len(expected.codes),
+        1.0 / rate,
     )
     signals = len(expected.signals) + len(expected.codes)
     judged = Judged(

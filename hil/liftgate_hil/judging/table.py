@@ -49,10 +49,14 @@ PROGRESS = np.dtype(
         ("margin_at", "f8"),  # s
         ("decider", "i8"),  # comparison that it is of
         # Of the last `hold`: the smallest margins to come, in a ring.
-        ("since", "f8"),  # s, of the first tick without interruption; NaN: none
+        ("since", "f8"),  # s, from when on there is no interruption; NaN: none
         ("false_at", "f8"),  # s, the last tick in which the condition was false
         ("head", "i8"),
         ("tail", "i8"),
+        (
+            "late_at",
+            "f8",
+        ),  # s, when it was true (eventually) behind its window only; NaN: it was not
     ]
 )
 
@@ -71,6 +75,7 @@ class Expectations(NamedTuple):
     conditions: Conditions
     bus: BusConfig
     codes: int  # trouble codes, whose values are behind those of the signals
+    step: float  # s from a row to the next
 
 
 class Judged(NamedTuple):
@@ -159,14 +164,21 @@ def note_margin(progress: Any, kind: int, time: float, margin: float, decider: i
 
 @compilable
 def note_stretch(
-    own: Any, progress: Any, ring: Any, time: float, truth: bool, margin: float, decider: int
+    own: Any,
+    progress: Any,
+    ring: Any,
+    step: float,
+    time: float,
+    truth: bool,
+    margin: float,
+    decider: int,
 ) -> None:
     """One tick more of an expectation that must hold for some time: the smallest margin of each stretch that ends
     here, from a queue of those that may yet be the smallest.
     """
     first, count = own.stretch_first, own.stretch_count
     if np.isnan(progress.since):
-        progress.since, progress.head, progress.tail = time, 0, 0
+        progress.since, progress.head, progress.tail = time, 0, 0  # the ring is of this stretch
     if not truth:
         progress.false_at = time
     while progress.tail > progress.head and (
@@ -179,13 +191,55 @@ def note_stretch(
     begin = time - own.hold
     while ring[first + progress.head % count].time < begin - SLACK:
         progress.head += 1
-    if begin < progress.since - SLACK:
+    if not is_covered(progress, begin, step):
         return
     smallest = ring[first + progress.head % count]
     note_margin(progress, EVENTUALLY, time, smallest.margin, smallest.decider)
-    is_whole = np.isnan(progress.false_at) or progress.false_at < begin - SLACK
-    if is_whole and progress.is_decided == 0:
+    if has_held(progress, begin, step) and progress.is_decided == 0:
         progress.is_decided, progress.decided_at = 1, time
+
+
+@compilable
+def is_covered(progress: Any, begin: float, step: float) -> bool:
+    """Whether a stretch from a time [s] to the tick in hand lies behind the window's begin, and behind the last
+    tick without a value, as far as ticks of a `step` [s] tell.
+    """
+    return bool(begin > progress.since - step + SLACK)
+
+
+@compilable
+def has_held(progress: Any, begin: float, step: float) -> bool:
+    """Whether a condition has been true without interruption from a time [s] to the tick in hand."""
+    if np.isnan(progress.since) or not is_covered(progress, begin, step):
+        return False
+    return bool(np.isnan(progress.false_at) or progress.false_at < begin - SLACK)
+
+
+@compilable
+def note_late(
+    own: Any,
+    progress: Any,
+    step: float,
+    work: Work,
+    rows: NDArray[np.float64],
+    first: int,
+    last: int,
+) -> None:
+    """Look in the ticks from `first` to before `last`, which are behind the window, for when the condition is true
+    at last.
+    """
+    for i in range(first, last):
+        time = rows[i, _TIME]
+        if np.isnan(work.numbers[0, i]):
+            progress.since = np.nan
+            continue
+        if np.isnan(progress.since):
+            progress.since = time
+        if work.truths[0, i] == 0:
+            progress.false_at = time
+        if work.truths[0, i] != 0 and has_held(progress, time - own.hold, step):
+            progress.late_at = time
+            return
 
 
 @compilable
@@ -220,7 +274,8 @@ def judge_one(
     last = rows[len(rows) - 1, _TIME]
     if np.isnan(progress.begin) or last < progress.begin - SLACK:
         return
-    if rows[0, _TIME] > progress.end + SLACK:
+    may_be_late = own.kind == EVENTUALLY and progress.is_decided == 0 and np.isnan(progress.late_at)
+    if rows[0, _TIME] > progress.end + SLACK and not may_be_late:
         return
     work = judged.work
     evaluate(expectations.conditions, own.condition, rows, judged.signals, len(rows), work)
@@ -229,18 +284,40 @@ def judge_one(
         first += 1
     while behind > first and rows[behind - 1, _TIME] > progress.end + SLACK:
         behind -= 1
+    if progress.ticks == 0 and behind > first:
+        # A row tells of the tick that it ends: where a window opens within that, nothing of the window is missing.
+        progress.since = max(progress.begin, rows[first, _TIME] - expectations.step)
     progress.ticks += behind - first
     if own.hold == 0.0:
         note_ticks(own, progress, work, rows, first, behind)
-        return
-    for i in range(first, behind):
+    else:
+        note_stretches(
+            own, progress, judged.stretches, expectations.step, work, rows, first, behind
+        )
+    if may_be_late and behind < len(rows) and progress.is_decided == 0:
+        note_late(own, progress, expectations.step, work, rows, behind, len(rows))
+
+
+@compilable
+def note_stretches(
+    own: Any,
+    progress: Any,
+    ring: Any,
+    step: float,
+    work: Work,
+    rows: NDArray[np.float64],
+    first: int,
+    last: int,
+) -> None:
+    """Take the ticks from `first` to before `last` of an expectation that must hold for some time."""
+    for i in range(first, last):
         margin = work.numbers[0, i]
         if np.isnan(margin):
             progress.since = np.nan
             continue
         progress.counted += 1
         truth, decider = work.truths[0, i] != 0, work.deciders[0, i]
-        note_stretch(own, progress, judged.stretches, rows[i, _TIME], truth, margin, decider)
+        note_stretch(own, progress, ring, step, rows[i, _TIME], truth, margin, decider)
 
 
 @compilable

@@ -1,14 +1,15 @@
-"""Was the bench itself on time? From the columns that say so, live and from a recording alike.
+"""How late the bench itself was: its lateness is bounded, from the columns that tell it, live and from a recording
+alike.
 
-Memory does not grow with the rows: what is kept stands for a second of the run each. What is told does not depend
-on how many rows come at a time: live they come by a few, from a recording by thousands.
+What is told does not depend on how many rows come at a time: live they come by a few, from a recording by
+thousands. Memory grows with what was late, not with the rows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +21,56 @@ _TIME, _FORCE = COLUMN_PLACE["time_s"], COLUMN_PLACE["pinch_force_n"]
 _MISSED, _DROPPED = COLUMN_PLACE["ticks_missed"], COLUMN_PLACE["frames_dropped"]
 _DELAY = COLUMN_PLACE["command_delay_s"]
 _PLACES = [_TIME, _MISSED, _DROPPED, _DELAY, _FORCE]
-_LONGEST = 60.0  # s that one thing waits, as far as it matters
 _ROWS = 512  # that wait until they are looked at together
+
+
+class Lateness(NamedTuple):
+    """The longest that anything waited because of the bench; infinite: nobody knows how long."""
+
+    seconds: float
+    told: str  # what it was, and when
+
+
+@dataclass
+class _Late:
+    """A time in which the bench was late."""
+
+    begin: float  # s
+    end: float
+    seconds: float  # that something waited
+    missed: int  # ticks; 0: it was something else
+
+    def told(self) -> str:
+        """In words."""
+        at = f"about {self.begin:.3f} s"
+        if self.missed:
+            return f"{self.missed} {'tick was' if self.missed == 1 else 'ticks were'} missed {at}"
+        if math.isinf(self.seconds):
+            return f"frames were dropped {at}"
+        long = f"{self.seconds:.3g} s" if self.seconds >= 1.0 else f"{1e3 * self.seconds:.3g} ms"
+        return f"a frame, or the ECU in this process, waited for {long} {at}"
 
 
 @dataclass
 class _Second:
     """What is kept of a second of the run."""
 
-    late_first: float = math.inf  # s, the first and the last time that the bench was late in it
-    late_last: float = -math.inf
-    why: str = ""  # the first time
-    delay: float = 0.0  # s, the longest that a frame waited
+    delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed
 
 
 class Timeliness:
-    """Takes rows as they come. A frame may wait for `tolerance` [s] until the gate picks it up."""
+    """Takes rows as they come, `step` [s] apart. Lateness up to `tolerance` [s] is what a bus may cost."""
 
-    def __init__(self, tolerance: float) -> None:
-        self._tolerance = tolerance
+    def __init__(self, tolerance: float, step: float) -> None:
+        self.tolerance, self._step = tolerance, round(step, 9)  # from a recording it is an estimate
+        self._late: list[_Late] = []  # by their ends
         self._seconds: dict[int, _Second] = {}
         self._last = np.zeros(len(_PLACES))
         self._waiting: list[NDArray[np.float64]] = []
         self._is_told = False
+        self._is_missing = False  # whether the last row was of a missed tick
+        self._contacts: list[tuple[float, float]] = []  # s, from when to when something was pinched
 
     @property
     def is_told(self) -> bool:
@@ -57,6 +84,47 @@ class Timeliness:
         if sum(map(len, self._waiting)) >= _ROWS:
             self._look()
 
+    def worst(self, begin: float, end: float) -> Lateness:
+        """The longest lateness from a time [s] to another."""
+        self._look()
+        hit = [
+            each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK
+        ]
+        delay = max((each.delay for each in self._within(begin, end)), default=0.0)
+        if not hit:
+            return Lateness(delay, "")
+        longest = max(hit, key=lambda each: each.seconds)
+        return Lateness(max(longest.seconds, delay), f"the bench was late: {longest.told()}")
+
+    def force_rate(self, begin: float, end: float) -> float:
+        """The fastest that the pinch force changed from a time [s] to another [N/s]: the speed of what pinches
+        times the stiffness of what is pinched.
+        """
+        self._look()
+        return max((each.force_rate for each in self._within(begin, end)), default=0.0)
+
+    def pinches(self, begin: float, end: float) -> bool:
+        """Whether something was pinched at any time from one [s] to another."""
+        self._look()
+        return any(first <= end + SLACK and last >= begin - SLACK for first, last in self._contacts)
+
+    def _note_contacts(self, times: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
+        """Note from when to when there is a force; contacts that follow each other at once are one."""
+        touches = np.concatenate([[False], forces > 0.0, [False]])
+        edges = np.flatnonzero(np.diff(touches.astype(np.int8)))
+        for first, after in edges.reshape(-1, 2).tolist():
+            begin, end = float(times[first]), float(times[after - 1])
+            if self._contacts and begin <= self._contacts[-1][1] + 1.5 * self._step:
+                begin = self._contacts.pop()[0]
+            self._contacts.append((begin, end))
+
+    def _within(self, begin: float, end: float) -> list[_Second]:
+        return [
+            second
+            for number, second in self._seconds.items()
+            if number + 1.0 > begin - SLACK and number <= end + SLACK
+        ]
+
     def _look(self) -> None:
         """At the rows that have come."""
         waiting, self._waiting = self._waiting, []
@@ -67,51 +135,47 @@ class Timeliness:
         self._is_told = True
         steps = np.diff(np.concatenate([self._last[np.newaxis], own]), axis=0)
         self._last = own[-1].copy()
-        for row in np.flatnonzero((steps[:, 1:3] > 0).any(axis=1)).tolist():
-            what = "ticks were missed" if steps[row, 1] > 0 else "frames were dropped"
-            self._note(float(own[row, 0]), 0.0, what)
-        for row in np.flatnonzero(own[:, 3] > self._tolerance).tolist():
-            what = f"a frame, or the ECU in this process, waited for {1e3 * own[row, 3]:.3g} ms"
-            self._note(float(own[row, 0]), float(own[row, 3]), what)
-        rates = np.abs(steps[:, 4]) / np.maximum(steps[:, 0], 1e-9)
+        self._note_contacts(own[:, 0], own[:, 4])
+        self._note_missed(own[:, 0], np.maximum(steps[:, 1], 0.0))
+        for row in np.flatnonzero(steps[:, 2] > 0).tolist():
+            self._note(float(own[row, 0]), float(own[row, 0]), math.inf)
+        late = own[:, 3] > self.tolerance
+        for row in np.flatnonzero(late).tolist():
+            time, seconds = float(own[row, 0]), float(own[row, 3])
+            self._note(max(0.0, time - seconds), time, seconds)
+        spans = np.maximum(np.round(1e6 * steps[:, 0]), 1.0)  # µs, as recordings have them
+        rates = 1e6 * np.abs(steps[:, 4]) / spans
         whole = np.floor(own[:, 0]).astype(np.int64)
         starts = np.flatnonzero(np.diff(whole, prepend=whole[0] - 1))
-        delay, rate = np.maximum.reduceat(own[:, 3], starts), np.fmax.reduceat(rates, starts)
+        delays = np.where(late, 0.0, own[:, 3])
+        delay, rate = np.maximum.reduceat(delays, starts), np.fmax.reduceat(rates, starts)
         for place, number in enumerate(whole[starts].tolist()):
-            second = self._second(number)
+            second = self._seconds.setdefault(number, _Second())
             second.delay = max(second.delay, float(delay[place]))
             second.force_rate = max(second.force_rate, float(rate[place]))
 
-    def _second(self, number: int) -> _Second:
-        return self._seconds.setdefault(number, _Second())
+    def _note_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
+        """Note gaps: ticks missed one after the other are one."""
+        for row in np.flatnonzero(missed).tolist():
+            time, count = float(times[row]), int(missed[row])
+            goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
+            gap = self._gap_before() if goes_on else None
+            if gap is None:
+                gap = _Late(time, time, 0.0, 0)
+                self._late.append(gap)
+            gap.missed += count
+            gap.seconds, gap.end = gap.missed * self._step, time + self._step
+        self._is_missing = bool(missed[-1] > 0)
 
-    def _note(self, time: float, since: float, why: str) -> None:
-        """That it was late at a time, and for so long before."""
-        begin = max(0.0, time - min(since, _LONGEST))
-        for number in range(math.floor(begin), math.floor(time) + 1):
-            second, first = self._second(number), max(begin, float(number))
-            if first < second.late_first:
-                second.late_first, second.why = first, why
-            second.late_last = max(second.late_last, min(time, number + 1.0))
+    def _gap_before(self) -> _Late | None:
+        return next((each for each in reversed(self._late) if each.missed), None)
 
-    def _within(self, begin: float, end: float) -> Iterator[_Second]:
-        self._look()
-        for number, second in self._seconds.items():
-            if number + 1.0 > begin - SLACK and number <= end + SLACK:
-                yield second
-
-    def lateness(self, begin: float, end: float) -> str:
-        """How the bench was late from a time [s] to another; "": it was not."""
-        for second in self._within(begin, end):
-            if second.late_first <= end + SLACK and second.late_last >= begin - SLACK:
-                at = max(second.late_first, begin)
-                return f"the bench was late: {second.why} about {at:.3f} s"
-        return ""
-
-    def force_uncertainty(self, begin: float, end: float) -> float:
-        """What the frames' delay means in a force [N] from a time [s] to another: how far the pinch force went on,
-        at the fastest, while the slowest frame waited.
-        """
-        seconds = list(self._within(begin, end))
-        delay = max((each.delay for each in seconds), default=0.0)
-        return delay * max((each.force_rate for each in seconds), default=0.0)
+    def _note(self, begin: float, end: float, seconds: float) -> None:
+        """Note that something waited, in one with what waited at the same time."""
+        last = self._late[-1] if self._late else None
+        is_more = last is not None and not last.missed and begin <= last.end + self._step
+        if last is not None and is_more and math.isinf(seconds) == math.isinf(last.seconds):
+            last.begin, last.end = min(begin, last.begin), max(end, last.end)
+            last.seconds = max(seconds, last.seconds)
+            return
+        self._late.append(_Late(begin, end, seconds, 0))

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 PASS, INCONCLUSIVE, FAIL, ERROR = "pass", "inconclusive", "fail", "error"
+DIRECT, REPLAY = "direct", "replay"  # methods
 VERDICTS = (PASS, INCONCLUSIVE, FAIL, ERROR)  # the worst last
 
 
@@ -19,8 +20,9 @@ class Verdict:
 
     `window_s` is from when to when it was judged, as far as the run went; None: it was never opened.
     `margin_time_s` is the tick with the margin, with `for_s` the last of its stretch, and `decided_by` the
-    comparison that the margin is of, its numbers filled in. `uncertainty` is what the delay of the bench's own
-    frames means in a force [N], in real time.
+    comparison that the margin is of, its numbers filled in. In real time, `uncertainty` is how far the bench's own
+    lateness may have moved the margin, in its unit; None: not at all, or nobody knows. `method` says how a verdict
+    was reached: DIRECT, from the run as it was, or REPLAY, the bench was late and the gate was stepped again.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Verdict:
     margin_time_s: float | None = None
     decided_by: str = ""
     uncertainty: float | None = None
+    method: str = ""
 
 
 def worst(verdicts: Iterable[str]) -> str:

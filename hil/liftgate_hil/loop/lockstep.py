@@ -16,7 +16,6 @@ from liftgate_hil.transport.base import Transport
 
 _PATIENCE = 2.0  # s of silence after which lockstep says that it waits
 _READS = 64  # at once; a flood without an end must not keep it from ticking
-_START = 16  # times as much before the first tick
 _AHEAD = 256  # commands; while more wait nothing is read
 _MOST = 1 << 16  # frames that wait for a command
 
@@ -35,24 +34,22 @@ def run_lockstep(
 ) -> None:
     """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
 
-    An ECU that answers every frame would lag for good by what it sent before the gate was there, so of the
-    commands that are waiting at the start the last one alone counts. Other frames are kept.
+    What was sent before "ready" was dropped when the loop began: an ECU that answers every frame would lag for
+    good by that. One that had given commands may wait for an answer: the first period is without a command then.
     """
     lockstep.say("ready: waits for the first command")
     waiting = Waiting(lockstep.command)
     heard = time.monotonic()
-    is_told = is_whole = False
+    is_told = False
+    if loop.commands_before:
+        period = lockstep.ticks_per_command
+        loop.advance_by(empty_frames(0), period if ticks is None else min(period, ticks))
     while not stopped() and (ticks is None or loop.ticks < ticks):
         if not waiting.commands:
-            is_whole = _read(loop.transport, waiting, timeout=0.1)
+            _read(loop.transport, waiting, timeout=0.1)
         elif len(waiting.commands) < _AHEAD:
             # What comes back of what is sent meanwhile must not fill the bus's queue.
             waiting.add(loop.transport.receive())
-        if loop.ticks == 0 and waiting.commands:
-            for _ in range(0 if is_whole else _START):
-                if _read(loop.transport, waiting):
-                    break
-            waiting.keep_newest()
         loop.frames_dropped = waiting.dropped
         silent = time.monotonic() - heard
         if lockstep.wall_timeout is not None and silent > lockstep.wall_timeout:
@@ -68,20 +65,18 @@ def run_lockstep(
         if waiting.commands:
             frames = waiting.commands.popleft()
             heard, is_told = time.monotonic(), False
-            for step in range(lockstep.ticks_per_command):
-                if ticks is None or loop.ticks < ticks:
-                    loop.advance(frames if step == 0 else empty_frames(0), 1)
+            left = lockstep.ticks_per_command if ticks is None else ticks - loop.ticks
+            loop.advance_by(frames, min(left, lockstep.ticks_per_command))
 
 
-def _read(transport: Transport, waiting: Waiting, timeout: float = 0.0) -> bool:
-    """Read what is there, so that nothing queues up behind frames of others; whether that was all."""
+def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
+    """Read what is there, so that nothing queues up behind frames of others."""
     for _ in range(_READS):
         frames = transport.receive(timeout=timeout)
         if not frames.count:
-            return True
+            return
         waiting.add(frames)
         timeout = 0.0
-    return False
 
 
 class Waiting:
@@ -111,13 +106,6 @@ class Waiting:
             oldest = self._others.popleft().count
             self._count -= oldest
             self.dropped += oldest
-
-    def keep_newest(self) -> None:
-        """Leave out the commands before the last one."""
-        if len(self.commands) > 1:
-            *earlier, last = self.commands
-            kept = [_slice(frames, 0, frames.count - 1) for frames in earlier]
-            self.commands = deque([joined([*kept, last])])
 
 
 def joined(pieces: Sequence[Frames]) -> Frames:

@@ -48,7 +48,7 @@ class Lookout:
     """Looks at a loop's `reception`, which the loop writes in place.
 
     `events` gives what the ECU in this process has told after the first so many. The scenario's time 0 is so many
-    ticks after the loop's.
+    ticks after the loop's. `apart` says how to keep the bus apart from another bench's.
     """
 
     def __init__(
@@ -60,6 +60,7 @@ class Lookout:
         events: Callable[[int], Sequence[Event]] = lambda told: (),
         clock: Callable[[], float] = time.monotonic,
         ticks_before: int = 0,
+        apart: str = "",
     ) -> None:
         self._before = ticks_before
         self._rig = rig
@@ -70,6 +71,9 @@ class Lookout:
         self._clock = clock
         self._told_events = 0
         self._told_causes: set[int] = set()
+        self._apart = f"; {apart}" if apart else ""
+        self._sent = {rig.identifier(wire.message): wire.message for wire in rig.outputs}
+        self._has_told_another = False
         self._command = rig.command_message()
         self._row = _row_of(config, rig.command_identifier())
         self._next = 0.0
@@ -93,8 +97,20 @@ class Lookout:
                 self._told_causes.add(cause)
                 self._listener.say(self._refusal(cause))
         if not is_last:
+            self._look_for_another(time_s)
             self._look_at_command(time_s, now)
             self._listener.status(self._status(moment))
+
+    def _look_for_another(self, time_s: float) -> None:
+        """Whether the first foreign frame is one that this gate sends: then there is another one."""
+        others = self._reception.refusals[FOREIGN]
+        name = self._sent.get(int(others.found)) if others.count else None
+        if name is not None and not self._has_told_another:
+            self._has_told_another = True
+            self._listener.say(
+                f"{time_s:.3f} s: hears {name} (0x{int(others.found) & 0x1FFFFFFF:X}), which this gate sends: "
+                f"another bench or a replay is on this bus{self._apart}"
+            )
 
     def _look_at_command(self, time_s: float, now: float) -> None:
         """Whether it is there; where it is long in coming, what it is that is waited for."""
@@ -110,6 +126,7 @@ class Lookout:
             others = self._reception.refusals[FOREIGN]
             heard = (
                 f"; hears 0x{int(others.found) & 0x1FFFFFFF:X}, which is not received by this rig"
+                f"{'' if self._has_told_another else self._apart}"
             )
             self._listener.say(
                 f"{time_s:.3f} s: waits for {self._command} (0x{identifier:X}), motors off"
@@ -147,12 +164,17 @@ class Lookout:
             return f"{head}: {refusal.found:.0f} bytes; expected {refusal.expected:.0f}"
         if cause == BAD_CHECKSUM:
             signal = (options and options.checksum) or "checksum"
-            if refusal.found == refusal.expected:
+            found, expected = (
+                int(each) & 0xFFFFFFFFFFFFFFFF
+                for each in (refusal.checksum, refusal.right_checksum)
+            )
+            if found == expected:
                 return f"{head}: data ID or counter: none that this message has ({signal} fits)"
-            found, expected = int(refusal.found), int(refusal.expected)
             return f"{head}: {signal} is 0x{found:X}; expected 0x{expected:X}"
         if cause == BAD_COUNTER:
             signal = (options and options.counter) or "counter"
+            if math.isnan(refusal.expected):
+                return f"{head}: {signal} is {refusal.found:.0f}; expected one of its values"
             return f"{head}: {signal} is {refusal.found:.0f}; expected {refusal.expected:.0f}"
         return f"{head}: {self._out_of_range(int(refusal.signal), float(refusal.found))}"
 

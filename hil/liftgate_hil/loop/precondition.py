@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.diagnostics.tester import quiet
 from liftgate_hil.ecu.adapter import Adapter
-from liftgate_hil.errors import PreconditionError
+from liftgate_hil.errors import EcuError, PreconditionError
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.loop.tick import LoopConfig, LoopState
 from liftgate_hil.signals import COLUMN_PLACE
@@ -91,11 +92,13 @@ def gone_through(
                     break
             else:
                 raise PreconditionError(
-                    f"precondition: {action}: the gate still moves after {LONGEST_MOTION:g} s; allowed: motions "
-                    "that end"
+                    f"precondition: {action}: the gate still moves, or a drive is still driven, after "
+                    f"{LONGEST_MOTION:g} s; allowed: motions that end"
                 )
+    except EcuError as error:  # its time is none of the scenario's
+        raise EcuError(f"precondition: the ECU: {adapter.failure()}") from error
     finally:
         episode.close()
     scene.origin[0] = episode.state.tick
     adapter.begins_anew(episode.state.tick * config.step)
-    return episode.state
+    return episode.state._replace(counts=NO_COUNTS, timeouts=0)

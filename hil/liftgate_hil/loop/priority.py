@@ -7,7 +7,7 @@ import ctypes
 import gc
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 _TIMERSLACK = 29  # PR_SET_TIMERSLACK
@@ -48,18 +48,25 @@ class Realtime:
             self.refused.append(refused)
 
     @contextlib.contextmanager
-    def beside(self) -> Iterator[None]:
-        """The calling thread goes before all others but the loop: an ECU in this process answers from it. Then it
-        has the policy and the priority that it had before. What is refused is told by `enter`.
+    def beside(self, threads: Sequence[int] = ()) -> Iterator[None]:
+        """Let the calling thread, from which an ECU in this process answers, and `threads` (native ids), which
+        carry frames, go before all others but the loop. Then they have the policies and priorities that they had
+        before. What is refused is told by `enter`.
         """
-        policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+        before = [(0, os.sched_getscheduler(0), os.sched_getparam(0))]
         if ask_for_fifo(PRIORITY_BESIDE):
             yield
             return
+        for each in threads:
+            with contextlib.suppress(OSError):  # it has ended
+                before.append((each, os.sched_getscheduler(each), os.sched_getparam(each)))
+                ask_for_fifo(PRIORITY_BESIDE, each)
         try:
             yield
         finally:
-            give_back(policy, parameters)
+            for thread, policy, parameters in before:
+                with contextlib.suppress(OSError):
+                    give_back(policy, parameters, thread)
 
     def release(self) -> None:
         """Give back what the process holds."""
@@ -91,11 +98,13 @@ class Realtime:
             )
 
 
-def ask_for_fifo(priority: int) -> str:
-    """FIFO scheduling for the calling thread, not for its children; what stands in the way, if anything."""
+def ask_for_fifo(priority: int, thread: int = 0) -> str:
+    """FIFO scheduling for a thread (native id; 0: the calling one), not for its children; what stands in the way,
+    if anything.
+    """
     try:
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(priority))
+        os.sched_setscheduler(thread, policy, os.sched_param(priority))
     except OSError as error:
         return (
             f"FIFO scheduling: {error.strerror}; to get it: ulimit -r {priority} (rtprio in "
@@ -104,13 +113,14 @@ def ask_for_fifo(priority: int) -> str:
     return ""
 
 
-def give_back(policy: int, parameters: os.sched_param) -> None:
-    """The calling thread's scheduling as it was, as far as it is allowed to have that again: without CAP_SYS_NICE
-    reset-on-fork stays, and so does a priority below a former one that is above RLIMIT_RTPRIO (sched(7)).
+def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
+    """Give a thread (native id; 0: the calling one) its scheduling as it was, as far as it may have that again:
+    without CAP_SYS_NICE reset-on-fork stays, and so does a priority below a former one that is above RLIMIT_RTPRIO
+    (sched(7)).
     """
     for flag in (0, os.SCHED_RESET_ON_FORK):
         with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, policy | flag, parameters)
+            os.sched_setscheduler(thread, policy | flag, parameters)
             return
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames, logged
+from liftgate_hil.codec.receive import is_stale
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.clock import Clock, FreeClock
 from liftgate_hil.loop.lookout import Lookout, Moment
@@ -20,7 +21,7 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState, copied, in_force, tick
 from liftgate_hil.signals import ROW_WIDTH, Bench
 from liftgate_hil.stimuli.outside import outside_at
 from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, sent, turns
-from liftgate_hil.transport.base import Transport
+from liftgate_hil.transport.base import Transport, drained
 from liftgate_plant.compiler import compilable, compiled
 from liftgate_plant.signals import Sensed, Truth
 
@@ -87,16 +88,25 @@ class Loop:
     ticks_missed: int = 0
     frames_sent: int = 0
     frames_dropped: int = 0  # that waited for a tick for too long
+    frames_stale: int = 0  # that were older than their message's time-out
+    command: int = -1  # identifier of the drive command; -1: not asked for
+    before_start: int = 0  # frames that came before the loop was ready
+    commands_before: int = 0  # commands among these
     _tick: Callable[..., tuple[LoopState, Frames, Frames, Truth, Sensed]] = field(init=False)
 
     def __post_init__(self) -> None:
         self._tick = compiled(scheduled_tick)
 
-    def begin(self) -> None:
-        """Compile, or read the cache, before time counts; then the peers may speak first."""
+    def begin(self, is_first: bool = False) -> None:
+        """Compile, or read the cache, before time counts. What has come before is dropped where this loop
+        `is_first` on a transport that others write to; then the peers may speak.
+        """
         # What a tick remembers it writes in place: this one has a state of its own.
         own = copied(self.state), copied(self.scene)
         self._call(*own, np.empty((1, ROW_WIDTH)), empty_frames(0), False, False)
+        if is_first:
+            count, self.commands_before = drained(self.transport, self.command)
+            self.before_start += count
         for peer in self.peers if self.state.tick == 0 else ():
             peer.poll(0)
 
@@ -109,6 +119,27 @@ class Loop:
             frames = empty_frames(0)
         for peer in self.peers:
             peer.poll(self.state.tick * self.config.step_ns)
+
+    def advance_by(self, frames: Frames, ticks: int) -> None:
+        """So many ticks, each of which sends; the frames come in the first. Raises PlantDivergedError."""
+        for _ in range(ticks):
+            self.advance(frames, 1)
+            frames = empty_frames(0)
+
+    def without_stale(self, frames: Frames) -> Frames:
+        """The frames just received, less those that have waited for longer than their message's time-out."""
+        count, ages_ns, bus = frames.count, self.transport.ages_ns, self.config.inputs
+        fresh = [
+            row
+            for row in range(count)
+            if not is_stale(bus, int(frames.identifiers[row]), int(ages_ns[row]))
+        ]
+        self.frames_stale += count - len(fresh)
+        if len(fresh) == count:
+            return frames
+        return Frames(
+            len(fresh), frames.identifiers[fresh], frames.lengths[fresh], frames.data[fresh]
+        )
 
     def _step(self, frames: Frames, is_silent: bool, stop: bool) -> None:
         self.ticks_missed += is_silent
@@ -176,19 +207,26 @@ class Loop:
             frames_sent=self.frames_sent,
             command_timeouts=self.state.timeouts,
             received=self.state.counts,
-            link=link._replace(dropped=link.dropped + self.frames_dropped),
+            link=link._replace(
+                dropped=link.dropped + self.frames_dropped,
+                before_start=link.before_start + self.before_start,
+                stale_frames=link.stale_frames + self.frames_stale,
+            ),
         )
 
 
-def run_clocked(loop: Loop, clock: Clock, ticks: int | None, stopped: Callable[[], bool]) -> None:
-    """Run on a clock for so many ticks (None: until stopped)."""
+def run_clocked(
+    loop: Loop, clock: Clock, ticks: int | None, stopped: Callable[[], bool], is_real: bool = True
+) -> None:
+    """Run on a clock for so many ticks (None: until stopped); on one that `is_real` frames can be too old."""
     while not stopped() and (ticks is None or loop.ticks < ticks):
         steps = clock.wait(loop.ticks)
         if ticks is not None:
             steps = min(steps, ticks - loop.ticks)
-        loop.advance(loop.transport.receive(), steps)
+        frames = loop.transport.receive()
+        loop.advance(loop.without_stale(frames) if is_real else frames, steps)
 
 
 def run_free(loop: Loop, ticks: int | None, stopped: Callable[[], bool]) -> None:
     """Run as fast as it goes."""
-    run_clocked(loop, FreeClock(), ticks, stopped)
+    run_clocked(loop, FreeClock(), ticks, stopped, is_real=False)

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
+from liftgate_hil.codec.receive import is_stale
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.rings import (
@@ -73,8 +75,10 @@ class Room(NamedTuple):
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
     stamps: NDArray[np.int64]  # arrival of each frame
+    given: Frames  # those of them that one tick gets
+    given_stamps: NDArray[np.int64]
     drained: NDArray[np.int64]  # (1,) when all that had come was last read
-    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped
+    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped; -1: nothing yet
     clock: NDArray[np.int64]  # (2,) struct timespec
 
 
@@ -88,8 +92,10 @@ def make_room() -> Room:
         frames.lengths,
         frames.data,
         np.zeros(CAPACITY, dtype=np.int64),
+        empty_frames(CAPACITY),
+        np.zeros(CAPACITY, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
-        np.zeros(1, dtype=np.int64),
+        np.full(1, -1, dtype=np.int64),
         np.zeros(2, dtype=np.int64),
     )
 
@@ -115,13 +121,13 @@ def wait_until(deadline_ns: int, room: Room) -> int:
 
 @compilable
 def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
-    """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives. A step of the wall
-    clock between the frame's arrival and now makes it wrong; but it came after all was last read.
+    """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives: a pump's is of that
+    clock. A step of the wall clock between the frame's arrival and now makes the kernel's wrong; but it came after
+    all was last read.
     """
-    if stamp == 0:
-        return now_ns
-    age = now_ns - stamp if stamp > 0 else real_ns + stamp
-    return now_ns - min(max(age, 0), now_ns - drained_ns)
+    if stamp >= 0:
+        return now_ns if stamp == 0 else min(stamp, now_ns)
+    return now_ns - min(max(real_ns + stamp, 0), now_ns - drained_ns)
 
 
 @compilable
@@ -173,7 +179,11 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
         control.receive_errors += 1
         control.last_error = reading.error
         control.bus_off = 0  # an interface that was down starts its controller afresh
-    if reading.dropped >= 0:
+    if room.drops[0] < 0 and reading.count > 0:
+        room.drops[0] = max(
+            reading.dropped, 0
+        )  # what was dropped before the first frame came before the run
+    elif reading.dropped >= 0:
         # A new socket under the descriptor counts from zero.
         before = room.drops[0] if reading.dropped >= room.drops[0] else 0
         control.dropped += reading.dropped - before
@@ -188,6 +198,36 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
     if reading.count < CAPACITY:
         room.drained[0] = now_ns
     return frames
+
+
+@compilable
+def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
+    """How many of `count` frames have arrived by a time on the monotonic clock, counted from a first one on."""
+    last = first
+    while last < count and room.stamps[last] <= time_ns:
+        last += 1
+    return last
+
+
+@compilable
+def handed_out(
+    bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int
+) -> Frames:
+    """The frames of `room` from `first` to before `last` for a tick at a time on the monotonic clock, with their
+    arrivals in `room.given_stamps`; stale ones are left out and counted.
+    """
+    count, given = 0, room.given
+    for i in range(first, last):
+        if is_stale(bus, room.identifiers[i], time_ns - room.stamps[i]):
+            shared.control[0].stale += 1
+            continue
+        length = room.lengths[i]
+        given.identifiers[count], given.lengths[count] = room.identifiers[i], length
+        for k in range(length):
+            given.data[count, k] = room.data[i, k]
+        room.given_stamps[count] = room.stamps[i]
+        count += 1
+    return Frames(count, given.identifiers, given.lengths, given.data)
 
 
 @compilable
@@ -214,8 +254,9 @@ def run_realtime(  # noqa: PLR0912, PLR0915
 ) -> tuple[LoopState, int]:
     """Tick until told to stop or done, and once more with the motors off, when every message is sent.
 
-    Ticks that were missed are made up at once, each with its row, and send nothing; frames that have come are
-    taken in the first of them. The state, and ENDED, OVERRUN or DIVERGED.
+    Ticks that were missed are made up at once, each with its row, and send nothing. Each tick gets the frames that
+    had arrived by its own time, so that the gate moves as it would have, had none been missed. The state, and
+    ENDED, OVERRUN or DIVERGED.
     """
     control = shared.control[0]
     outcome = ENDED
@@ -227,8 +268,8 @@ def run_realtime(  # noqa: PLR0912, PLR0915
     start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
     control.epoch_ns = clock_ns(_REALTIME, room) - (state.tick - origin) * config.step_ns
     room.drained[0] = start_ns
-    woken, accepted, frames, given = start_ns, 0, none, none
-    is_first, waited_ns = True, 0  # of those that are due; by the frames that it takes
+    woken = start_ns
+    come, taken = 0, 0  # frames that have come, and how many of them ticks have had
     left = -1  # ticks before the last one of those that are due; -1: none is due
     while not is_over:
         gate = in_force(config, scene.faults.row)  # as in `episode`
@@ -236,7 +277,7 @@ def run_realtime(  # noqa: PLR0912, PLR0915
             done = state.tick - origin
             if left < 0:
                 stopping = control.stop != 0 or done >= params.ticks or outcome != ENDED
-                frames, left = none, 0
+                come, taken, left = 0, 0, 0
                 if not stopping:
                     deadline = start_ns + (done + 1) * config.step_ns
                     woken = wait_until(deadline, room)
@@ -246,22 +287,31 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                         outcome, left = OVERRUN, -1
                         continue
                     left = min(late // config.step_ns, params.ticks - done - 1)
-                    frames = receive(shared, params, room)
+                    come = receive(shared, params, room).count
                 elif params.is_last == 0:
                     is_over = True
                     break
-                accepted, given, is_first = state.counts.accepted, frames, True
                 take_letters(shared.box, scene.held)
             now = done * config.step
             if turns(scene, now):
                 break
-            if is_first and not stopping:
+            given, accepted, waited_ns = none, state.counts.accepted, 0
+            if not stopping:
+                if left > 0 and taken == come == CAPACITY:  # there was no room for all
+                    come, taken = receive(shared, params, room).count, 0
+                due_ns, last = woken, come
+                if left > 0:
+                    due_ns = start_ns + (done + 1) * config.step_ns
+                    last = arrived_by(room, taken, come, due_ns)
+                given = handed_out(config.inputs, shared, room, taken, last, due_ns)
+                taken = last
                 now_ns = state.tick * config.step_ns
-                frames = received(scene, config.inputs, given, now_ns, config.seed)
+                given = received(scene, config.inputs, given, now_ns, config.seed)
                 if len(scene.bus_faults.origins) > 0:
-                    restamp(scene.bus_faults, frames.count, room.stamps, woken)
-                given, is_first = frames, False
-                waited_ns = longest_wait(frames, room.stamps, clock_ns(_MONOTONIC, room))
+                    restamp(scene.bus_faults, given.count, room.given_stamps, due_ns)
+                if left == 0:
+                    due_ns = clock_ns(_MONOTONIC, room)
+                waited_ns = longest_wait(given, room.given_stamps, due_ns)
                 waited_ns = max(waited_ns, control.turn_late_ns)
             control.overruns += int(left > 0)
             outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
@@ -270,19 +320,18 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                 replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
             missed, dropped = float(control.overruns), float(control.dropped)
             bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(scene))
-            place, waited_ns = note_row(shared, truth, sensed, bench), 0
+            place = note_row(shared, truth, sensed, bench)
             note_tick(scene, shared.rows[place : place + 1], given, replies)
-            given = none
+            if state.counts.accepted > accepted and waiting_since == 0:
+                waiting_since = first_arrival(given, room.given_stamps, params.command)
+            note_arrivals(shared, given, room.given_stamps, start_ns)
+            count_bits(shared, given)
             left -= 1
             if not is_sound(truth):
                 outcome = DIVERGED
             if left >= 0:
                 continue
 
-            if state.counts.accepted > accepted and waiting_since == 0:
-                waiting_since = first_arrival(frames, room.stamps, params.command)
-            note_arrivals(shared, frames, room.stamps, start_ns)
-            count_bits(shared, frames)
             unsent = 0
             if replies.count > 0:
                 patience = _LAST_PATIENCE if stopping else 0

@@ -101,6 +101,7 @@ class RealtimeRun:
     realtime: Realtime | None = None
     # False: another one goes on where it ends, which also asks for `realtime`, and gives it back.
     is_last: bool = True
+    is_first: bool = True  # False: another one has run on the line before
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
     _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
@@ -117,11 +118,15 @@ class RealtimeRun:
             self.realtime.prepare()
         else:
             gc.collect()  # not in the middle of a peer's turns
-        for peer in self.peers if self.state.tick == 0 else ():
-            peer.poll(0)
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run to the end. Raises OverrunError, PlantDivergedError."""
+        """Run to the end. What has come before is dropped where nothing has run on the line yet, and the peers
+        speak first. Raises OverrunError, PlantDivergedError.
+        """
+        if self.is_first:
+            self.line.drain()
+            for peer in self.peers if self.state.tick == 0 else ():
+                peer.poll(0)
         thread = threading.Thread(
             target=self._in_thread,
             args=(_FOREVER if ticks is None else ticks,),
@@ -134,7 +139,8 @@ class RealtimeRun:
                 self._entered.wait()
                 for refused in self.realtime.refused:
                     self.say(f"not given: {refused}")
-            with self.realtime.beside() if self.realtime and self.peers else nullcontext():
+            realtime = self.realtime
+            with nullcontext() if realtime is None else realtime.beside(self.line.threads):
                 self._look_after(thread, stopped)
         finally:
             control.stop = 1
@@ -174,6 +180,7 @@ class RealtimeRun:
             send_queue_full=int(control.unsent_full) + mine.send_queue_full,
             receive_failures=int(control.receive_errors) + mine.receive_failures,
             dropped=int(control.dropped) + mine.dropped,
+            stale_frames=int(control.stale) + mine.stale_frames,
         )
         load = 100.0 * int(control.bits) / (self.bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(

@@ -6,10 +6,12 @@ lost rows. Nothing here is locked; each word has one writer.
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import fcntl
-import mmap
 import os
 import time
+import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -39,6 +41,7 @@ CONTROL = np.dtype(
         ("unsent_full", "i8"),  # of these, because its queue was full
         ("receive_errors", "i8"),
         ("dropped", "i8"),  # frames that the kernel dropped before they were read
+        ("stale", "i8"),  # frames that had waited for longer than their message's time-out
         ("last_error", "i8"),  # errno of the wire's last error
         ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
         ("bus_offs", "i8"),  # times it went off
@@ -47,10 +50,14 @@ CONTROL = np.dtype(
             "i8",
         ),  # written by the outside: how late an ECU in this process got its turn
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
+        ("beats", "i8"),  # signs of life of the thread that looks after the run
     ]
 )
 
 LATENESS, EXECUTION, DELAY = 0, 1, 2  # rows of the histograms
+
+_PROT_READ, _PROT_WRITE, _MAP_SHARED = 1, 2, 1  # sys/mman.h
+_F_SEAL_FUTURE_WRITE = 0x10  # linux/fcntl.h, since Linux 5.1
 
 
 class Shared(NamedTuple):
@@ -114,9 +121,16 @@ def note_row(shared: Shared, truth: Truth, sensed: Sensed, bench: Bench) -> int:
 
 
 class Memory:
-    """The memory behind a `Shared`, as an anonymous file that can be handed to a child process."""
+    """The memory behind a `Shared`, as an anonymous file that can be handed to other processes.
 
-    def __init__(self, rows: int, frames: int, descriptor: int | None = None) -> None:
+    Made by its writer, or mapped from the `descriptor` that another process has handed over: to be read, or, where
+    the maker said that `others_write`, to be written. Foreign code in a writer's process cannot write to it
+    through the descriptor, as far as the kernel knows that seal.
+    """
+
+    def __init__(
+        self, rows: int, frames: int, descriptor: int | None = None, others_write: bool = False
+    ) -> None:
         self.sizes = (rows, frames)
         parts: list[tuple[Any, tuple[int, ...]]] = [
             (CONTROL, (1,)),
@@ -126,18 +140,22 @@ class Memory:
             (BOX, (1,)),
         ]
         sizes = [-(-kind.itemsize * int(np.prod(shape)) // 64) * 64 for kind, shape in parts]
+        is_made = descriptor is None
         if descriptor is None:
             descriptor = os.memfd_create("liftgate-hil", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
             os.ftruncate(descriptor, sum(sizes))
             # Others are handed it: who made it smaller would end this process.
             fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
         self.descriptor = descriptor
-        self._map = mmap.mmap(descriptor, sum(sizes))
+        buffer = _mapped(descriptor, sum(sizes), is_made or others_write)
+        if is_made and not others_write:
+            with contextlib.suppress(OSError):
+                fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _F_SEAL_FUTURE_WRITE)
         arrays = []
         offset = 0
         for (kind, shape), size in zip(parts, sizes, strict=True):
             count = int(np.prod(shape))
-            array = np.frombuffer(self._map, kind, count, offset).reshape(shape)
+            array = np.frombuffer(buffer, kind, count, offset).reshape(shape)
             arrays.append(array.view(np.recarray) if kind.fields else array)
             offset += size
         self.shared = Shared(*arrays)
@@ -145,6 +163,26 @@ class Memory:
     def close(self) -> None:
         """Give the descriptor back; the memory goes with the arrays that show it."""
         os.close(self.descriptor)
+
+
+def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
+    """A buffer of the file's first bytes, unmapped with the last array that shows it. Unlike one of Python's mmap
+    it holds no descriptor of its own. Raises OSError.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.mmap.restype = ctypes.c_void_p
+    libc.mmap.argtypes = (
+        ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long,
+    )  # fmt: skip
+    libc.munmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t)
+    access = _PROT_READ | (_PROT_WRITE if is_written else 0)
+    address = libc.mmap(None, size, access, _MAP_SHARED, descriptor, 0)
+    if address is None or address == ctypes.c_void_p(-1).value:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    buffer = (ctypes.c_ubyte * size).from_address(address)
+    # Not when Python ends: a thread may still be in it.
+    weakref.finalize(buffer, libc.munmap, address, size).atexit = False
+    return buffer if is_written else memoryview(buffer).toreadonly()
 
 
 class RingTaker:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import PlantDivergedError
+from liftgate_hil.loop.energy_watch import MOST, EnergyWatch
 from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ON_TIME, ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
@@ -55,7 +56,6 @@ class Offline(NamedTuple):
     row: Floats  # (1, ROW_WIDTH) that conditions look at
     nothing: Frames  # no frames
     step: float  # s
-    every: int  # rows are written of every so many steps
     seed: int
 
 
@@ -96,10 +96,10 @@ def inputs_at(
 def block(
     offline: Offline, start: OfflineState, rows: Floats, out: Floats
 ) -> tuple[OfflineState, int, bool]:
-    """Step through input rows (n, inputs), writing states before their step to `out`: how many were written, and
-    whether all states were sound. It ends before one that is not, and where the ring of Hall edges is half full.
+    """Step through input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH): how many
+    were written, and whether all states were sound. It ends before one that is not, and where the ring of Hall
+    edges is half full.
     """
-    written = 0
     sound = True
     state, flow, memory = start.plant, start.flow, start.sensors
     arming, contact, done = start.arming, start.pinch, start.done
@@ -127,9 +127,7 @@ def block(
             sound = is_sound(truth)
             if not sound:
                 break
-            if done % offline.every == 0:
-                write_row(out[written], truth, sensed, ON_TIME)
-                written += 1
+            write_row(out[k], truth, sensed, ON_TIME)
             if scene.moments.pending[0] > 0:
                 write_row(offline.row[0], truth, sensed, ON_TIME)
                 note_tick(scene, offline.row, offline.nothing, offline.nothing)
@@ -137,16 +135,18 @@ def block(
             done += 1
             k += 1
     after = OfflineState(state, flow, memory, arming, contact, done)
-    return after, written, sound
+    return after, k, sound
 
 
-def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
-    """Rows and Hall edges from the initial state to that after `steps` steps, in blocks, the next few made while
-    the caller has the last. A row holds a state and the inputs from then on.
+def simulate(
+    offline: Offline, state: State, samples: Samples, steps: int, every: int = 1
+) -> Iterator[Block]:
+    """Rows of every so many steps, and all Hall edges, from the initial state to that after `steps` steps, in
+    blocks, the next few made while the caller has the last. A row holds a state and the inputs from then on.
 
     Raises PlantDivergedError.
     """
-    blocks = _blocks(offline, state, samples, steps)
+    blocks = _blocks(offline, state, samples, steps, every)
     with ThreadPoolExecutor(1) as pool:  # machine code needs no interpreter lock
         ahead = deque(pool.submit(next, blocks, None) for _ in range(_AHEAD))
         try:
@@ -157,19 +157,31 @@ def simulate(offline: Offline, state: State, samples: Samples, steps: int) -> It
             pool.shutdown(cancel_futures=True)
 
 
-def _blocks(offline: Offline, state: State, samples: Samples, steps: int) -> Iterator[Block]:
+def _blocks(
+    offline: Offline, state: State, samples: Samples, steps: int, every: int
+) -> Iterator[Block]:
     run = compiled(block)
     memory = sensors.initial_sensors(offline.constants.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True
+    watch = EnergyWatch(offline.constants, len(offline.scene.faults.rows) > 0)
     now = OfflineState(state, flow, memory, NOT_ARMED, NOT_PINCHED, 0)
     while sound and now.done <= steps:
         first, seen = now.done, int(memory.edges.written[0])
         count = min(_BLOCK, steps + 1 - first)
         # A sample holds from its time on: half a nanosecond of slack for times like 3 * 0.001.
         times = (first + np.arange(count, dtype=np.float64)) * np.float64(offline.step) + 0.5e-9
-        out = np.empty((count // offline.every + 1, ROW_WIDTH))
-        now, written, sound = run(offline, now, samples.rows_at(times), out)
-        yield Block(out[:written], edges_after(now.sensors.edges, seen))
+        out = np.empty((count, ROW_WIDTH))
+        given = samples.rows_at(times)
+        now, written, sound = run(offline, now, given, out)
+        gained, wanted = watch.gain(out[:written], given[:written]), -first % every
+        if gained is not None:
+            time = (first + gained) * offline.step
+            yield Block(out[wanted : gained + 1 : every], edges_after(now.sensors.edges, seen))
+            raise PlantDivergedError(
+                f"the plant diverged at {time:.6g} s: nothing drives it, and it gains more than "
+                f"{MOST:.0%} of its energy; allowed: a shorter `step`, a saner vehicle"
+            )
+        yield Block(out[wanted:written:every], edges_after(now.sensors.edges, seen))
     if not sound:
         raise PlantDivergedError(
             f"the plant diverged at {now.done * offline.step:.6g} s; allowed: a shorter `step`, a saner vehicle"

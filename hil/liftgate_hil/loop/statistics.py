@@ -68,6 +68,7 @@ _MOST_TOLD = 5  # orders
 _CYCLES_S = 0.1  # in which every message of a rig has been sent, usually
 # Of a link, told with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
+_NO_FAULTS = ("before_start",)
 
 
 @dataclass
@@ -94,6 +95,7 @@ class Summary:
     commands: int = 0  # of an operator that were obeyed
     commanded: list[str] = field(default_factory=list)  # the first of them, with their times
     ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
+    apart: str = ""  # in words, how to keep the bus apart from another bench's
 
     def _load(self) -> float:
         """The bus load [%] where there is one: NaN of a run that is shorter than a cycle."""
@@ -102,7 +104,7 @@ class Summary:
     def as_dict(self) -> dict[str, Any]:
         """For --json."""
         figures = asdict(self)
-        del figures["timing"]
+        del figures["timing"], figures["apart"]
         if math.isnan(self._load()):
             figures["bus_load_percent"] = None
         for name, each in self.timing._asdict().items():
@@ -129,6 +131,17 @@ class Summary:
         }
         return ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
 
+    def silence_told(self) -> str:
+        """Why the gate was given no command; "": it was."""
+        if self.received.accepted:
+            return ""
+        if rejected(self.received):
+            return f"no command was accepted, {rejected(self.received)} were rejected"
+        if self.received.foreign:
+            said = f"{self.received.foreign} frames have identifiers that the rig does not receive"
+            return f"no command was accepted, {said}" + (f"; {self.apart}" if self.apart else "")
+        return "no command came: the ECU sent nothing"
+
     def injections_told(self) -> str:
         """What a test bench had done."""
         first = "; ".join(self.injected[:_MOST_TOLD])
@@ -154,6 +167,8 @@ class Summary:
                 f"overruns {self.overruns}, lateness {told(self.timing.lateness)}",
                 f"tick {told(self.timing.execution)}",
             ]
+        if received.foreign and self.apart:
+            lines.append(f"foreign frames: {self.apart}")
         if received.unqualified:
             lines.append(f"sound, but the E2E state not valid: {received.unqualified} frames")
         delay = self.timing.delay
@@ -162,8 +177,13 @@ class Summary:
                 f"command to feedback {told(delay)}: {force_of(delay.p50_us):.1f} N, at most "
                 f"{force_of(delay.max_us):.1f} N on the 10 N/mm rod"
             )
-        if any(self.link):
-            link = self.link
+        if self.link.before_start:
+            lines.append(
+                f"{self.link.before_start} frames had come before the loop was ready, or a lost link was back, "
+                "and were dropped"
+            )
+        link = self.link._replace(**dict.fromkeys(_NO_FAULTS, 0))
+        if any(link):
             rarer = [
                 f", {count} {name.replace('_', ' ')}"
                 for name, count in link._asdict().items()

@@ -69,6 +69,22 @@ def put_word(out: NDArray[np.uint8], at: int, value: float) -> int:
 
 
 @compilable
+def put_number(
+    out: NDArray[np.uint8], at: int, digits: NDArray[np.uint8], read: int
+) -> tuple[int, int]:
+    """The next number of the JSON text `digits`, looked for from `read` on; (where it ends in `out`, where in
+    `digits`).
+    """
+    while digits[read] in (_OPEN, _CLOSE, _COMMA):
+        read += 1
+    first = read
+    while digits[read] not in (_COMMA, _CLOSE):
+        read += 1
+    put_text(out, at, digits, first, read - first)
+    return at + read - first, read
+
+
+@compilable
 def put_lines(
     layout: Layout,
     cells: NDArray[np.float64],
@@ -94,19 +110,14 @@ def put_lines(
             spans[k, 0] = at
             value = cells[row, k]
             is_finite = math.isfinite(value)
+            if whole[k] == 0:
+                end, read = put_number(out, at, digits, read)
+                if is_finite:  # JSON has only null for what is not
+                    at = end
+            elif is_finite:
+                at = put_whole(out, at, int(value))
             if not is_finite:
                 at = put_word(out, at, value)
-            elif whole[k] != 0:
-                at = put_whole(out, at, int(value))
-            if whole[k] == 0:
-                while digits[read] in (_OPEN, _CLOSE, _COMMA):
-                    read += 1
-                first = read
-                while digits[read] not in (_COMMA, _CLOSE):
-                    read += 1
-                if is_finite:  # JSON has only null for what is not
-                    put_text(out, at, digits, first, read - first)
-                    at += read - first
             spans[k, 1] = at
         put_text(out, at, glue, begin, len(glue) - begin)
         at += len(glue) - begin
@@ -135,7 +146,7 @@ class CsvText:
         changes = (bits != bits[0]).any(axis=0)[self._keep]
         whole = self._whole[changes]
         cells = rows[:, self._keep[changes]]
-        alike = _alike(cells, whole)
+        alike = alike_columns(cells, whole)
         layout = self._layout(rows[0, self._keep], changes, alike)
         digits = b""
         own = ~whole & (alike == np.arange(len(alike)))
@@ -177,7 +188,7 @@ class CsvText:
         )
 
 
-def _alike(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArray[np.int64]:
+def alike_columns(cells: NDArray[np.float64], whole: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(n,) for each column of (m, n) the first one with the same text: to the bit, and as whole numbers or not."""
     bits = cells.view(np.int64)
     first: dict[tuple[Any, ...], int] = {}

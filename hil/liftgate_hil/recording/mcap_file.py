@@ -6,8 +6,9 @@ Messages' times count from the run's start, which a metadata record dates; `mcap
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 import orjson
@@ -16,53 +17,33 @@ from numpy.typing import NDArray
 from liftgate_hil import mcap_layout as layout
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE
 from liftgate_hil.recording.content import Content
+from liftgate_hil.recording.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
+from liftgate_hil.recording.mcap_text import RowMessages, Topic
 from liftgate_hil.recording.mf4_file import LENGTHS
 from liftgate_hil.version import version
 
-_CHUNK = 2 << 20  # bytes that are compressed together
-_OF_A_MESSAGE = (
-    64  # bytes, at most, that a message takes beside its data, with its place in the index
-)
-_ROWS = 2048  # whose text is made together
+_ROWS = 1024  # whose text is made together
 _WIDTH = 2 * MAX_BYTES
-
-
-class _Topic(NamedTuple):
-    """A topic of rows."""
-
-    channel: int
-    fields: list[str]
-    places: list[int]  # in a row
-    whole: list[bool]  # whether a field is a whole number
 
 
 class McapRecorder:
     """See Recorder."""
 
     def __init__(self, stream: BinaryIO, content: Content) -> None:
-        from mcap.writer import Writer
-
         self._stream = stream
         self._content = content
-        self._writer = Writer(stream, chunk_size=_CHUNK)
-        self._writer.start(profile="", library=f"{content.title} {version()}")
-        self._held, self._told = (
-            0,
-            stream.tell(),
-        )  # bytes that wait to be compressed; written before
-        self._sequences: dict[int, int] = {}
-        self._epoch_ns = 0
-        self._topics: list[_Topic] | None = None
+        self._writer = ChunkWriter(stream, f"{content.title} {version()}")
+        self._rows: RowMessages | None = None
+        self._row = self._frame = 0  # numbers of the next ones
         self._frames = 0  # the channel; 0: none yet
 
     @property
     def written(self) -> int:
         """See Recorder."""
-        return self._stream.tell() + self._held
+        return self._stream.tell() + self._writer.held
 
     def begin(self, epoch_ns: int) -> None:
         """See Recorder."""
-        self._epoch_ns = epoch_ns
         start = datetime.fromtimestamp(epoch_ns * 1e-9, UTC).isoformat() if epoch_ns else ""
         record = {
             "title": self._content.title,
@@ -73,34 +54,37 @@ class McapRecorder:
         }
         self._writer.add_metadata(layout.RECORD, record)
         if about := self._content.about:
-            self._writer.add_attachment(0, 0, layout.ABOUT, "application/json", about.encode())
+            self._writer.add_attachment(layout.ABOUT, "application/json", about.encode())
 
     def write_rows(self, rows: NDArray[np.float64]) -> None:
         """See Recorder."""
-        if self._topics is None and len(rows):
-            self._topics = self._register_rows()
+        if self._rows is None and len(rows):
+            self._rows = RowMessages(self._register_rows())
         for first in range(0, len(rows), _ROWS):
             block = rows[first : first + _ROWS]
             times = _nanoseconds(block[:, self._content.time_place])
-            texts = [_texts(topic, block) for topic in self._topics or ()]
-            for row, time in enumerate(times):
-                for topic, lines in zip(self._topics or (), texts, strict=True):
-                    self._add(topic.channel, time, lines[row])
+            assert self._rows is not None
+            self._writer.add(self._rows.block(block, times, self._row))
+            self._row += len(block)
 
     def write_frames(self, frames: Any) -> None:
         """See Recorder."""
-        if not self._frames and len(frames):
+        if not len(frames):
+            return
+        if not self._frames:
             schema, bus = (
                 layout.frames_schema("CAN frame"),
                 {layout.BUS_NAME: _plain(self._content.channel)},
             )
             self._frames = self._register(layout.FRAMES, "frame", schema, bus, layout.BUS)
-        times = np.maximum(frames["time_ns"], 0).tolist()
-        for time, text in zip(times, _frame_texts(frames, self._content.channel), strict=True):
-            self._add(self._frames, time, text)
+        times = np.maximum(frames["time_ns"], 0).astype(np.int64)
+        texts = _frame_texts(frames, self._content.channel)
+        self._writer.add(_block_of(self._frames, times, texts, self._frame))
+        self._frame += len(frames)
 
     def flush(self) -> None:
         """See Recorder."""
+        self._writer.drain()
         self._stream.flush()
 
     def close(self) -> None:
@@ -108,11 +92,11 @@ class McapRecorder:
         try:
             if remark := self._content.remark():
                 self._writer.add_metadata(layout.REMARK, {"remark": remark})
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
         finally:
             self._stream.close()
 
-    def _register_rows(self) -> list[_Topic]:
+    def _register_rows(self) -> list[Topic]:
         content = self._content
         row = dict(zip(content.columns, content.places, strict=True))
         topics = []
@@ -129,7 +113,7 @@ class McapRecorder:
                 topic, topic.strip("/"), schema, {layout.PREFIX: prefix}, layout.ROWS
             )
             whole = [content.row[name].is_whole for name in names]
-            topics.append(_Topic(channel, fields, [row[name] for name in names], whole))
+            topics.append(Topic(channel, fields, [row[name] for name in names], whole))
         return topics
 
     def _register(
@@ -138,54 +122,28 @@ class McapRecorder:
         number = self._writer.register_schema(
             f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema
         )
-        channel: int = self._writer.register_channel(
+        return self._writer.register_channel(
             topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata}
         )
-        self._sequences[channel] = 0
-        return channel
-
-    def _add(self, channel: int, time_ns: int, data: bytes) -> None:
-        number = self._sequences[channel]
-        self._sequences[channel] = number + 1
-        self._writer.add_message(channel, time_ns, data, time_ns, number)
-        self._held += len(data) + _OF_A_MESSAGE
-        if (place := self._stream.tell()) != self._told:  # a chunk is out
-            self._held, self._told = 0, place
 
 
-def _nanoseconds(times: NDArray[np.float64]) -> list[int]:
+def _nanoseconds(times: NDArray[np.float64]) -> NDArray[np.int64]:
     """Of times [s]; what MCAP cannot hold, as of a plant that has diverged, is 0."""
     sound = np.where((times >= 0.0) & (times < 1e9), times, 0.0)
-    whole: list[int] = np.round(sound * 1e9).astype(np.int64).tolist()
-    return whole
+    return np.round(sound * 1e9).astype(np.int64)
 
 
-def _texts(topic: _Topic, rows: NDArray[np.float64]) -> list[bytes]:
-    """Of each row the object with a topic's fields, numbers in the shortest form that reads back the same; what
-    is not finite is null.
-    """
-    pieces, cells = [], []
-    for field, place, is_whole in zip(topic.fields, topic.places, topic.whole, strict=True):
-        values = np.ascontiguousarray(rows[:, place])
-        name = orjson.dumps(field).replace(b"%", b"%%")
-        bits = values.view(np.int64)
-        if (bits == bits[0]).all():
-            pieces.append(b"%b:%b" % (name, _numbers(values[:1], is_whole)[0]))
-        else:
-            pieces.append(name + b":%b")
-            cells.append(_numbers(values, is_whole))
-    form = b"{" + b",".join(pieces) + b"}"
-    if not cells:
-        return [form % ()] * len(rows)
-    return [form % row for row in zip(*cells, strict=True)]
-
-
-def _numbers(values: NDArray[np.float64], is_whole: bool) -> list[bytes]:
-    """Each number's text."""
-    numbers: NDArray[Any] = values
-    if is_whole and np.isfinite(values).all() and (np.abs(values) < 2.0**63).all():
-        numbers = values.astype(np.int64)
-    return orjson.dumps(numbers, option=orjson.OPT_SERIALIZE_NUMPY)[1:-1].split(b",")
+def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], number: int) -> Block:
+    """The messages of one channel; `number` is the first one's."""
+    records = [
+        HEAD.pack(MESSAGE, HEAD.size - LENGTH_BEFORE + len(text), channel, number + k, time, time)
+        + text
+        for k, (time, text) in enumerate(zip(times.tolist(), texts, strict=True))
+    ]
+    ends = np.cumsum([len(record) for record in records], dtype=np.uint64)
+    offsets = np.concatenate([np.zeros(1, dtype=np.uint64), ends[:-1]])
+    channels = np.full(len(times), channel, dtype=np.uint16)
+    return Block(b"".join(records), channels, times.astype(np.uint64), offsets)
 
 
 def _plain(text: str) -> str:

@@ -4,6 +4,7 @@ temporary file beside the recording, so that memory does not grow; closing makes
 
 from __future__ import annotations
 
+import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -40,6 +41,7 @@ class Mf4Recorder:
         self._places = {name: place for name, place in columns if name != "time_s"}
         folder = str(Path(stream.name).resolve().parent)
         self._mdf: Any = MDF(version="4.10", temporary_folder=folder)
+        _make_nameless(self._mdf, folder)
         self._groups: dict[str, int] = {}
         self._rows, self._frames = Batch(_ROWS), Batch(_FRAMES)
         self._extended = 0  # bytes
@@ -129,6 +131,14 @@ class Mf4Recorder:
     def _extend(self, group: str, times: NDArray[np.float64], values: list[NDArray[Any]]) -> None:
         self._mdf.extend(self._groups[group], [(times, None), *((each, None) for each in values)])
         self._extended += times.nbytes + sum(each.nbytes for each in values)
+
+
+def _make_nameless(mdf: Any, folder: str) -> None:
+    """Give an MDF that is being written a temporary file without a name: one with a name outlives a kill."""
+    inner = mdf._mdf
+    inner._tempfile.close()
+    inner._tempfile = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+    inner._tempfile.write(b"\0")  # as asammdf does: no block has the address 0
 
 
 def _samples(name: str, frames: Any, channel: int) -> NDArray[Any]:

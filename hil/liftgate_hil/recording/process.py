@@ -1,9 +1,11 @@
 """Recording in a process of its own, so that neither formatting nor a slow disk ever holds up a tick.
 
-It reads the loop's rings. When the emulator ends, or is killed, it writes what is left and completes the files.
-On its stdout it says what is worth knowing, a JSON object a line.
+It reads the loop's rings. When its stdin ends, because the emulator ends or is killed, it writes what is left and
+completes the files. What it has to tell, a JSON object a line, goes through a pipe of its own: libraries print.
 
-    python -m liftgate_hil.recording.process JOB      JOB: what `Job` holds, as JSON
+    python -m liftgate_hil.recording.process JOB ANSWERS MEMORY FILE…
+
+JOB, ANSWERS and MEMORY are descriptors, JOB holds a `Job` as JSON; the files are named for who lists processes.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,6 +34,7 @@ from liftgate_hil.errors import ConfigError, RecordingError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.recorder import Recorder, Sieve, truncated_to_us
 from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.processes.inherited import in_memory
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.guarded import GuardedRecorder, Say, failures_of, silent
 from liftgate_hil.recording.open import open_recorder
@@ -38,6 +42,9 @@ from liftgate_hil.recording.rotation import Limit
 from liftgate_hil.recording.trigger import Trigger, Triggered
 
 _PAUSE = 0.05  # s between two looks at the rings
+_READY_S = 60.0  # that it may take to start and to open its files
+_COMPLETE_S = 60.0  # that completing the files may take, and as long as the run was
+_EXIT_S = 5.0  # that it may take to end after its last answer
 _LATE_NS = 100_000_000  # that a frame may come out of turn: received ones are logged a tick after they came
 
 
@@ -52,7 +59,8 @@ class Job:
     keep: int | None
     rows: int  # sizes of the rings
     frames: int
-    descriptor: int
+    about: str
+    trigger: str  # pickled, as Base64; "": record everything
 
 
 class RecorderProcess:
@@ -77,40 +85,44 @@ class RecorderProcess:
             keep=limit.keep if limit else None,
             rows=rows,
             frames=frames,
-            descriptor=memory.descriptor,
+            about=content.about,
+            trigger="" if trigger is None else base64.b64encode(pickle.dumps(trigger)).decode(),
         )
         self._names = ", ".join(names)
         self._say = say
         self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
-        self._is_ready = self._is_closing = False
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", __name__, json.dumps(asdict(job))],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            pass_fds=[memory.descriptor],
-            start_new_session=True,  # a Ctrl-C is for the emulator
-            text=True,
+        self._is_ready = self._is_closing = self._has_ended_early = False
+        self._began = time.monotonic()
+        heard, told = os.pipe()
+        given = in_memory(json.dumps(asdict(job)).encode())
+        try:
+            descriptors = [given, told, memory.descriptor]
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", __name__, *map(str, descriptors), *names],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                pass_fds=descriptors,
+                start_new_session=True,  # a Ctrl-C is for the emulator
+            )
+        except BaseException:
+            os.close(heard)
+            raise
+        finally:
+            os.close(given)
+            os.close(told)
+        self._reader = threading.Thread(
+            target=self._read, args=(heard,), name="recorder's answers", daemon=True
         )
-        self._reader = threading.Thread(target=self._read, name="recorder's words", daemon=True)
         self._reader.start()
-        self._tell(content.about)
-        self._tell("" if trigger is None else base64.b64encode(pickle.dumps(trigger)).decode())
         self.lost_rows = 0
         self.windows: int | None = None  # recorded around so many triggers
         self.files: list[str] = []
 
-    def _tell(self, text: str) -> None:
-        """What may be longer than an argument."""
-        assert self._process.stdin is not None
-        with contextlib.suppress(OSError):  # it has ended; that is told by and by
-            self._process.stdin.write(json.dumps(text) + "\n")
-            self._process.stdin.flush()
-
     def wait_until_ready(self) -> None:
         """Until its files are open. Raises ConfigError."""
-        answer = self._answers.get() or {}
+        answer = self._answer(_READY_S) or {}
         if "ready" not in answer:
-            self._process.wait()
+            self._kill()
             raise ConfigError(
                 answer.get("issues")
                 or f"`record` {self._names}: the recording process could not be started"
@@ -118,41 +130,81 @@ class RecorderProcess:
         self._is_ready = True
 
     def close(self) -> None:
-        """Have the files completed. Raises RecordingError."""
+        """Have the files completed, which may take as long as the run has, and a minute. Raises RecordingError."""
         assert self._process.stdin is not None
         self._is_closing = True
         with contextlib.suppress(OSError):
             self._process.stdin.close()
-        self._reader.join()
-        self._process.wait()
-        if not self._is_ready:
+        if not self._is_ready and "ready" not in (self._answer(_EXIT_S) or {}):
+            self._kill()
             return  # there is nothing to complete, and the reason has been told
-        answer = self._answers.get()
+        patience = _COMPLETE_S + time.monotonic() - self._began
+        answer = self._answer(patience)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(0.0 if answer is None else _EXIT_S)
+        is_late = answer is None and self._process.poll() is None and self._reader.is_alive()
+        self._kill()
+        if is_late:
+            said = f"the files were not complete after {patience:.0f} s"
+            raise RecordingError(
+                f"`record` {self._names}: {said}; the recording process was killed"
+            )
         if answer is None:
             raise RecordingError(self._ended())
         self.lost_rows, self.files = int(answer["lost"]), answer["files"]
         self.windows = answer["windows"]
+        if self._has_ended_early:
+            raise RecordingError(self._ended_early())
         if answer["failures"]:
             raise RecordingError("; ".join(answer["failures"]))
+
+    def _answer(self, patience: float) -> dict[str, Any] | None:
+        """The next answer within so long [s]; None: none came, or the process has ended."""
+        with contextlib.suppress(queue.Empty):
+            return self._answers.get(timeout=patience)
+        return None
+
+    def _kill(self) -> None:
+        """End the process, if it has not ended."""
+        self._process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_EXIT_S)
+        self._reader.join(_EXIT_S)
+
+    def _ended_early(self) -> str:
+        return f"`record` {self._names}: the recording was ended before its run"
 
     def _ended(self) -> str:
         return f"`record` {self._names}: the recording process was ended from outside"
 
-    def _read(self) -> None:
-        """What it says, until it ends."""
-        assert self._process.stdout is not None
+    def _read(self, heard: int) -> None:
+        """Take its answers, until it ends."""
         is_complete = False
-        with self._process.stdout as stream:
-            for line in stream:
-                answer = json.loads(line) if line.endswith("\n") else {}
-                if "failed" in answer:
-                    self._say(answer["failed"])
-                elif answer:
-                    is_complete = "files" in answer
-                    self._answers.put(answer)
-        if self._is_ready and not self._is_closing and not is_complete:
-            self._say(self._ended())
-        self._answers.put(None)
+        try:
+            with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:
+                for line in stream:
+                    answer = _decoded(line)
+                    if "failed" in answer:
+                        self._say(str(answer["failed"]))
+                    elif answer:
+                        is_complete = "files" in answer
+                        self._answers.put(answer)
+            if self._is_ready and not self._is_closing:
+                self._say(self._ended_early() if is_complete else self._ended())
+                self._has_ended_early = is_complete
+        except OSError as error:  # foreign code in this process has closed the pipe
+            self._say(f"`record` {self._names}: its answers are lost: {error.strerror}")
+        finally:
+            self._answers.put(None)
+
+
+def _decoded(line: str) -> dict[str, Any]:
+    """An answer; {} for what is none, such as a line that was cut off."""
+    try:
+        answer = json.loads(line)
+    except ValueError:
+        return {}
+    return answer if isinstance(answer, dict) else {}
 
 
 class Writer:
@@ -208,26 +260,33 @@ def main() -> int:
     """Record until stdin ends."""
     for number in (signal.SIGINT, signal.SIGTERM):  # a service's stop, too, is for the emulator
         signal.signal(number, signal.SIG_IGN)
-    job = Job(**json.loads(sys.argv[1]))
-    memory = Memory(job.rows, job.frames, job.descriptor)
-    content = Content(job.columns, job.channel, about=_heard())
-    told = _heard()  # by the process that has started this one
-    triggered = Triggered(pickle.loads(base64.b64decode(told))) if told else None
+    given, told, memory_descriptor = (int(each) for each in sys.argv[1:4])
+    with os.fdopen(given, "rb") as stream:
+        job = Job(**json.load(stream))
+    replies = os.fdopen(told, "w", encoding="utf-8")
+
+    def tell(**words: Any) -> None:
+        with contextlib.suppress(OSError):  # whoever asked may be gone
+            print(json.dumps(words), file=replies, flush=True)
+
+    memory = Memory(job.rows, job.frames, memory_descriptor)
+    content = Content(job.columns, job.channel, about=job.about)
+    triggered = Triggered(pickle.loads(base64.b64decode(job.trigger))) if job.trigger else None
     limit = None if job.limit is None else Limit(job.limit, job.keep)
     recorders: list[GuardedRecorder] = []
     try:
         for path in job.paths:
             recorders.append(
-                open_recorder(Path(path), content, limit, lambda text: _tell(failed=text))
+                open_recorder(Path(path), content, limit, lambda text: tell(failed=text))
             )
     except ConfigError as error:
         for recorder in recorders:  # what stays would be taken for the rest of a recording
             recorder.close()
-        _tell(issues=error.issues)
+        tell(issues=error.issues)
         return 2
-    _tell(ready=True)
+    tell(ready=True)
     writer = Writer(memory, recorders, triggered)
-    while not select.select([0], [], [], _PAUSE)[0]:
+    while not select.select([0], [], [], _PAUSE)[0] or os.read(0, 4096):
         writer.take()
     writer.take(is_last=True)
     for recorder in recorders:
@@ -235,19 +294,9 @@ def main() -> int:
     failures = failures_of(recorders)
     files = [file for recorder in recorders for file in recorder.files]
     windows = None if triggered is None else triggered.count
-    _tell(failures=failures, files=files, lost=writer.lost, windows=windows)
+    tell(failures=failures, files=files, lost=writer.lost, windows=windows)
     # A file on a full disk would be tried again, with a traceback.
     os._exit(1 if failures else 0)
-
-
-def _heard() -> str:
-    """A line of stdin."""
-    return str(json.loads(sys.stdin.readline() or '""'))
-
-
-def _tell(**words: Any) -> None:
-    with contextlib.suppress(OSError):  # whoever asked may be gone
-        print(json.dumps(words), flush=True)
 
 
 if __name__ == "__main__":

@@ -86,6 +86,7 @@ def trigger_of(
         table_of(found, signals),
         watched(messages, signals, on_bus),
         codes=0,
+        step=1.0 / rate,
     )
     on_bus.raise_if_any()
     return Trigger(tuple(found), before, after, rate, tables)

@@ -135,6 +135,7 @@ class NotedTransport:
         self._count = 0
         self.histogram = np.zeros(BINS, dtype=np.int64)
         self.receive, self.close, self.counts = transport.receive, transport.close, transport.counts
+        self.ages_ns = transport.ages_ns
         self._room = make_room()
 
     @property

@@ -63,7 +63,7 @@ def run_free(
         try:
             scene, start = begin(parts, config, adapter, stopped, memory)
         except PreconditionError as error:
-            return result_of(takers, adapter, Summary(clock="free"), "", str(error))
+            return result_of(takers, adapter, Summary(clock="free"), "", given_up=str(error))
         except LiftgateError as error:
             return nothing_of(job, "; ".join(causes(error)), 0)
         episode = Episode(

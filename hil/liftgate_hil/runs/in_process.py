@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -68,3 +69,5 @@ def _run(
 def _close(adapter: Adapter, memory: Memory | None) -> None:
     with foreign_code(memory):
         adapter.close()
+        if memory is not None:  # whoever looks at it also sees a destructor that hangs
+            gc.collect()

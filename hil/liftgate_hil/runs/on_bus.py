@@ -15,6 +15,7 @@ from liftgate_hil.ecu.find import ON_A_BUS
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.preparation import phases_of
@@ -23,6 +24,7 @@ from liftgate_hil.runs.job import PRIVATE_BUS, Job, Parts, identity_of_ecu
 from liftgate_hil.runs.result import Result, nothing_of, result_of
 from liftgate_hil.runs.signs_of_life import Progress, foreign_code
 from liftgate_hil.runs.start import begin
+from liftgate_hil.runs.stepping import CommandLog, StepsAgain, heard_by
 from liftgate_hil.staging import off_not_made, opening_of, reset_not_made
 from liftgate_hil.stimuli.scene import OFF_A_REAL_BUS
 from liftgate_hil.transport.can_arguments import WireChoice
@@ -53,7 +55,8 @@ def run_on_bus(
             opening = opening_of(parts.rig, host is not None)
             scene, start = begin(parts, config, adapter, stopped, memory, opening)
         except PreconditionError as error:
-            return result_of(takers, adapter, Summary(clock=job.options.clock), "", str(error))
+            nothing = Summary(clock=job.options.clock)
+            return result_of(takers, adapter, nothing, "", given_up=str(error))
         except LiftgateError as error:
             return nothing_of(job, "; ".join(causes(error)), 0)
         if job.ecu != ON_A_BUS:
@@ -73,6 +76,9 @@ def run_on_bus(
         attendance = attendance_of(
             scene, parts.setup, parts.rig, is_real, listener, peers, restarts, host
         )
+        is_judged = any(isinstance(each, Judge) for each in takers)
+        log = CommandLog() if is_judged and parts.options.clock == "realtime" else None
+        looking = [*takers, *([log] if log else []), *([Progress(memory)] if memory else [])]
         emulator = Emulator(
             setup=parts.setup,
             rig=parts.rig,
@@ -84,7 +90,7 @@ def run_on_bus(
             peers=peers,
             ecu=identity_of_ecu(job, parts.setup),
             channel="" if parts.way else PRIVATE_BUS,
-            takers=takers if memory is None else [*takers, Progress(memory)],
+            takers=looking,
             listener=listener,
             attendance=attendance,
             events=adapter.events,
@@ -95,16 +101,47 @@ def run_on_bus(
         except ConfigError:
             raise
         except PreconditionError as error:
-            return result_of(takers, adapter, emulator.summary, "", str(error))
+            return result_of(takers, adapter, emulator.summary, "", given_up=str(error))
         except LiftgateError as error:
             reason = "; ".join(causes(error))
             if isinstance(error, OverrunError) and job.options.clock == "realtime":
                 late = f"the bench was late: {reason}"
-                return result_of(takers, adapter, emulator.summary, "", late)
+                return result_of(takers, adapter, emulator.summary, "", given_up=late)
         found = [reset_not_made(scene, parts.rig)]
         if is_real:
             found.append(off_not_made(parts.setup.scenario, attendance.injected))
         if restarts is not None and not reason:
             found.append(restarts.not_made())
     not_made = "; ".join(filter(None, found))
-    return result_of(takers, adapter, emulator.summary, reason, not_made)
+    again = None if log is None else _steps_again(parts, emulator, takers, log, stopped)
+    return result_of(takers, adapter, emulator.summary, reason, not_made, again)
+
+
+def _steps_again(
+    parts: Parts,
+    emulator: Emulator,
+    takers: Sequence[Taker],
+    log: CommandLog,
+    stopped: Callable[[], bool],
+) -> StepsAgain | None:
+    """What steps the gate of a run in real time again; None where more than the ECU's commands acted on it."""
+    judge = next((each for each in takers if isinstance(each, Judge)), None)
+    summary, begun, frames = emulator.summary, emulator.begun, log.frames()
+    if judge is None or begun is None or frames is None:
+        return None
+    if (
+        summary.injections or summary.commands
+    ):  # they act between two ticks, nobody knows between which
+        return None
+    return StepsAgain(
+        begun=begun,
+        frames=heard_by(parts.rig, frames),
+        ticks=summary.ticks - 1,
+        rig=parts.rig,
+        drives=parts.setup.vehicle.drives,
+        expected=judge.expected,
+        rate=parts.options.rate,
+        end=judge.end,
+        angles=log.angles(),
+        stopped=stopped,
+    )

@@ -17,7 +17,8 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
-from liftgate_hil.judging.verdict import Verdict, worst
+from liftgate_hil.judging.stepped_again import StepAgain
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, worst
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.recorder import Taker
 from liftgate_hil.loop.statistics import Summary
@@ -31,7 +32,7 @@ class Result:
     """What a run showed. `maxima` and `minima` hold every column of recordings, in its unit."""
 
     verdict: str  # the worst of its expectations'; "error": the run did not come to its end
-    reason: str  # why not
+    reason: str  # why not; of a "fail" why each expectation failed; of an "inconclusive" why the bench gave up
     maxima: Mapping[str, float]
     minima: Mapping[str, float]
     events: Sequence[Event]  # what the ECU told, where it is the reference ECU
@@ -44,6 +45,8 @@ class Result:
         default_factory=dict
     )  # every row, if asked for
     sketches: Mapping[str, Sketch] = field(default_factory=dict)  # by expectation, if asked for
+    notes: tuple[str, ...] = ()  # what was noticed beside the verdict, and may explain it
+    late: str = ""  # when the bench was later than is tolerated; "": not so, or nobody has looked
 
 
 def takers_of(job: Job, parts: Parts, others: Sequence[Taker] = ()) -> list[Taker]:
@@ -65,21 +68,29 @@ def result_of(
     summary: Summary,
     reason: str,
     not_made: str = "",
+    again: StepAgain | None = None,
+    given_up: str = "",
 ) -> Result:
-    """What the takers have seen; `not_made` is what was asked for and could not be made on the bus."""
+    """What the takers have seen; `not_made` is what was asked for and could not be made on the bus, `again` steps
+    the gate again where the bench's lateness may have decided, `given_up` is why the bench ended it early.
+    """
+    not_made = not_made or given_up
     extremes = next(each for each in takers if isinstance(each, Extremes))
     trace = next((each.columns() for each in takers if isinstance(each, Trace)), {})
     judge = next((each for each in takers if isinstance(each, Judge)), None)
     verdicts = (
-        judge.verdicts(reason, not_made or _lateness(summary, extremes))
+        judge.verdicts(reason, not_made or _lateness(summary, extremes), again=again)
         if judge is not None
         else []
     )
     high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
     low = extremes.low if extremes.low is not None else high
+    verdict = ERROR if reason else worst(each.verdict for each in verdicts)
+    if given_up and not verdicts:
+        verdict = INCONCLUSIVE
     return Result(
-        verdict="error" if reason else worst(each.verdict for each in verdicts),
-        reason=reason,
+        verdict=verdict,
+        reason=reason or (given_up if verdict == INCONCLUSIVE else reason_of(verdicts, verdict)),
         expectations={each.name: each for each in verdicts},
         maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
         minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
@@ -89,7 +100,15 @@ def result_of(
         pinch_time_s=extremes.pinch_time,
         trace=trace,
         sketches=next((each.sketches() for each in takers if isinstance(each, Sketcher)), {}),
+        late=not_made or ("" if judge is None else judge.late()),
+        notes=tuple(judge.notes()) if judge is not None else (),
     )
+
+
+def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
+    """Why a run fails: the reason of each expectation that does; "" where its verdict is another one."""
+    failed = [each for each in verdicts if verdict == FAIL == each.verdict]
+    return "; ".join(f"{each.name}: {each.reason}" for each in failed)
 
 
 def nothing_of(job: Job, reason: str, ticks: int) -> Result:

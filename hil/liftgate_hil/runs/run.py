@@ -19,7 +19,7 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.find import check_ecu, is_library
-from liftgate_hil.errors import ConfigError, EcuError, LiftgateError
+from liftgate_hil.errors import ConfigError, EcuError, LiftgateError, shown
 from liftgate_hil.runs.in_process import run_job
 from liftgate_hil.runs.job import Job, Parts, resolve
 from liftgate_hil.runs.result import Result, nothing_of
@@ -126,10 +126,12 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     from liftgate_hil.isolation import run_isolated
 
     check_ecu(job.ecu)
-    ticks = 0
+    ticks, note = 0, ""
+    answer: object
     try:
         sent = pickle.dumps(job)
-        answer = pickle.loads(run_isolated(_WORKER, sent, 1.0 / job.options.rate, stopped))
+        payload, note = run_isolated(_WORKER, sent, 1.0 / job.options.rate, stopped)
+        answer = _unpacked(payload)
     except EcuError as error:
         answer, ticks = error, error.ticks
     if isinstance(answer, EcuError):  # it could not be made, crashed or hung
@@ -137,4 +139,19 @@ def _isolated(job: Job, stopped: Callable[[], bool]) -> Result:
     if isinstance(answer, LiftgateError):
         raise answer
     assert isinstance(answer, Result)
+    if note:
+        job.listener.say(note)
+    return replace(answer, notes=(*answer.notes, *([note] if note else [])))
+
+
+def _unpacked(payload: bytes) -> object:
+    """A worker's answer. Raises EcuError where the ECU's code has made something else of it."""
+    try:
+        answer = pickle.loads(payload)
+    except Exception as error:  # an object of the ECU's may be in it
+        raise EcuError(
+            f"the run's answer cannot be read: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(answer, Result | LiftgateError):
+        raise EcuError(f"the run's answer is {shown(answer)}")
     return answer

@@ -2,7 +2,13 @@
 
 They stand between the gate's controller and everybody else: what it sends is changed before others hear it, what
 it receives before it takes it. Recordings hold the frames as the fault leaves them, either way. When a fault is in
-force is decided as for all faults, see `faults`.
+force is decided as for all faults, see `faults`. Several of one message change it one after the other: those of
+the scenario in the order of the file, then those injected in the order in which they were. What is lost, repeated
+or delayed is so after that.
+
+What freezes a message, or its counter, holds the last frame before it began, as the faults before it in that order
+left it: that is kept while it is not in force. One that is injected comes last, so that it finds what it holds in
+what the others got last (`last`).
 """
 
 from __future__ import annotations
@@ -14,11 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.codec.bits import extract, insert, place_at
-from liftgate_hil.codec.checksum import E2E_P05, put_checksum
+from liftgate_hil.codec.bits import insert_long, place_at
+from liftgate_hil.codec.checksum import checksum_in, put_checksum, write_checksum
 from liftgate_hil.codec.frames import ERROR, FD, MAX_BYTES, REMOTE, Frames, empty_frames
-from liftgate_hil.codec.receive import find_message
-from liftgate_hil.codec.tables import BusConfig, profile_of
+from liftgate_hil.codec.receive import counter_of, find_message
+from liftgate_hil.codec.tables import BusConfig
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.noise import uniform
 
@@ -51,17 +57,19 @@ BUS_FAULT = np.dtype(
         ("delay_ns", "i8"),
         ("rate", "f8"),  # frames/s
         ("seed", "i8"),
+        ("rank", "i8"),  # as in FAULT
         ("draws", "i8"),  # so far; written in place, as what follows
         ("owed", "f8"),  # frames
         ("last_ns", "i8"),
     ]
 )
 
-# What is kept of a message under a fault: of its first frame since that is in force.
+# The last frame of a message; the identifier tells whose it is where the bus table has changed.
 HELD = np.dtype(
     [
         ("is_held", "i8"),
-        ("counter", "i8"),
+        ("identifier", "i8"),
+        ("counter", "i8"),  # -1: it has none
         ("length", "i8"),
         ("payload", "u1", (MAX_BYTES,)),
     ]
@@ -94,7 +102,9 @@ class BusFaults(NamedTuple):
     """All of a run."""
 
     rows: Any  # (n,) BUS_FAULT
-    held: Any  # (n, messages) HELD; written in place, as what follows
+    held: Any  # (n, messages) HELD, before the row of a fault; written in place, as what follows
+    last: Any  # (2, messages) HELD, what others and the gate got last; (2, 0): nobody asks
+    keeps: NDArray[np.int64]  # (1,) 1: frames are kept also while no fault is in force
     queue: Any  # QUEUED, what is delayed, in the order in which it came
     waiting: NDArray[np.int64]  # (1,) how many of it
     is_on: NDArray[np.int64]  # (1,) 1: one is in force, see `note_force`
@@ -110,7 +120,7 @@ def row_of(fault: int, own: BusFault) -> tuple[float, ...]:
     """BUS_FAULT of a fault on the bus, which has that row in `faults`."""
     return (
         own.kind, own.direction, fault, own.identifier, own.probability, round(own.delay * 1e9), own.rate,
-        own.seed, 0, 0.0, -1,
+        own.seed, 0, 0, 0.0, -1,
     )  # fmt: skip
 
 
@@ -119,18 +129,23 @@ def bus_faults_of(
     messages: int,
     slots: int = 0,
     always_received: Sequence[int] = (),
+    may_change: bool = False,
 ) -> BusFaults:
     """The tables of faults, each with its row in `faults`, on a bus where the gate has so many messages either
     way; behind them so many slots for others. What has the identifiers `always_received` is received also where
-    the gate is off its bus.
+    the gate is off its bus. `may_change`: other tables may take their place, see `going_on`.
     """
     rows = [row_of(*each) for each in faults] + [row_of(0, BusFault(NO_KIND, 0))] * slots
     most = MOST if rows else 0
     waiting = math.ceil(sum(each.delay for _, each in faults) * _BUSIEST)
     waiting += _TO_COME if slots else 0
+    may_come = may_change or slots > 0
+    keeps = may_come or any(own.kind in (FROZEN, COUNTER) for _, own in faults)
     return BusFaults(
         np.array(rows, dtype=BUS_FAULT).view(np.recarray),
         np.zeros((len(rows), messages if rows else 0), dtype=HELD).view(np.recarray),
+        np.zeros((2, messages if may_come else 0), dtype=HELD).view(np.recarray),
+        np.full(1, int(keeps), dtype=np.int64),
         np.zeros(waiting + most if waiting else 0, dtype=QUEUED).view(np.recarray),
         np.zeros(1, dtype=np.int64),
         np.zeros(1, dtype=np.int64),
@@ -158,6 +173,7 @@ def going_on(before: BusFaults, after: BusFaults) -> BusFaults:
             for name in ("draws", "owed", "last_ns"):
                 own[name] = before.rows[same[0]][name]
             after.held[row] = before.held[same[0]]
+    after = after._replace(last=before.last)
     waiting = int(before.waiting[0])
     if not waiting:
         return after
@@ -166,6 +182,7 @@ def going_on(before: BusFaults, after: BusFaults) -> BusFaults:
     return before._replace(
         rows=after.rows,
         held=after.held,
+        keeps=after.keeps,
         queue=queue,
         waiting=before.waiting.copy(),
         is_on=after.is_on,
@@ -189,6 +206,8 @@ def on_bus(
         if direction == RECEIVED:
             for i in range(min(frames.count, len(faults.origins))):
                 faults.origins[i] = i
+        if faults.keeps[0] != 0 and frames.count > 0:
+            keep_all(faults, bus, frames, direction)
         return frames
     room = faults.sent if direction == SENT else faults.received
     count = impaired(faults, shares, bus, frames, room, direction, now_ns, seed)
@@ -235,8 +254,74 @@ def forget_what_is_over(faults: BusFaults, shares: NDArray[np.float64]) -> None:
     for row in range(len(faults.rows)):
         if shares[faults.rows[row].fault] == 0.0:
             faults.rows[row].last_ns = -1
-            for message in range(faults.held.shape[1]):
+            # A scenario's keeps what it will hold, see `change`; another one's finds it in `last`.
+            for message in range(faults.held.shape[1] if faults.rows[row].rank > 0 else 0):
                 faults.held[row, message].is_held = 0
+
+
+@outlined
+def keep_all(faults: BusFaults, bus: BusConfig, frames: Frames, direction: int) -> None:
+    """Keep the frames of a tick in which no fault is in force."""
+    for i in range(frames.count):
+        message = message_in(bus, frames, i)
+        if message < 0:
+            continue
+        for row in range(len(faults.rows)):
+            fault = faults.rows[row]
+            if fault.rank == 0 and is_meant(fault, bus, message, direction):
+                keep_before(fault, faults.held[row, message], bus, message, frames, i)
+        keep_last(faults, bus, message, frames, i, direction)
+
+
+@compilable
+def message_in(bus: BusConfig, frames: Frames, place: int) -> int:
+    """The message that a frame is of; -1: no data frame of one that the bus table has."""
+    identifier = int(frames.identifiers[place])
+    return -1 if identifier & (ERROR | REMOTE) else find_message(bus, identifier & ~FD)
+
+
+@compilable
+def is_meant(fault: Any, bus: BusConfig, message: int, direction: int) -> bool:
+    """Whether a fault is one of a message in a direction."""
+    is_its = fault.identifier == EVERY or fault.identifier == bus.messages[message].identifier
+    return bool(is_its and fault.direction & direction != 0)
+
+
+@compilable
+def keep(held: Any, bus: BusConfig, message: int, frames: Frames, place: int) -> None:
+    """Keep a frame of a message."""
+    table = bus.messages[message]
+    held.is_held, held.length = 1, frames.lengths[place]
+    held.identifier, held.counter = table.identifier, -1
+    if table.counter >= 0 and held.length == table.length:
+        held.counter = counter_of(bus, message, frames.data, place)
+    for k in range(frames.lengths[place]):
+        held.payload[k] = frames.data[place, k]
+
+
+@compilable
+def holds(held: Any, table: Any) -> bool:
+    """Whether a frame of a message is kept."""
+    return bool(held.is_held != 0 and held.identifier == table.identifier)
+
+
+@compilable
+def keep_before(
+    fault: Any, held: Any, bus: BusConfig, message: int, frames: Frames, place: int
+) -> None:
+    """Keep a frame that a fault will hold, where it comes into force before the next one."""
+    is_whole = frames.lengths[place] == bus.messages[message].length
+    if fault.kind == FROZEN or (fault.kind == COUNTER and is_whole):
+        keep(held, bus, message, frames, place)
+
+
+@compilable
+def keep_last(
+    faults: BusFaults, bus: BusConfig, message: int, frames: Frames, place: int, direction: int
+) -> None:
+    """Keep what was got last of a message."""
+    if message < faults.last.shape[1]:
+        keep(faults.last[direction - 1, message], bus, message, frames, place)
 
 
 @compilable
@@ -335,25 +420,64 @@ def left_of(
     seed: int,
 ) -> tuple[int, int]:
     """What the faults leave of a frame in `room`: how often it comes, and how much later [ns]."""
-    identifier, message = room.identifiers[place], -1
-    if identifier & (ERROR | REMOTE) == 0:
-        message = find_message(bus, int(identifier) & ~FD)
+    message = message_in(bus, room, place)
     copies, delay_ns = 1, 0
-    for row in range(len(faults.rows) if message >= 0 else 0):
-        fault = faults.rows[row]
-        is_meant = fault.identifier in (EVERY, bus.messages[message].identifier)
-        if not is_meant or fault.direction & direction == 0 or shares[fault.fault] == 0.0:
-            continue
-        if fault.kind == LOST:
-            if drawn(fault, seed) < fault.probability:
-                copies = 0
-        elif fault.kind == REPEATED:
-            copies *= 2
-        elif fault.kind == DELAYED:
-            delay_ns += fault.delay_ns
-        else:
-            change(fault, faults.held[row, message], bus, message, room, place, seed)
+    row = next_in_chain(faults, shares, -1) if message >= 0 else -1
+    while row >= 0:
+        fault, held = faults.rows[row], faults.held[row, message]
+        if is_meant(fault, bus, message, direction):
+            if shares[fault.fault] == 0.0:
+                if copies > 0:
+                    keep_before(fault, held, bus, message, room, place)
+            elif fault.kind == LOST:
+                if drawn(fault, seed) < fault.probability:
+                    copies = 0
+            elif fault.kind == REPEATED:
+                copies *= 2
+            elif fault.kind == DELAYED:
+                delay_ns += fault.delay_ns
+            else:
+                find_held(faults, fault, held, bus, message, direction)
+                change(fault, held, bus, message, room, place, seed)
+        row = next_in_chain(faults, shares, row)
+    if message >= 0 and copies > 0:
+        keep_last(faults, bus, message, room, place, direction)
     return copies, delay_ns
+
+
+@compilable
+def next_in_chain(faults: BusFaults, shares: NDArray[np.float64], row: int) -> int:
+    """The fault that a frame comes to after that of a row (-1: before the first): those of the scenario, then
+    those in force that were injected, by their rank; -1: none.
+    """
+    rows = faults.rows
+    rank = rows[row].rank if row >= 0 else 0
+    if rank == 0:
+        for each in range(row + 1, len(rows)):
+            if rows[each].rank == 0 and rows[each].kind != NO_KIND:
+                return each
+    found = -1
+    for each in range(len(rows)):
+        own = rows[each].rank
+        is_next = own > rank and (found < 0 or own < rows[found].rank)
+        if is_next and rows[each].kind != NO_KIND and shares[rows[each].fault] > 0.0:
+            found = each
+    return found
+
+
+@compilable
+def find_held(
+    faults: BusFaults, fault: Any, held: Any, bus: BusConfig, message: int, direction: int
+) -> None:
+    """Give a fault that has just been injected what it holds."""
+    if fault.kind not in (FROZEN, COUNTER) or message >= faults.last.shape[1]:
+        return
+    table, last = bus.messages[message], faults.last[direction - 1, message]
+    if holds(last, table) and not holds(held, table):
+        held.is_held, held.identifier, held.counter = 1, last.identifier, last.counter
+        held.length = last.length
+        for k in range(last.length):
+            held.payload[k] = last.payload[k]
 
 
 @compilable
@@ -389,22 +513,21 @@ def change(
             data[place, bit >> 3] = data[place, bit >> 3] ^ (1 << (bit & 7))
     elif fault.kind == LENGTH:
         room.lengths[place] = other_length(length)
+    elif fault.kind == FROZEN:
+        if not holds(held, table):  # there was none before
+            keep(held, bus, message, room, place)
+        room.lengths[place] = held.length
+        for k in range(held.length):
+            data[place, k] = held.payload[k]
     elif length != table.length:  # such a frame has neither counter nor checksum
         return
     elif fault.kind == CHECKSUM:
-        if table.checksum_byte >= 0:
-            for k in range(2 if table.kind == E2E_P05 else 1):
-                byte = table.checksum_byte + k
-                data[place, byte] = data[place, byte] ^ 0xFF
+        if table.checksum >= 0:
+            write_checksum(bus, message, data, place, ~checksum_in(bus, message, data, place))
     elif fault.kind == COUNTER:
+        if not holds(held, table) or held.counter < 0:
+            keep(held, bus, message, room, place)
         stand_still(held, bus, message, data, place)
-    elif fault.kind == FROZEN:
-        if held.is_held == 0:
-            held.is_held, held.length = 1, length
-            for k in range(MAX_BYTES):
-                held.payload[k] = data[place, k]
-        for k in range(MAX_BYTES):
-            data[place, k] = held.payload[k]
 
 
 @compilable
@@ -421,17 +544,13 @@ def other_length(length: int) -> int:
 
 @compilable
 def stand_still(held: Any, bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> None:
-    """The counter of a message's first frame since the fault began, under a checksum that is right."""
+    """Give a frame the counter of the one that is held, under a checksum that is right."""
     table = bus.messages[message]
     if table.counter < 0:
         return
-    place = place_at(bus.places, table.counter)
-    if held.is_held == 0:
-        held.is_held = 1
-        held.counter = extract(data, row, place.byte, place.shift, place.length, place.stride)
-    insert(data, row, place.byte, place.shift, place.length, place.stride, int(held.counter))
+    insert_long(data, row, place_at(bus.places, table.counter), int(held.counter))
     if table.kind:
-        put_checksum(table, profile_of(bus.end_to_end, message), int(held.counter), data, row)
+        put_checksum(bus, message, int(held.counter), data, row)
 
 
 @compilable

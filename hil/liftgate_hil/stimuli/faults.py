@@ -27,6 +27,7 @@ FAULT = np.dtype(
         ("start_moment", "i8"),
         ("end", "f8"),
         ("end_moment", "i8"),
+        ("length", "f8"),  # s from its start, after which it is over too; infinite: it has none
         ("period", "f8"),  # s; 0: on all the time
         ("share", "f8"),  # of each period, its first part
         ("ramp", "f8"),  # s from nothing to all of it
@@ -63,6 +64,7 @@ class Injection(NamedTuple):
     share: float = 1.0
     ramp: float = 0.0
     bus: tuple[BusFault, ...] = ()
+    length: float = math.inf
 
 
 class Faults(NamedTuple):
@@ -88,11 +90,12 @@ def faults_of(
         start = sheet.place(each.start)
         end = sheet.place(each.end, start)
         made = [(places[edit.name], edit.how, edit.value) for edit in each.edits]
-        times = (each.period, each.share, each.ramp)
+        times = (each.length, each.period, each.share, each.ramp)
         rows.append((*start, *end, *times, 0, len(edits), len(made)))
         edits += made
     for _ in range(slots):  # each may change all constants
-        rows.append((math.nan, BY_TIME, math.inf, BY_TIME, 0.0, 1.0, 0.0, 0, len(edits), 0))
+        never = (math.nan, BY_TIME, math.inf, BY_TIME)
+        rows.append((*never, math.inf, 0.0, 1.0, 0.0, 0, len(edits), 0))
         edits += [(0, SET, 0.0)] * len(numbers)
     sound = np.array(list(numbers.values()))
     return Faults(
@@ -116,6 +119,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
         return 0.0, _FOREVER
     if np.isnan(end):
         end = _FOREVER
+    end = min(end, start + fault.length)
     since = now - start + _SLACK
     if since < 0.0:
         return 0.0, min(start, _FOREVER)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -65,6 +65,7 @@ class Instant:
     condition: str = ""
     delay: float = 0.0
     key: str = ""  # of the file, where a condition stands
+    source: str = field(default="", compare=False)  # the file
 
 
 START, NEVER = Instant(0.0), Instant(math.inf)

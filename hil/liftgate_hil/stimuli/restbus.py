@@ -69,11 +69,12 @@ class BusTables:
     messages: Mapping[str, Message]
     outputs: Sequence[SignalMapping]
     options: Mapping[str, MessageOptions]
+    source: str = ""  # the rig, as messages call it
 
     @cached_property
     def sent(self) -> BusConfig:
         """The gate's messages as the loop works through them. Raises ConfigError."""
-        issues = ConfigIssues("")
+        issues = ConfigIssues(self.source)
         found = self.with_signals((), issues)
         issues.raise_if_any()
         return found
@@ -112,7 +113,7 @@ def restbus_of(
     """
     known = dict.fromkeys(each.signal for each in changes)
     names = list(dict.fromkeys([*later, *known]))  # so are the places of the former known
-    issues = ConfigIssues("")
+    issues = ConfigIssues(tables.source)
     bus = tables_named(tables.messages, names, tables.options, issues, True)
     everything = tables.with_signals(names, issues) if names else tables.sent
     issues.raise_if_any()

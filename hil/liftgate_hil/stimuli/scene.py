@@ -98,7 +98,9 @@ def scene_of(
     conditions = [condition_of(each) for each in sheet.instants]
     moments = sheet.moments(conditions, tables.messages)
     on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
-    bus_faults = bus_faults_of(on_its_way, len(tables.messages), opening.slots, opening.messages)
+    bus_faults = bus_faults_of(
+        on_its_way, len(tables.messages), opening.slots, opening.messages, opening.may_change
+    )
     return Scene(
         timeline,
         np.zeros(1, dtype=np.int64),

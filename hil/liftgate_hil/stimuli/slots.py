@@ -44,6 +44,9 @@ class Opening(NamedTuple):
     slots: int  # faults at a time
     signals: Sequence[str]  # `Message.Signal` of the restbus
     messages: Sequence[int]  # identifiers of who injects, heard even while the gate is off its bus
+    may_change: bool = (
+        False  # other faults may take the place of its own, see `bus_faults.going_on`
+    )
 
 
 CLOSED = Opening(0, (), ())
@@ -93,6 +96,7 @@ def post_fault(
         for own, edit in zip(slots.edits[at], made.edits, strict=False):
             own.place, own.how, own.value = places[edit.name], edit.how, edit.value
         fault = slots.faults[at]
+        fault.length = made.length
         fault.period, fault.share, fault.ramp = made.period, made.share, made.ramp
         on_bus = made.bus[0] if made.bus else BusFault(NO_KIND, 0)
         slots.bus[at] = row_of(int(slots.first[0]) + slot, on_bus)
@@ -154,6 +158,7 @@ def begin(slots: Slots, faults: Faults, at: int, now: float) -> None:
     fault.start = now if letter.is_on != 0 else np.nan
     fault.start_moment, fault.end, fault.end_moment = BY_TIME, math.inf, BY_TIME
     if letter.is_on != 0:
+        fault.length = own.length
         fault.period, fault.share, fault.ramp = own.period, own.share, own.ramp
         fault.rank = letter.layer * _RANKS + slots.head[1] + 1
         fault.count = letter.edits
@@ -175,5 +180,6 @@ def begin_on_bus(slots: Slots, bus_faults: BusFaults, at: int) -> None:
     fault.identifier, fault.probability = own.identifier, own.probability
     fault.delay_ns, fault.rate, fault.seed = own.delay_ns, own.rate, own.seed
     fault.draws, fault.owed, fault.last_ns = 0, 0.0, -1
+    fault.rank = letter.layer * _RANKS + slots.head[1] + 1
     for message in range(bus_faults.held.shape[1]):
         bus_faults.held[row, message].is_held = 0

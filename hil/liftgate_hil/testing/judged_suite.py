@@ -14,7 +14,7 @@ from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.measurement.read import BUS_LOGS
 from liftgate_hil.runs.job import Job, Parts
-from liftgate_hil.runs.result import Result
+from liftgate_hil.runs.result import Result, reason_of
 from liftgate_hil.session import RunOptions
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, judged
 from liftgate_hil.testing.suite import Case, Outcome, not_run
@@ -89,7 +89,7 @@ def judge_suite(
         verdict = worst(each.verdict for each in verdicts)
         result = Result(
             verdict=verdict,
-            reason="",
+            reason=reason_of(verdicts, verdict),
             maxima={},
             minima={},
             events=(),
@@ -98,6 +98,7 @@ def judge_suite(
             expectations=found.verdicts,
             sources=case.parts.sources,
             sketches=found.sketches,
+            notes=found.fault_notes,
         )
         outcome = Outcome(case, verdict, "", verdicts, result, 0.0)
-        yield replace(outcome, wall_s=time.monotonic() - began), found.notes
+        yield replace(outcome, wall_s=time.monotonic() - began), [*found.notes, *found.fault_notes]

@@ -9,9 +9,11 @@ An expectation that is inconclusive, or an error, is an error of pytest's, not a
 
 from __future__ import annotations
 
+import itertools
+import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from liftgate_hil.testing.suite import Case, Outcome
 
 _GROUP = "liftgate-bus"
+_NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
+_INSTEAD = {"[": "(", "]": ")", ":": "."}  # by the first character
 _FAILED = pytest.StashKey[bool]()
 
 
@@ -82,8 +86,9 @@ class ScenarioFile(pytest.File):
             (self._case,) = cases_of([self.path], _template(self.config))
         except ConfigError as error:
             raise self.CollectError("\n".join(error.issues)) from None
-        for each in self._case.parts.setup.scenario.expectations:
-            yield ExpectationItem.from_parent(self, name=each.name)
+        names = [each.name for each in self._case.parts.setup.scenario.expectations]
+        for name, own in zip(names, node_names(names), strict=True):
+            yield ExpectationItem.from_parent(self, name=own, expectation=name)
 
     def verdict(self, name: str) -> Verdict:
         """What came of an expectation."""
@@ -94,15 +99,41 @@ class ScenarioFile(pytest.File):
         return next(each for each in self._outcome.expectations if each.name == name)
 
 
+def node_names(names: Sequence[str]) -> list[str]:
+    """The names of expectations as parts of pytest's node ids, each once: without `::`, which ends a part, and
+    without brackets, which begin a parameter's; `--lf`, JUnit and the command line take an id apart by them.
+    """
+    plain = [
+        _NOT_IN_A_NODE.sub(lambda found: _INSTEAD.get(found[0][0], " "), each) for each in names
+    ]
+    taken = {name for name, own in zip(names, plain, strict=True) if name == own}
+    found = []
+    for name, own in zip(names, plain, strict=True):
+        free = own
+        for number in itertools.count(2):
+            if name == own or free not in taken:
+                break
+            free = f"{own} ({number})"
+        taken.add(free)
+        found.append(free)
+    return found
+
+
 class ExpectationItem(pytest.Item):
-    """An expectation of a scenario file."""
+    """An expectation of a scenario file. A name that no node id can have is a property in JUnit."""
 
     _verdict: Verdict
+
+    def __init__(self, *, expectation: str, **more: Any) -> None:
+        super().__init__(**more)
+        self._expectation = expectation
+        if expectation != self.name:
+            self.user_properties.append(("expectation", expectation))
 
     def setup(self) -> None:
         """Run the scenario: what cannot be judged is an error of the set-up."""
         assert isinstance(self.parent, ScenarioFile)
-        self._verdict = self.parent.verdict(self.name)
+        self._verdict = self.parent.verdict(self._expectation)
         if self._verdict.verdict in ("inconclusive", "error"):
             raise NoVerdictError(self._verdict)
 
@@ -121,7 +152,7 @@ class ExpectationItem(pytest.Item):
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """Where it stands."""
-        return self.path, None, f"{self.path.name}: {self.name}"
+        return self.path, None, f"{self.path.name}: {self._expectation}"
 
 
 class _VerdictError(Exception):

@@ -83,6 +83,8 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
     has_frames = any(each.has_frames for each in sources)
     if tables:
         run = _by_rows(tables[0], tracks, frames, has_frames, notes)
+        own = {name for name, (source, _) in places.items() if source is tables[0]}
+        run.gaps += _holes(run.times, {name: tracks[name] for name in own & {*tracks}})
     else:
         run = _by_raster(sources, tracks, frames, has_frames, notes, asked)
     run.gaps += _until_heard([each for each in run.gaps if not each.names], frames, asked)
@@ -298,6 +300,16 @@ def _by_rows(
         gaps.insert(0, Gap(0.0, float(times[0])))
     rate = 1.0 / max(float(steps.min()) if len(steps) else usual, 1e-4)
     return RecordedRun(times, rate, tracks, frames, has_frames, gaps, notes)
+
+
+def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:
+    """Where rows of ours have no value of a column: the emulator writes one into each, so it was taken out."""
+    for name in sorted({*tracks} - {*Bench._fields}):
+        missing = np.flatnonzero(np.isnan(tracks[name].values))
+        for stretch in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
+            if len(stretch):
+                first, last = max(stretch[0] - 1, 0), min(stretch[-1] + 1, len(times) - 1)
+                yield Gap(float(times[first]), float(times[last]), frozenset((name,)))
 
 
 def _by_raster(

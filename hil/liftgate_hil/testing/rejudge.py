@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,16 +18,19 @@ from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.judging.judge import Expected, Judge
+from liftgate_hil.judging.judge import Expected, Gap, Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
+from liftgate_hil.judging.stepped_again import SteppedAgain
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
+from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
 from liftgate_hil.measurement.recorded import holds_nothing
 from liftgate_hil.runs.result import tolerance_of
+from liftgate_hil.runs.stepping import StepsAgain, heard_by
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.staging import expected_in, reset_failure
+from liftgate_hil.staging import expected_in, reset_failure, staged
 from liftgate_hil.testing.read_run import Asked, read_run
-from liftgate_hil.testing.recorded_run import RecordedRun
+from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us
 from liftgate_plant.vehicle import Vehicle
 
 _BITRATE = 500_000.0  # bit/s; of a database alone nobody asks
@@ -109,6 +113,7 @@ class Judged:
     ticks: int
     last: float  # s, of the last row
     notes: Sequence[str]
+    fault_notes: tuple[str, ...] = ()
 
 
 def expectations_of(
@@ -158,14 +163,66 @@ def judged(
             watch.take(frames)
         if sketcher is not None:
             sketcher.take(rows, frames)
+    gaps = [*run.gaps, *_lacking(about, run, last)]
     verdicts = [
         _explained(each, run, about.expected.names(place))
         for place, each in enumerate(
-            found.verdicts(late=_not_made(about, run, watch, end), gaps=run.gaps)
+            found.verdicts(
+                late=_not_made(about, run, watch, end),
+                gaps=gaps,
+                again=functools.partial(_stepped_again, paths, about, found, []),
+            )
         )
     ]
     sketches = {} if sketcher is None else sketcher.sketches()
-    return Judged({each.name: each for each in verdicts}, sketches, len(run.times), last, run.notes)
+    by_name = {each.name: each for each in verdicts}
+    return Judged(by_name, sketches, len(run.times), last, run.notes, tuple(found.notes()))
+
+
+def _stepped_again(
+    paths: Sequence[Path],
+    about: Expectations,
+    judge: Judge,
+    made: list[StepsAgain | None],
+    late: float,
+) -> SteppedAgain | None:
+    """The gate of a recorded run stepped again, see `judging.stepped_again`; `made` keeps what steps it. None
+    where the recording does not tell enough: no commands or not the gate's angle, a start that a precondition has
+    left, or another gate.
+    """
+    if not made:
+        made.append(_steps_again(paths, about, judge))
+    return None if made[0] is None else made[0](late)
+
+
+def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> StepsAgain | None:
+    setup, rig = about.setup, about.rig
+    if setup.scenario.precondition or not rig.inputs or about.mapping:
+        return None
+    commands = frozenset(rig.identifier(each.message) for each in rig.inputs)
+    asked = replace(
+        about.asked,
+        columns=about.asked.columns | {"gate_angle_deg"},
+        others=about.asked.others | commands,
+    )
+    run = read_run(paths, asked)
+    if not run.has_frames or run.lacks("gate_angle_deg") or run.lacks("ticks_missed"):
+        return None
+    rate = float(f"{run.rate:.6g}")  # an estimate, from times in microseconds
+    config = session.loop_config_of(setup.vehicle, rig, rate, setup.seed)
+    scene = staged(setup, rig, is_on_bus=False)
+    start = session.start_of(config, setup.start_angle)
+    return StepsAgain(
+        begun=Begun(config, start, scene),
+        frames=heard_by(rig, run.frames),
+        ticks=len(run.times) - 1,
+        rig=rig,
+        drives=setup.vehicle.drives,
+        expected=judge.expected,
+        rate=rate,
+        end=judge.end,
+        angles=run.tracks["gate_angle_deg"].held(rounded_to_us(run.times)),
+    )
 
 
 def _not_made(
@@ -186,6 +243,15 @@ def _not_made(
     if end is not None and float(run.times[-1]) < end - 1.5 / run.rate:
         return f"not in the recording: what the bench has made, to the end at {end:g} s"
     return ""
+
+
+def _lacking(about: Expectations, run: RecordedRun, last: float) -> Iterator[Gap]:
+    """What stimuli wait for, and the run, to `last` [s], has nothing of."""
+    expected = about.expected
+    for place in range(len(expected.expectations) - expected.awaited, len(expected.expectations)):
+        lacking = frozenset(name for name in expected.names(place) if run.lacks(name))
+        if lacking:
+            yield Gap(0.0, last, lacking)
 
 
 def _holds_nothing(path: Path) -> bool:

@@ -8,7 +8,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,10 @@ from liftgate_hil.config.files import is_there
 from liftgate_hil.config.scenario_keys import TOP
 from liftgate_hil.config.shipped import find_config, shipped_folder
 from liftgate_hil.config.toml import read_toml
-from liftgate_hil.ecu.find import ON_A_BUS, is_library
+from liftgate_hil.ecu.find import ON_A_BUS, is_foreign
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
-from liftgate_hil.judging.verdict import ERROR, Verdict, worst
+from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, Verdict, worst
 from liftgate_hil.runs.job import Job, Parts, resolve
 from liftgate_hil.runs.result import Result
 from liftgate_hil.runs.run import execute
@@ -49,18 +49,31 @@ class Outcome:
     expectations: tuple[Verdict, ...]
     result: Result | None
     wall_s: float
+    ended: float = field(default_factory=time.time)  # s since 1970
+    attempts: tuple[Outcome, ...] = ()  # before this one, each of which was inconclusive
 
     @property
     def notes(self) -> list[str]:
-        """What may explain it beside the verdicts: frames of the ECU that were refused, faults from outside."""
+        """What may explain it beside the verdicts: attempts before, frames of the ECU that were refused, faults
+        from outside.
+        """
+        found = [
+            f"attempt {number}: {each.name}: {each.verdict}: {each.reason}"
+            for number, attempt in enumerate(self.attempts, 1)
+            for each in attempt.expectations
+            if each.verdict != PASS
+        ]
         if self.result is None:
-            return []
-        summary, found = self.result.summary, []
+            return found
+        summary = self.result.summary
         if why := summary.refusals_told():
             came = summary.received.accepted + rejected(summary.received)
             found.append(
                 f"{rejected(summary.received)} of {came} frames to the gate were refused: {why}"
             )
+        elif not (self.reason or self.case.recordings) and (silence := summary.silence_told()):
+            found.append(silence)
+        found += self.result.notes
         if summary.injections or summary.injections_refused:
             found.append(summary.injections_told())
         return found
@@ -149,15 +162,15 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
 
 
 def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome:
-    """Run one and judge it. What is foreign runs in a process of its own."""
+    """Run one and judge it. Foreign code runs in a process of its own."""
     began = time.monotonic()
     job = case.job
-    if isinstance(job.ecu, str) and ":" in job.ecu and job.wire is None and not is_library(job.ecu):
+    if is_foreign(job.ecu):
         job = replace(job, is_isolated=True)
     result, reason = None, ""
     try:
         result = execute(job, stopped, case.parts)
-        reason = result.reason
+        reason = result.reason if result.verdict == ERROR else ""
     except LiftgateError as error:
         reason = "; ".join(causes(error))
     scenario = case.parts.setup.scenario
@@ -174,6 +187,21 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
     return Outcome(case, verdict, reason, verdicts, result, time.monotonic() - began)
 
 
+def run_until_decided(
+    case: Case, retries: int, stopped: Callable[[], bool] = lambda: False
+) -> Outcome:
+    """Run a case, and again while it is inconclusive, up to `retries` times; the outcome is the last one's. It has
+    all attempts before, none of which can have failed: what fails is not tried again.
+    """
+    attempts: list[Outcome] = []
+    outcome = run_case(case, stopped)
+    while outcome.verdict == INCONCLUSIVE and len(attempts) < retries and not stopped():
+        attempts.append(outcome)
+        outcome = run_case(case, stopped)
+    wall_s = outcome.wall_s + sum(each.wall_s for each in attempts)
+    return replace(outcome, attempts=tuple(attempts), wall_s=wall_s)
+
+
 def not_run(case: Case, reason: str) -> Outcome:
     """Of a case whose turn never came."""
     expectations = case.parts.setup.scenario.expectations
@@ -186,17 +214,18 @@ def run_suite(
     jobs: int = 1,
     stopped: Callable[[], bool] = lambda: False,
     began: Callable[[Case], None] = lambda case: None,
+    retries: int = 0,
 ) -> Iterator[Outcome]:
     """What came of the cases, as they end: so many at a time on the free clock, where the loop holds no
     interpreter lock. A stop leaves those whose turn has not come as errors. `began` is told of each that begins,
-    from several threads.
+    from several threads. What is inconclusive is run again up to `retries` times.
     """
 
     def turn(case: Case) -> Outcome:
         if stopped():
             return not_run(case, "stopped before it began")
         began(case)
-        return run_case(case, stopped)
+        return run_until_decided(case, retries, stopped)
 
     if jobs == 1 or any(case.job.options.clock != "free" for case in cases):
         yield from map(turn, cases)

@@ -8,17 +8,22 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import TransportError, words_of
 from liftgate_hil.python_can import can as _can
 from liftgate_hil.transport import multicast
-from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of, drained
 from liftgate_hil.transport.messages import fields_of, message_of, put
 
 if TYPE_CHECKING:
     import can
 
 CAPACITY = 256
+# Interfaces whose messages have the wall clock's time of their arrival; others have the time at which they were
+# read (slcan), or one of a clock of their own.
+_STAMPING = ("socketcan", "udp_multicast", "virtual")
 _READS = 2 * CAPACITY  # in one call, so that a flood of what does not count cannot keep the loop
 _LOST = 10  # failures in a row
 _RETRY = 0.1  # s between two attempts to open a bus that was lost
@@ -44,6 +49,8 @@ class CanTransport:
         self._echoes = multicast.Echoes() if is_multicast else None
         self._retry = 0.0
         self._failures = 0  # to receive, in a row
+        self.ages_ns = np.zeros(CAPACITY, dtype=np.int64)
+        self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
         self._recv: Callable[[float], can.Message | None]
         self._bus = self._open()
         self.is_up = True
@@ -76,8 +83,15 @@ class CanTransport:
             with contextlib.suppress(TransportError):
                 self._bus = self._open()
                 self.is_up = True
+                self._drop_what_waits()
                 return
         time.sleep(min(timeout, _RETRY))
+
+    def _drop_what_waits(self) -> None:
+        """Drop and count what a bus held back that was just opened again."""
+        count, _ = drained(self)
+        before = self._receiving.before_start
+        self._receiving = self._receiving._replace(before_start=before + count)
 
     def _fail(self, error: Exception) -> None:
         """Count a failure to receive; the system's own error, or many of any kind, means that the bus is lost."""
@@ -109,7 +123,7 @@ class CanTransport:
         for _ in range(_READS):
             wait = 0.0
             if count == 0 and timeout > 0.0:
-                wait = min(max(deadline - time.monotonic(), 0.0), 0.05)
+                wait = min(max(deadline - time.monotonic(), 0.0), WAIT_S)
             try:
                 message = self._recv(wait)
                 fields = None if message is None else fields_of(message)
@@ -123,12 +137,16 @@ class CanTransport:
                 self._fail(error)
                 break
             self._failures = 0
-            if fields is None:
+            if message is None or fields is None:
+                self._emptied_ns = time.monotonic_ns()
                 if count == 0 and time.monotonic() < deadline:
                     continue
                 break
             if self._echoes is None or not self._echoes.is_echo(fields.identifier, fields.data):
                 put(fields, buffer, count)
+                unseen_ns = time.monotonic_ns() - self._emptied_ns
+                stamp = message.timestamp if self._interface in _STAMPING else None
+                self.ages_ns[count] = age_of(stamp, unseen_ns)
                 count += 1
             if count == CAPACITY:
                 break

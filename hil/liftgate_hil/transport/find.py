@@ -39,6 +39,16 @@ class Way(NamedTuple):
         assert self.can is not None
         return multicast.reach(self.can)
 
+    @property
+    def apart(self) -> str:
+        """In words, how to keep it apart from another bench's, where benches meet unawares."""
+        if not self.is_interface("udp_multicast"):
+            return ""
+        from liftgate_hil.transport import multicast
+
+        assert self.can is not None
+        return multicast.apart(self.can)
+
     def bitrate(self, rig: Rig) -> float:
         """Of the CAN bus [bit/s]; NaN on a serial line, where frames have other sizes."""
         return math.nan if self.serial is not None else rig.bitrate

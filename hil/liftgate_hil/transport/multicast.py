@@ -68,6 +68,16 @@ def reach(arguments: dict[str, Any]) -> str:
     )
 
 
+def apart(arguments: dict[str, Any]) -> str:
+    """In words, how a bus is kept apart from that of another bench on this machine."""
+    group = ipaddress.ip_address(arguments["channel"])
+    other = group + 1 if (group + 1).is_multicast else group - 1
+    return (
+        "two benches of one machine need a group each, for gate and ECU alike: "
+        f"--bus {INTERFACE}:{other} for one of them"
+    )
+
+
 def check_route(group: str) -> None:
     """Raises TransportError where no network leads to a group: python-can would tell it in no words."""
     is_ipv4 = ipaddress.ip_address(group).version == 4

@@ -7,14 +7,14 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import TransportError, words_of
-from liftgate_hil.transport.base import LinkCounts, Transport
+from liftgate_hil.transport.base import LinkCounts, Transport, drained
 
 # struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
 _ROW = struct.Struct("<IBBBB64sq")
@@ -22,11 +22,14 @@ _HEAD = struct.Struct("<IBB")
 _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
 _LEAVE_S = 3.0  # that closing waits for a driver
+_DRAIN_S = 2.0  # that draining may take
 _LOOK_S = 0.01  # at most, until a thread that waits for frames sees that it is to end
 
 
 class Pump:
-    """See Line."""
+    """A transport behind a socket pair, see Line. Until `drain` is called for the first time, and while that goes
+    on, what comes is dropped, so that nothing queues up while a loop is compiled.
+    """
 
     def __init__(self, transport: Transport) -> None:
         self.name = transport.name
@@ -38,6 +41,9 @@ class Pump:
         self._theirs = theirs
         self.descriptor = theirs.fileno()
         self._stopping = False
+        self._is_open = False  # whether frames are handed on
+        self._wanted, self._drained = threading.Event(), threading.Event()
+        self._before_start = 0
         self._was_up = True
         self._failure: BaseException | None = None  # that ended a thread
         self._threads = [
@@ -49,6 +55,9 @@ class Pump:
         ]
         for thread in self._threads:
             thread.start()
+        self.threads: Sequence[int] = [
+            each.native_id for each in self._threads if each.native_id is not None
+        ]
 
     def watch(self, control: Any) -> str | None:
         """See Line."""
@@ -62,9 +71,22 @@ class Pump:
         self._was_up = is_up
         return "is back" if is_up else "is lost"
 
+    def drain(self) -> None:
+        """Drop all that has come so far, and count it as `before_start`."""
+        self._is_open = False
+        self._drained.clear()
+        self._wanted.set()
+        self._drained.wait(_DRAIN_S)
+        self._is_open = True
+        until = time.monotonic() + _DRAIN_S
+        with contextlib.suppress(BlockingIOError):
+            while time.monotonic() < until and self._theirs.recv(_ROW.size, socket.MSG_DONTWAIT):
+                self._before_start += 1
+
     def counts(self) -> LinkCounts:
         """See Line."""
-        return self._transport.counts()
+        counts = self._transport.counts()
+        return counts._replace(before_start=counts.before_start + self._before_start)
 
     def close(self) -> None:
         """See Line."""
@@ -93,14 +115,23 @@ class Pump:
 
     def _inwards(self) -> None:
         while not self._stopping:
+            if self._wanted.is_set():
+                self._before_start += drained(self._transport)[0]
+                self._wanted.clear()
+                self._is_open = True
+                self._drained.set()
             frames = self._transport.receive(timeout=_LOOK_S)
-            now = time.monotonic_ns()
+            if not self._is_open:
+                self._before_start += frames.count
+                continue
+            now, ages_ns = time.monotonic_ns(), self._transport.ages_ns
             for row in range(frames.count):
                 identifier = int(frames.identifiers[row])
                 flags = _FDF if identifier & FD else 0
                 data = frames.data[row].tobytes()
                 length = int(frames.lengths[row])
-                datagram = _ROW.pack(identifier & ~FD, length, flags, 0, 0, data, now)
+                came = now - int(ages_ns[row])
+                datagram = _ROW.pack(identifier & ~FD, length, flags, 0, 0, data, came)
                 try:
                     self._ours.send(datagram)
                 except OSError:  # the loop has ended

@@ -18,7 +18,7 @@ import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import ConfigError, TransportError, words_of
-from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of
 from liftgate_hil.transport.cobs import DELIMITER, MAX_IDENTIFIER, MAX_PAYLOAD, Decoder, encode
 from liftgate_hil.transport.serial_open import (
     ALLOWED,
@@ -34,6 +34,7 @@ from liftgate_hil.transport.serial_open import (
 CAPACITY = 256
 _CHUNK = 4096  # bytes; as much as a Linux terminal holds
 _READ_LIMIT = 2 * _CHUNK  # bytes in one call, so that a flood cannot keep the loop
+_DROP_S = 0.2  # that dropping what an opened port has held back may take
 _POLL_S = 0.0005  # where a port cannot be waited for
 _CLASSIC_BYTES = 8
 
@@ -59,6 +60,9 @@ class SerialTransport:
         self._decoder = Decoder()
         self._read_last = self._port
         self._arrived: deque[tuple[int, bytes]] = deque()
+        self.ages_ns = np.zeros(CAPACITY, dtype=np.int64)
+        self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
+        self._before_start = 0
         self._between = False  # the line's last byte was a zero; not known at first
         self._send_failures = 0
         self._losses = 0
@@ -73,15 +77,18 @@ class SerialTransport:
     def receive(self, timeout: float = 0.0) -> Frames:
         """See Transport."""
         deadline = time.monotonic() + timeout
+        emptied_ns = self._emptied_ns
         self._read()
         while not self._arrived:
             left = deadline - time.monotonic()
             if left <= 0.0:
                 break
-            self._wait(left)
+            self._wait(min(left, WAIT_S))
+            emptied_ns = self._emptied_ns
             self._read()
         frames = empty_frames(CAPACITY)
         count = min(len(self._arrived), CAPACITY)
+        self.ages_ns[:count] = age_of(None, time.monotonic_ns() - emptied_ns)
         for row in range(count):
             identifier, payload = self._arrived.popleft()
             # The line has no flag for it, but only CAN FD has so many bytes.
@@ -120,6 +127,7 @@ class SerialTransport:
         return LinkCounts(
             send_failures=self._send_failures,
             losses=self._losses,
+            before_start=self._before_start,
             cut_frames=bad.cut,
             long_frames=bad.long,
             short_frames=bad.short,
@@ -142,6 +150,8 @@ class SerialTransport:
         if port is not self._read_last:  # what was cut off before does not go on
             self._read_last = port
             self._decoder.reset()
+            if port is not None:
+                self._drop_what_waits(port)
         taken = 0
         while port is not None and taken < _READ_LIMIT and len(self._arrived) < CAPACITY:
             try:
@@ -150,9 +160,24 @@ class SerialTransport:
                 self._lose(port)
                 return
             if not data:
+                self._emptied_ns = time.monotonic_ns()
                 return
             taken += len(data)
             self._arrived.extend(self._decoder.feed(data))
+
+    def _drop_what_waits(self, port: Any) -> None:
+        """Drop and count the frames that a port held back which was just opened again."""
+        until = time.monotonic() + _DROP_S
+        self._before_start += len(self._arrived)
+        self._arrived.clear()
+        while time.monotonic() < until:
+            try:
+                data = port.read(_CHUNK)
+            except Exception:  # the next read tells
+                return
+            if not data:
+                return
+            self._before_start += len(self._decoder.feed(data))
 
     def _write(self, data: bytes) -> int:
         """Give the port what it has room for; how many bytes that were."""

@@ -13,6 +13,8 @@ import fcntl
 import os
 import socket
 import struct
+import time
+from collections.abc import Sequence
 from typing import Any
 
 from liftgate_hil.errors import TransportError
@@ -21,6 +23,8 @@ from liftgate_hil.transport.base import LinkCounts
 _SIOCGIFFLAGS, _SIOCGIFMTU = 0x8913, 0x8921  # linux/sockios.h
 _IFF_UP, _IFF_RUNNING = 0x1, 0x40
 _CANFD_MTU = 72
+_DRAIN_S = 1.0  # that draining may take, where a flood does not end
+_LONGEST = 72  # bytes of a frame
 # linux/rtnetlink.h
 _NETLINK_ROUTE, _RTMGRP_LINK = 0, 1
 _NEWLINK, _DELLINK, _IFLA_IFNAME = 16, 17, 3
@@ -137,9 +141,11 @@ class SocketCan:
 
     def __init__(self, name: str, is_fd: bool = False) -> None:
         self.name = name
+        self.threads: Sequence[int] = ()
         self._is_fd = is_fd
         self._losses = 0
         self._bus_offs = 0
+        self._before_start = 0
         if not hasattr(socket, "AF_CAN"):
             raise TransportError(f"socketcan:{name}: cannot be opened: Python has no AF_CAN here")
         try:
@@ -154,6 +160,17 @@ class SocketCan:
         self._events = LinkEvents(name)
         self._state = interface_state(name)
         self.descriptor = self._socket.fileno()
+
+    def drain(self) -> None:
+        """Drop all that has come so far, and count it as `before_start`."""
+        until = time.monotonic() + _DRAIN_S
+        while time.monotonic() < until:
+            try:
+                self._before_start += bool(self._socket.recv(_LONGEST, socket.MSG_DONTWAIT))
+            except BlockingIOError:
+                return
+            except OSError:  # of the interface, once for each time that it went down
+                continue
 
     def watch(self, control: Any) -> str | None:
         """See Line."""
@@ -178,7 +195,9 @@ class SocketCan:
 
     def counts(self) -> LinkCounts:
         """See Line."""
-        return LinkCounts(losses=self._losses, bus_offs=self._bus_offs)
+        return LinkCounts(
+            losses=self._losses, bus_offs=self._bus_offs, before_start=self._before_start
+        )
 
     def close(self) -> None:
         """See Line."""

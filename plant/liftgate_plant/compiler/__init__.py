@@ -32,6 +32,8 @@ from liftgate_plant.compiler.calls import (
     last_error,
 )
 from liftgate_plant.compiler.child import CompileError
+from liftgate_plant.compiler.durations import expected_s
+from liftgate_plant.compiler.durations import note as note_duration
 from liftgate_plant.compiler.kinds import Kind, kind_of
 from liftgate_plant.compiler.loading import MachineCode
 from liftgate_plant.compiler.texts import put_text
@@ -39,10 +41,10 @@ from liftgate_plant.compiler.tuples import all_finite, fill, overlay, picked, un
 from liftgate_plant.compiler.watching import GivenUpError, Watcher, unwatch, watch
 
 __all__ = [
-    "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher", "all_finite",
-    "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled", "fill",
-    "is_cached", "last_error", "outlined", "overlay", "picked", "processor", "put_text", "unflattened", "unwatch",
-    "watch", "with_item",
+    "INT_OF_LONG_INT", "INT_OF_STEP", "CompileError", "GivenUpError", "System", "Watcher",
+    "all_finite", "cache_folder", "call_long_int", "call_step", "compilable", "compiled", "enabled",
+    "expected_s", "fill", "is_cached", "last_error", "note_duration", "outlined", "overlay",
+    "picked", "processor", "put_text", "unflattened", "unwatch", "watch", "with_item",
 ]  # fmt: skip
 
 F = TypeVar("F", bound=Callable[..., Any])

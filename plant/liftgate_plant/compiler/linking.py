@@ -245,3 +245,10 @@ class OutliningCompiler(HelperCompiler):
     """Compiles what an entry point calls and does not inline."""
 
     is_outlined = True
+
+    def define_pipelines(self) -> list[Any]:
+        """Not inlined itself. Numba compiles a helper once for each set of its callers' flags: those that stand on
+        its stack at this point are the same for all, so that there is one.
+        """
+        self.state.flags.forceinline = False
+        return super().define_pipelines()

@@ -75,8 +75,7 @@ def _pipeline(is_outlined: bool = False) -> type[Compiler]:
 
 def _teach(helper: Callable[..., Any], is_outlined: bool) -> None:
     """Tell numba what compiled code may call."""
-    options = {**OPTIONS, "forceinline": not is_outlined}
-    register_jitable(pipeline_class=_pipeline(is_outlined), **options)(helper)
+    register_jitable(pipeline_class=_pipeline(is_outlined), **OPTIONS)(helper)
     _known_to_numba.add(helper)
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
-import signal
 import subprocess
 import sys
 import uuid
-from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
@@ -16,19 +14,15 @@ import can
 import pytest
 
 import liftgate_hil
+import liftgate_hil as lh
 from liftgate_hil.cli.main import COMMANDS, main
+from liftgate_hil.emulator import Emulator
+from liftgate_hil.errors import OverrunError
+from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.version import version
 
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.fixture(autouse=True)
-def signals_restored() -> Iterator[None]:
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 @pytest.fixture
@@ -398,3 +392,20 @@ def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
             main([name, "--help"])
         out = capsys.readouterr().out
         assert out.startswith("usage: liftgate-hil")
+
+
+def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
+) -> None:
+    def behind(self: Emulator) -> None:
+        self.summary = Summary(clock="realtime", ticks=371)
+        raise OverrunError("the loop fell more than `overrun_limit` (1 ms) behind")
+
+    monkeypatch.setattr(Emulator, "run", behind)
+    assert call("--bus", bus, "--duration", "60", "--quiet") == 3
+    told = capsys.readouterr().err
+    assert (
+        told
+        == "liftgate-hil: the bench was late: the loop fell more than --overrun-limit (1 ms) behind\n"
+    )
+    assert lh.run(scenario="demo", bus=bus, clock="realtime", ecu="bus").verdict == "inconclusive"

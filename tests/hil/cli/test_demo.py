@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,14 @@ import pytest
 from c_library import build, needs_compiler
 
 from liftgate_hil import session
-from liftgate_hil.cli.demo import failures
+from liftgate_hil.cli.demo import busy_with, failures
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.cli.with_ecu import EcuProcess
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
+from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
 from liftgate_hil.runs.result import Result
@@ -40,7 +43,7 @@ class Silent:
 class Stops(Silent):
     def step(self, now_s, frames):
         if now_s > 1.0:
-            os.kill(os.getpid(), int(os.environ.pop("SIGNAL", "0")))
+            os.kill(int(os.environ["CALLER"]), int(os.environ.pop("SIGNAL", "0")))
         return []
 
 
@@ -146,10 +149,6 @@ def test_a_good_demo_has_no_failures() -> None:
             {"summary": Summary(ticks=42_001, command_timeouts=3)},
             "3 command time-outs: the ECU was too late",
         ),
-        (
-            {"summary": Summary(ticks=10_000, overruns=150)},
-            "1.5 % of the ticks missed; allowed: up to 1 % (liftgate-hil doctor says what to do)",
-        ),
     ],
 )
 def test_each_thing_that_a_demo_does_not_show_is_told(
@@ -158,8 +157,57 @@ def test_each_thing_that_a_demo_does_not_show_is_told(
     assert faults(shown(**changes)) == [expected]
 
 
-def test_a_share_of_missed_ticks_that_is_allowed_is_no_failure() -> None:
-    assert faults(shown(summary=Summary(ticks=10_000, overruns=100))) == []
+LATE = "the bench was late: 212 ticks were missed about 13.200 s"
+DOUBTFUL = {"reverses": Verdict("reverses", "inconclusive", reason="not known")}
+FAILED: dict[str, Any] = {"force": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ""),
+        (FAILED, ""),  # the bench was in time: it counts
+        ({"late": LATE}, ""),  # and nothing depends on it
+        ({"late": LATE, **FAILED}, "212 ticks were missed about 13.200 s"),
+        ({"late": LATE, "expectations": DOUBTFUL}, "212 ticks were missed about 13.200 s"),
+        ({"expectations": DOUBTFUL}, "reverses: not known"),
+        ({"summary": Summary(command_timeouts=4)}, "the ECU's commands were late 4 times"),
+        ({"late": LATE, "summary": Summary(clock="free"), **FAILED}, ""),
+    ],
+)
+def test_a_machine_that_was_too_busy_is_no_failure_of_the_loop(
+    changes: dict[str, Any], said: str
+) -> None:
+    assert busy_with(shown(**changes), is_ours=True) == said
+
+
+def test_an_ecu_that_is_not_ours_is_judged_where_its_verdicts_are_known() -> None:
+    assert busy_with(shown(summary=Summary(command_timeouts=4)), is_ours=False) == ""
+    assert busy_with(shown(late=LATE, **FAILED), is_ours=False) == ""
+    assert busy_with(shown(late=LATE, expectations=DOUBTFUL), is_ours=False) != ""
+
+
+@pytest.mark.realtime
+def test_where_the_machine_is_too_busy_the_same_is_shown_on_the_free_clock(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loop that is held up for 0.3 s in the middle of a motion."""
+    from liftgate_hil.loop import realtime_run
+
+    ours = realtime_run._Turns.give
+
+    def give(turns: Any, now_ns: int) -> None:
+        if 17_500_000_000 < now_ns - 13_000_000_000 < 17_800_000_000:
+            time.sleep(0.3)
+        ours(turns, now_ns)
+
+    monkeypatch.setattr(realtime_run._Turns, "give", give)
+    assert main(["demo", "--clock", "realtime"]) == 0
+    told = capsys.readouterr()
+    assert told.err.count("this machine was too busy for real time: ") == 1
+    assert "failed" not in told.err
+    assert told.out.count("closed and latched") == 1
+    assert (folder / "demo.png").is_file()
 
 
 def test_all_failures_are_told_at_once() -> None:
@@ -198,8 +246,10 @@ def test_with_our_own_ecu_it_passes_and_writes_recordings_and_a_picture(
     assert demo() == 0
     told = capsys.readouterr()
     assert "reversing" in told.out
-    assert "limit 400 N (EN 12453, building doors; borrowed): 300.0 N left" in told.out
-    assert "reversed 75 ms after the first touch" in told.out
+    (force,) = re.findall(r"^pinch force at most ([\d.]+) N, at 1[78]\.", told.out, re.MULTILINE)
+    assert 50.0 < float(force) < 100.0
+    assert f"(EN 12453, building doors; borrowed): {400.0 - float(force):.1f} N left" in told.out
+    assert re.search(r"reversed \d\d ms after the first touch", told.out)
     assert "closed and latched" in told.out
     assert "failed" not in told.err
     assert sorted(path.name for path in folder.iterdir()) == ["demo.csv", "demo.log", "demo.png"]
@@ -231,6 +281,19 @@ def test_a_folder_that_cannot_be_made_is_told(
 def test_what_is_asked_for_is_recorded_all_the_same(folder: Path) -> None:
     assert demo("--no-record", "--duration", "0.1", "--record", "mine.csv") == 0
     assert [path.name for path in folder.iterdir()] == ["mine.csv"]
+
+
+@pytest.mark.parametrize("clock", ["free", "realtime"])
+def test_a_precondition_that_does_not_end_is_told_and_inconclusive(
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    clock: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("liftgate_hil.loop.precondition.LONGEST_MOTION", 0.5)
+    assert main(["demo", "--no-record", "--clock", clock]) == 3
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith("liftgate-hil: precondition: open: the gate still moves, or a drive is ")
 
 
 def test_an_ecu_that_never_opens_fails_with_the_reasons(
@@ -308,6 +371,7 @@ def test_one_that_is_stopped_says_so_and_keeps_what_it_has(
     folder: Path, capsys: pytest.CaptureFixture[str], number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SIGNAL", str(number))
+    monkeypatch.setenv("CALLER", str(os.getpid()))
     assert demo("--ecu", "demo_ecus:Stops") == 128 + number
     told = capsys.readouterr()
     (time,) = re.findall(r"liftgate-hil demo: stopped at ([\d.]+) s of 42 s", told.err)
@@ -335,6 +399,7 @@ def test_the_json_of_one_that_is_stopped_says_by_what(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SIGNAL", str(int(signal.SIGTERM)))
+    monkeypatch.setenv("CALLER", str(os.getpid()))
     assert demo("--ecu", "demo_ecus:Stops", "--json", "--no-record") == 143
     assert json.loads(capsys.readouterr().out)["stop_reason"] == "SIGTERM"
 
@@ -370,14 +435,21 @@ def test_its_summary_is_json_when_asked(folder: Path, capsys: pytest.CaptureFixt
     assert demo("--json", "--no-record") == 0
     summary = json.loads(capsys.readouterr().out)
     # Three between cycles: it stops or turns back at once.
-    assert summary["received"]["accepted"] == 4203
+    assert 4200 <= summary["received"]["accepted"] <= 4204
     assert summary["command_timeouts"] == 0
     assert summary["stop_reason"] == "duration"
-    assert summary["maxima"]["pinch_force_n"] == summary["pinch"]["peak_n"] > 99.0
+    assert summary["maxima"]["pinch_force_n"] == summary["pinch"]["peak_n"] > 50.0
     assert summary["minima"]["gate_angle_deg"] < 0.1
     origin = summary["provenance"]
     assert origin["command_line"] == "liftgate-hil demo --clock free --json --no-record"
-    assert set(origin["sources"]) == {"vehicle", "rig", "dbc", "scenario"}
+    assert set(origin["sources"]) == {
+        "vehicle",
+        "rig",
+        "dbc",
+        "scenario",
+        "included 1",
+        "included 2",
+    }
 
 
 def test_its_json_is_the_same_again_on_a_date_that_is_given(
@@ -446,9 +518,11 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code = "import sys; sys.stderr.write('x' * 1_000_000 + '\\necu   1.250 s  opening\\n')"
-    child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), has_to_tell=True)
+    child = EcuProcess([sys.executable, "-c", code], Teller(is_quiet=False), is_ours=True)
     child.wait(60.0)
-    assert [(event.time, event.text) for event in child.end()] == [(1.25, "opening")]
+    assert [(event.time, event.text) for event in child.end(False, has_taken_part=True)] == [
+        (1.25, "opening")
+    ]
     assert capsys.readouterr().err == "x" * 1_000_000 + "\necu   1.250 s  opening\n"
 
 

@@ -61,9 +61,73 @@ def test_a_folder_with_anything_in_it_is_refused_and_left_as_it_is(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == (
-        f"liftgate-hil: {tmp_path}: is not empty; allowed: a new or an empty folder\n"
+        f"liftgate-hil: {tmp_path}: is not empty; allowed: a new or an empty folder, or a git repository\n"
     )
     assert contents(tmp_path) == {"mine.txt": b"mine"}
+
+
+def repository(folder: Path, **files: str) -> Path:
+    """A fresh git repository with these files."""
+    subprocess.run(["git", "init", "--quiet", str(folder)], check=True, timeout=60)
+    for name, text in files.items():
+        (folder / name.replace("__", ".")).write_text(text)
+    return folder
+
+
+def test_a_fresh_git_repository_is_filled_and_what_is_there_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = repository(tmp_path / "r", README__md="mine", LICENSE="mine", __gitignore="mine")
+    (folder / ".github/workflows").mkdir(parents=True)
+    (folder / ".github/workflows/other.yml").write_text("mine")
+    before = contents(folder)
+    assert main(["init", str(folder)]) == 0
+    after = contents(folder)
+    assert before.items() <= after.items()
+    assert {"rig.toml", "ecu/ecu.c", ".github/workflows/liftgate.yml", "LIFTGATE.md"} < {*after}
+    assert "LIFTGATE.md" in capsys.readouterr().out
+    assert b"liftgate-hil init" in after["LIFTGATE.md"]
+
+
+def test_a_repository_without_a_readme_gets_one(tmp_path: Path):
+    create_starter(repository(tmp_path))
+    assert "make -C ecu" in (tmp_path / "README.md").read_text()
+    assert not (tmp_path / "LIFTGATE.md").exists()
+
+
+def test_what_would_be_overwritten_is_listed_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = repository(tmp_path, rig__toml="mine", readme__rst="mine", LIFTGATE__md="mine")
+    (folder / "ecu").mkdir()
+    (folder / "ecu/ecu.c").write_text("mine")
+    (folder / "test_gate.py").symlink_to("nowhere")
+    (folder / ".github").write_text("a file")
+    before = contents(folder)
+    assert main(["init", str(folder)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == (
+        f"liftgate-hil: {folder}: would overwrite rig.toml, test_gate.py, .github, LIFTGATE.md, ecu/ecu.c; "
+        "allowed: a folder without them (nothing was written)\n"
+    )
+    assert contents(folder) == before
+    assert {each.name for each in folder.iterdir()} == {
+        ".git", ".github", "LIFTGATE.md", "ecu", "readme.rst", "rig.toml", "test_gate.py",
+    }  # fmt: skip
+
+
+def test_every_command_of_the_folder_s_readme_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["init", str(tmp_path / "gate")]) == 0
+    out = capsys.readouterr().out
+    text = (tmp_path / "gate/README.md").read_text()
+    steps = [line[4:] for line in text.splitlines() if line.startswith("    ")]
+    assert len(steps) == 12
+    for step in steps:
+        _, _, arguments = step.partition("  ")[0].partition(" ")
+        assert f" {arguments}" in out, step
 
 
 @pytest.mark.parametrize(

@@ -96,15 +96,12 @@ def test_stopped_before_its_end_it_says_how_far_it_came(
 ) -> None:
     log.write_text(LINES + "(3600.0) can0 100#00\n")
     main(["replay", str(log), *BUS, "--to", "0.01", "--quiet"])  # what is compiled is compiled
-    before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)]
     timer = threading.Timer(0.5, os.kill, (os.getpid(), number))
     timer.start()
     try:
         assert main(["replay", str(log), *BUS, *more]) == code
     finally:
         timer.join()
-        for each, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
-            signal.signal(each, handler)
     told = capsys.readouterr()
     if code:
         assert f"{signal.Signals(number).name} after " in told.err

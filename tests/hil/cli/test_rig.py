@@ -146,7 +146,7 @@ def test_a_folder_without_a_name_is_no_database_to_draft_from(
 def test_no_fault_hides_another(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """Of a name, a unit, the layout, the vehicle and the rate: none of them needs the others."""
     content = f"""{RIG}left_current = "Fine.Nothing"
-gate_rate = {{ signal = "Fine.Angle", unit = "kg" }}
+true_gate_rate = {{ signal = "Fine.Angle", unit = "kg" }}
 gate_angle = {{ signal = "Out.Volt", scale = 0.0001 }}
 terminal_voltage = {{ signal = "Out.Volt" }}
 [messages.Fine]
@@ -161,7 +161,7 @@ checksum = "Duty"
     faults = capsys.readouterr().err
     for said in (
         "outputs.left_current: 'Fine.Nothing': no such signal",
-        "outputs.gate_rate: Fine.Angle is in 'kg'",
+        "outputs.true_gate_rate: Fine.Angle is in 'kg'",
         "messages.Fine.cycle_ms: 2; allowed: 5 or more",
         "messages.Fine.counter: 'Angel'",
         "messages.Cmd.cycle_ms: 0 is out of range",

@@ -90,7 +90,7 @@ def test_who_waits_for_machine_code_is_told() -> None:
     said: list[str] = []
 
     class Hears(Teller):
-        def compiles(self, name: str, seconds: float) -> None:
+        def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
             said.append(name)
 
     listener = pickle.loads(pickle.dumps(CompilingOnly(Teller(is_quiet=True))))

@@ -75,6 +75,11 @@ def test_compiling_shows_how_long_it_has_taken(terminal: Terminal):
     assert terminal.getvalue().endswith(
         "\rcompiling the model, once for this version and machine: 7 s so far\x1b[K"
     )
+    teller.compiles("compiling the model", 7.4, 30.0)
+    bar = "[####................]"
+    assert terminal.getvalue().endswith(f"\rcompiling the model {bar} 7 s of about 30 s\x1b[K")
+    teller.compiles("compiling the model", 99.0, 30.0)
+    assert terminal.getvalue().endswith(f"[{20 * '#'}] 99 s of about 30 s\x1b[K")
     teller.compiled("the model", 8.0)
     assert terminal.getvalue().endswith("\r\x1b[K")
 

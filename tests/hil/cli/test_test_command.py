@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -87,6 +88,7 @@ def test_the_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert rests == {
         "name": "rests", "verdict": "pass", "margin": 1.0, "margin_unit": "deg", "time_s": 0.001, "reason": "",
         "window_s": [0.0, 0.5], "margin_time_s": 0.001, "decided_by": "gate_angle_deg < 1", "uncertainty": None,
+        "method": "direct",
     }  # fmt: skip
     assert (moves["verdict"], moves["margin"]) == ("fail", -1.0)
     (never,) = second["expectations"]
@@ -170,6 +172,57 @@ def test_frames_that_the_gate_refuses_are_told_beside_the_verdicts(
     told = json.loads(Path("out.json").read_text())["scenarios"][0]
     assert " checksum" in told["notes"][0]
     assert told["sources"]["ecu"]["path"].endswith("wrong_ecu.py")
+
+
+@pytest.mark.parametrize(
+    ("frames", "said"),
+    [
+        ("[]", "no command came: the ECU sent nothing"),
+        (
+            "[can.Message(arbitration_id=0x121, data=bytes(8), is_extended_id=False)]",
+            "no command was accepted, 50 frames have identifiers that the rig does not receive",
+        ),
+    ],
+)
+def test_an_ecu_that_says_nothing_to_the_gate_is_told_and_may_print(
+    frames: str, said: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("mute_ecu.py").write_text(
+        "import can\n"
+        "class Ecu:\n"
+        "    period_s = 0.01\n"
+        "    def step(self, now_s, frames):\n"
+        "        print('its own words')\n"
+        f"        return {frames}\n"
+    )
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    name = scenario("a.toml", RESTS)
+    assert main(["test", name, "--ecu", "mute_ecu:Ecu", "--json", "-"]) == 0
+    out, error = capfd.readouterr()
+    assert json.loads(out)["scenarios"][0]["notes"] == [said]
+    assert "its own words" in error
+
+
+def test_one_of_the_shipped_scenarios_is_named_with_its_folder(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["test", "pack/stop_button"]) == 0
+    assert "stops: pass" in capsys.readouterr().out
+    for name in ("pack/none", "../none", "none"):
+        assert main(["test", name]) == 2
+        error = capsys.readouterr().err
+        assert "a shipped name (" in error
+        assert len(error) < 400
+    assert "pack/NAME" in error
+
+
+def test_a_margin_and_what_decided_have_each_their_time(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["test", scenario("s.toml", MOVES), "--vehicle", "suv"]) == 1
+    assert main(["test", "pack/crank_dip"]) == 0
+    line = next(each for each in capsys.readouterr().out.splitlines() if "turns back" in each)
+    assert re.search(r"margin [\d.]+ deg at 22\.\d{3} s, fulfilled at 21\.\d{3} s$", line)
 
 
 def test_the_report_for_people_has_the_pictures_of_every_scenario() -> None:

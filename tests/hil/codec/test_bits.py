@@ -34,7 +34,7 @@ def sum_of(kind: int, identifier: int, frame: np.ndarray, length: int, skip: int
     table = np.zeros(1, dtype=MESSAGE).view(np.recarray)
     table.kind, table.identifier = kind, identifier
     table.length, table.checksum_byte = length, skip
-    return checksum(table[0], None, 0, frame, 0)
+    return checksum(table[0], frame, 0)
 
 
 def bits_of(place: Place) -> list[int]:

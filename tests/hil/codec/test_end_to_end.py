@@ -35,7 +35,9 @@ from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.issues import ConfigIssues
 from liftgate_hil.loop.tick import tick
+from liftgate_hil.session import rig_from
 from liftgate_plant.compiler import compiled
+from liftgate_plant.compiler.kinds import kind_of, text_of
 
 MS = 1_000_000
 CYCLE = 10 * MS
@@ -387,6 +389,14 @@ counter = "Counter"
 checksum = "Crc"
 data_id = 0xBEEF
 """
+
+
+def test_its_loop_has_the_machine_code_of_any_other_rig(tmp_path: Path):
+    theirs, shipped = (
+        text_of(kind_of(loop_config(rig=rig)))
+        for rig in (rig_of(tmp_path, DATABASE, RIG), rig_from("liftgate"))
+    )
+    assert theirs == shipped
 
 
 def test_a_rig_protects_both_ways(tmp_path: Path):

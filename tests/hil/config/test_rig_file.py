@@ -152,7 +152,7 @@ hand_force = { signal = "Panel.Slope", scale = 0, ofset = 3 }
 left_direction = { signal = "Cmd.Dir", values = { opening = 1, close = "Zuu", brake = true } }
 [outputs]
 left_current = "Out"
-pinch_force = "Slow.Pinch"
+true_pinch_force = "Slow.Pinch"
 gate_angle = { signal = "Out.Current", scale = inf, offset = "x" }
 left_hall_count = "Cmd.Sum16"
 [messages.Cmd]
@@ -211,7 +211,7 @@ def test_all_faults_of_a_file_come_at_once(tmp_path: Path):
         (RIG + 'gate_angle = "Out.Count.x"\n', "outputs.gate_angle", "no such signal"),
         (RIG + 'gate_angle = "out.count"\n', "outputs.gate_angle", "no such message"),
         (RIG + "gate_angle = {}\n", "outputs.gate_angle.signal", "allowed"),
-        (RIG + 'pinch_force = "Slow.Pinch"\n', "messages.Slow.cycle_ms", "GenMsgCycleTime"),
+        (RIG + 'true_pinch_force = "Slow.Pinch"\n', "messages.Slow.cycle_ms", "GenMsgCycleTime"),
         (RIG + 'gate_angle = "Cmd.Sum16"\n', "outputs.gate_angle", "carries inputs too"),
         (RIG + '[messages.Cmd]\nchecksum = "Sum16"\n', "messages.Cmd.checksum", "one byte"),
         (RIG + '[messages.Cmd]\nchecksum = "Alive"\n', "messages.Cmd.checksum", "one byte"),

@@ -61,11 +61,11 @@ def sent(rig: Rig, quantity: str, value: float) -> float:
         ("gate_angle", "rad", 28.64788975654116, 0.5),
         ("gate_angle", "Grad", 28.5, 28.5),
         ("gate_angle", "°", 28.5, 28.5),
-        ("left_speed", "U/min", 50.0, 3000.0),
+        ("true_left_speed", "U/min", 50.0, 3000.0),
         ("terminal_voltage", "mV", 12.5, 12500.0),
         ("ambient_temperature", "K", 20.35, 293.5),
         ("gate_acceleration", "g", 9.80665, 1.0),
-        ("left_duty", "%", 0.5, 50.0),
+        ("true_left_duty", "%", 0.5, 50.0),
         ("left_hall_count", "", 7.5, 7.5),
         ("left_hall_count", "Imp", 7.5, 7.5),
         ("lateness_p50", "ms", 1500.0, 1.5),
@@ -84,9 +84,9 @@ def test_a_quantity_goes_out_in_the_databases_unit(
         ("left_current", "V", "Out.X is in 'V', a unit of voltage; allowed: unit = 'A' | 'mA'"),
         ("left_current", "", "Out.X has no unit in the database; allowed: unit = 'A' | 'mA'"),
         ("left_current", "0.1 A", "Out.X is in '0.1 A', which is no known unit; allowed: unit = "),
-        ("left_hall_speed", "rpm", "or the motor's speed, left_speed"),
+        ("left_hall_speed", "rpm", "or the motor's speed, true_left_speed"),
         ("left_hall_count", "U", "no known unit; allowed: unit = '1'"),
-        ("left_duty", "", "has no unit in the database; allowed: unit = '1' | '%'"),
+        ("true_left_duty", "", "has no unit in the database; allowed: unit = '1' | '%'"),
         ("road_slope", "%", "a unit of share"),
         ("gate_angle", "degC", "a unit of temperature"),
     ],
@@ -226,3 +226,19 @@ def test_the_shipped_rig_needs_no_conversion():
         scale = 1e-6 if "Age" in wire.signal else 1.0  # µs, as a timer has it
         assert (wire.scale, wire.offset, wire.values) == (scale, 0.0, None)
     assert {wire.quantity for wire in shipped.outputs} <= {*BUS_OUTPUTS}
+
+
+def test_a_name_of_before_is_refused_with_the_name_that_it_is_now(tmp_path: Path):
+    """All of them, each in one line; without the others, which an unknown name is answered with."""
+    names = [each.removeprefix("true_") for each in BUS_OUTPUTS if each.startswith("true_")]
+    old = [each for each in names if each not in BUS_OUTPUTS]
+    assert {"left_speed", "right_voltage", "gate_rate", "pinch_force", "time"} <= {*old}
+    text = "\n".join(f'{each} = "Out.X"' for each in old)
+    path = write_rig(tmp_path, database("A"), f'dbc = "their.dbc"\n[inputs]\n[outputs]\n{text}\n')
+    with pytest.raises(ConfigError) as caught:
+        load_rig(path)
+    told = [line for line in caught.value.issues if ": outputs." in line]
+    assert told == [
+        f"{path}: outputs.{each}: no sensor gives it, so its name is true_{each} now; allowed: true_{each}"
+        for each in old
+    ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
+import liftgate_hil as lh
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.errors import ConfigError
 
@@ -70,6 +72,75 @@ def test_the_mistakes_of_all_files_come_at_once_each_with_its_file(tmp_path: Pat
     assert [line.removeprefix(f"{tmp_path}/").split(": ")[:2] for line in caught.value.issues] == [
         ["a.toml", "duration"], ["a.toml", "fault[0].kind"], ["s.toml", "include[1]"], ["s.toml", "seed"],
     ]  # fmt: skip
+
+
+BENCH = """
+duration = 3.0
+[parameters]
+a = 10000
+[[obstacle]]
+angle_deg = 40
+stiffness = "$a"
+[[profile]]
+quantity = "road_slope_deg"
+points = [[0, 0], [1, "$b"]]
+[[fault]]
+kind = "parameter"
+key = "gate.mass"
+value = "$c"
+[[signal]]
+signal = "Body.VehicleSpeed"
+value = "$d"
+[set]
+"gate.length" = "$e"
+[[expect]]
+name = "x"
+always = "Nobody.X < 5"
+[[request]]
+time = "Nobody.Y > 1"
+action = "open"
+"""
+
+
+def issues_of(path: Path, **parameters: float) -> list[str]:
+    """What is wrong with a scenario: the files and keys, without the folder."""
+    with pytest.raises(ConfigError) as caught:
+        lh.run(path, parameters=parameters)
+    return [
+        re.split(
+            r": (?=[^:]*(?:allowed:|out of range))|: Nobody", line.replace(f"{path.parent}/", "")
+        )[0]
+        for line in caught.value.issues
+    ]
+
+
+def test_a_value_is_told_of_where_it_was_set(tmp_path: Path) -> None:
+    """Of the including file's parameter, of a flag's, and not of the included file that only uses it."""
+    (tmp_path / "bench.toml").write_text(BENCH)
+    path = tmp_path / "s.toml"
+
+    def told(a: float = 1e4, b: float = 0, c: float = 30, d: float = 0, e: float = 1) -> list[str]:
+        values = {"b": b, "c": c, "d": d, "e": e}
+        lines = "".join(f"{name} = {value}\n" for name, value in values.items())
+        path.write_text(f'include = "bench.toml"\n[parameters]\na = {a}\n{lines}')
+        return issues_of(path)
+
+    here = [
+        "bench.toml: expect[0].always",
+        "bench.toml: request[0].time",
+    ]
+    assert sorted(told(a=0.0, b=400)) == [
+        "s.toml: parameters.a, as bench.toml: obstacle[0].stiffness",
+        "s.toml: parameters.b, as bench.toml: profile[0].points[1][1]",
+    ]
+    assert told(e=-1) == ["s.toml: parameters.e, as bench.toml: set.gate.length"]
+    assert [each for each in told(c=-1, d=-1) if each not in here] == [
+        "s.toml: parameters.c, as bench.toml: fault[0].value",
+        "s.toml: parameters.d, as bench.toml: signal[0].value",
+    ]
+    assert set(told()) <= set(here)
+    assert told()
+    assert issues_of(path, a=0.0) == ["`parameters` a, as bench.toml: obstacle[0].stiffness"]
 
 
 def test_a_profile_from_a_csv_file(tmp_path: Path) -> None:

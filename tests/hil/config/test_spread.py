@@ -69,6 +69,7 @@ def test_each_distribution_is_the_one_it_is_outlined(tmp_path: Path):
     for name, values in shares.items():
         assert stats.kstest(values, expected[name]).pvalue > 0.01, name
     assert max(abs(value - 1.0) for value in shares["resistance"]) <= 0.09
+    assert max(abs(value) for value in shares["mass"]) <= 0.3  # of the logarithm
 
 
 def test_each_drive_has_its_own_and_what_follows_goes_with_it(tmp_path: Path):

@@ -133,6 +133,21 @@ def test_frames_of_a_run_in_real_time_are_the_same_in_every_format(tmp_path: Pat
         assert compare_frames(open_recorded(first), open_recorded(second)).first is None
 
 
+def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
+    tmp_path: Path,
+) -> None:
+    epoch = 1_700_000_000_123_456_000
+    first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
+    by_less = log(tmp_path / "b.asc", FRAMES, [each + 456e-6 for each in STAMPS], epoch - 456_000)
+    assert compare_frames(open_recorded(first), open_recorded(by_less)).first is None
+    late = [*STAMPS[:20], *(each + 3e-6 for each in STAMPS[20:])]
+    found = compare_frames(
+        open_recorded(first),
+        open_recorded(log(tmp_path / "c.asc", FRAMES, [e + 456e-6 for e in late], epoch - 456_000)),
+    )
+    assert (found.first, found.what) == (20, "time")
+
+
 # The command.
 
 
@@ -169,7 +184,7 @@ def test_bus_logs_are_compared_by_their_frames_or_what_they_say(
     first = log(tmp_path / "a.log", rows, STAMPS)
     second = log(tmp_path / "b.blf", [*rows[:-1], (0x220, bytes(8))], STAMPS)
     assert main(["compare", str(first), str(second)]) == 1
-    told = "50 and 50 frames; the first unlike one is frame 50, at 0.990000 s"
+    told = "50 and 50 frames; the first unlike one is frame 50, at 0.990000 s: data"
     assert capsys.readouterr().out.splitlines() == [told, "different"]
     line = ["compare", str(first), str(second), "--rig", "liftgate", "--columns", "Gate.Angle"]
     assert main(line) == 1

@@ -248,6 +248,7 @@ def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
     job = Job(scenario=scenario, ecu=str(path), options=options)
     stopped = (tmp_path / "flag").exists
-    result = pickle.loads(run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped))
+    answer = run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped)
+    result = pickle.loads(answer.payload)
     assert result.verdict == "pass"
     assert 20 <= result.summary.ticks < 400  # the rings would hold 512

@@ -152,3 +152,30 @@ def test_the_driver_can_stop_and_go_on() -> None:
     assert run.texts()[:3] == ["opening", "stopped by the driver", "closing"]
     resting = (run.column("time_s") > 5.0) & (run.column("time_s") < 6.0)
     assert np.ptp(run.column("left_hall_count")[resting]) == 0.0
+
+
+@pytest.mark.parametrize("period", [0.010, 0.035])
+def test_speeds_that_come_a_cycle_after_the_currents_now_and_then_are_no_load(
+    period: float, tmp_path: Path
+) -> None:
+    late = "".join(
+        f'[[fault]]\nkind = "frame_delayed"\nwhere = "{message}"\ndirection = "sent"\ndelay_s = 0.003\n'
+        f"period_s = {period}\nshare = 0.5\n"
+        for message in ("LeftHall", "RightHall")
+    )
+    requests = {0.5: "open", 8.0: "close", 11.0: "stop", 12.0: "open", 16.0: "close"}
+    asked = "".join(
+        f'[[request]]\ntime = {at}\naction = "{what}"\n' for at, what in requests.items()
+    )
+    scenario = tmp_path / "late_speeds.toml"
+    scenario.write_text(f'duration = 27.0\nprecondition = ["open", "close"]\n{late}{asked}')
+    told = [each.text.split(" (")[0] for each in lh.run(scenario, clock="free").events]
+    closing = [
+        "closing",
+        "stopped by the driver",
+        "opening",
+        "open",
+        "closing",
+        "closed and latched",
+    ]
+    assert told == ["opening", "open", *closing]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from liftgate_hil.identify.descent import descend, place_at, within
+from liftgate_hil.identify.bounded import within
+from liftgate_hil.identify.descent import descend, place_at
 from tests.hil.identify.simulated import TRUTH, measured, true_vehicle
 from tests.hil.identify.test_search import problem
 

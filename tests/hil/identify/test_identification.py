@@ -363,7 +363,7 @@ def test_every_output_of_every_experiment_is_told_of() -> None:
         # The speed is what a measured position says of it.
         assert names == ["left_current_a", "left_position_rev", "left_speed_rps"]
         current, position, speed = each.series
-        assert np.array_equal(current.measured, made.outputs["left_current_a"])
+        assert current.measured == pytest.approx(made.outputs["left_current_a"], rel=1e-9)
         assert current.rms == pytest.approx(0.05, rel=0.15)
         assert position.rms == pytest.approx(0.1, rel=0.15)
         assert current.fit_percent > current.fit_before

@@ -66,9 +66,10 @@ def our_judgement(each: Expectation, angles: list[float], currents: list[float])
     margins, holds = values, truths
     if each.hold:
         length = round(each.hold * RATE) + 1
-        starts = range(len(inside) - length + 1)
-        margins = [min(values[k : k + length]) for k in starts]
-        holds = [all(truths[k : k + length]) for k in starts]
+        # The stretch from time 0 on has no row of its first tick.
+        starts = range(-1 if begin == 0.0 else 0, len(inside) - length + 1)
+        margins = [min(values[max(k, 0) : k + length]) for k in starts]
+        holds = [all(truths[max(k, 0) : k + length]) for k in starts]
     is_decided = any(holds) if each.kind == "eventually" else not all(holds)
     if not is_decided and math.isfinite(each.within) and until > end + 1e-9:
         return "inconclusive", None
@@ -137,7 +138,7 @@ def test_a_verdict_tells_where_its_margin_is_and_what_decided_it() -> None:
     assert found.decided_by == "gate_angle_deg > 0.5"
     held = Expectation("x", "eventually", "gate_angle_deg > 0", 0.0, math.inf, 0.02)
     found = judged(held, rows_of([1.0, 2.0, 3.0, 2.0, 1.0, 0.0]))
-    assert (found.time_s, found.margin_time_s, found.margin) == (0.03, 0.04, 2.0)
+    assert (found.time_s, found.margin_time_s, found.margin) == (0.02, 0.04, 2.0)
     never = judged(Expectation("x", "never", "gate_angle_deg > 4"), rows_of([1.0, 3.0]))
     assert (never.margin_time_s, never.decided_by) == (0.02, "gate_angle_deg > 4")
     lost = judged(Expectation("x", "always", "gate_angle_deg > 0", 5.0), rows_of([1.0]))
@@ -157,6 +158,20 @@ def test_never_latched_on_a_latched_gate_fails() -> None:
     rows[:, COLUMN_PLACE["latched"]] = 1.0
     found = judged(Expectation("x", "never", "latched == 1"), rows)
     assert (found.verdict, found.margin) == ("fail", 0.0)
+
+
+@pytest.mark.parametrize("after", [0.0, 0.003, 0.01, 0.017])
+def test_what_must_hold_for_all_of_its_window_is_decided_wherever_that_begins(after: float) -> None:
+    """Also where no row is of its first instant: at time 0, or between two rows."""
+    each = Expectation("x", "eventually", "gate_angle_deg > 0", after, 0.03, 0.03)
+    first = max(1, math.ceil(after * RATE - 1e-9))  # rows of it, by their ticks
+    last = math.floor((after + 0.03) * RATE + 1e-9)
+    assert judged(each, rows_of([1.0] * 6)).verdict == "pass"
+    for tick in range(1, 7):
+        angles = [-1.0 if tick == k else 1.0 for k in range(1, 7)]
+        assert judged(each, rows_of(angles)).verdict == (
+            "fail" if first <= tick <= last else "pass"
+        )
 
 
 def test_both_ends_of_a_window_are_in() -> None:

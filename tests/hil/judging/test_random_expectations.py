@@ -86,9 +86,9 @@ def by_hand(own: Own, known: list[dict[str, float]], end: int) -> tuple[str, flo
         }
     there = {k: each for k, each in told.items() if not math.isnan(each[1])}
     stretches = [
-        [there[j] for j in range(k - own.hold, k + 1)]
+        [there[j] for j in range(max(k - own.hold, 1), k + 1)]  # of tick 0 nothing is known
         for k in ticks
-        if all(j in there for j in range(k - own.hold, k + 1))
+        if k - own.hold >= begin and all(j in there for j in range(max(k - own.hold, 1), k + 1))
     ]
     margins = [min(margin for _, margin in each) for each in stretches]
     holds = [all(truth for truth, _ in each) for each in stretches]

@@ -29,6 +29,7 @@ class Memory:
         self.batches = list(batches)
         self.sent: Rows = []
         self.closed = False
+        self.ages_ns = np.zeros(1024, dtype=np.int64)
 
     def receive(self, timeout: float = 0.0) -> Frames:
         return frames_of(self.batches.pop(0)) if self.batches else empty_frames(0)

@@ -214,7 +214,7 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
     summary = Summary(
         clock="free",
         received=received,
-        link=LinkCounts(11, 5, 12, 14, 15, 13, 16, 17, 18, 19, 20, 21, 22),
+        link=LinkCounts(11, 5, 12, 14, 15, 13, 16, 17, 18, 19, 20, 21, 22, 23, 24),
         command_timeouts=13,
     )
     text = "\n".join(summary.lines())
@@ -240,6 +240,8 @@ def test_the_summary_tells_every_cause_and_what_the_link_lost():
         "20 short frames",
         "21 bad crcs",
         "22 bad identifiers",
+        "23 frames had come before the loop was ready",
+        "24 stale frames",
         "time-outs 13",
     ):
         assert said in text

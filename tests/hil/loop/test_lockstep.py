@@ -87,26 +87,21 @@ def test_without_a_command_the_time_stands(rig: Rig):
     assert loop.state.tick == 0
 
 
-def test_of_the_commands_before_the_start_the_last_alone_counts_and_other_frames_are_kept(
-    rig: Rig,
-):
-    panel = panel_frame(rig, HandForce=10.0)
+def test_what_came_before_the_start_is_dropped_and_counted(rig: Rig):
     batches: list[Rows] = [
         [(0x55, b"a"), command(rig, 0), command(rig, 1)],
         [command(rig, n) for n in range(2, 300)],  # more than is read at once
-        [panel, command(rig, 300), (0x56, b"b")],
-        [],
-        [command(rig, 301)],
+        [panel_frame(rig, HandForce=10.0), command(rig, 300), (0x56, b"b")],
+        *[[], [], []],
+        [(0x57, b"c"), command(rig, 301)],
     ]
     transport, notes = Memory(batches), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), takers=[notes], command=COMMAND)
+    loop.begin(is_first=True)
     run_lockstep(loop, PERIOD, None, used_up(loop, transport))
-    assert loop.state.tick == 20
-    assert [rows for rows in notes.received if rows] == [
-        [(0x55, b"a"), panel, command(rig, 300)],
-        [(0x56, b"b"), command(rig, 301)],
-    ]
-    assert loop.state.counts == NO_COUNTS._replace(accepted=3, foreign=2)
+    assert loop.state.tick == 20  # a period without a command, for an ECU that waits for an answer
+    assert [rows for rows in notes.received if rows] == [[(0x57, b"c"), command(rig, 301)]]
+    assert loop.summary("lockstep").link == LinkCounts(before_start=304)
 
 
 class Answering:
@@ -151,11 +146,13 @@ def test_an_ecu_that_answers_each_frame_has_one_command_under_way_whatever_it_sa
     rig: Rig, said: int
 ):
     ecu = Answering(rig, said)
-    loop = loop_of(ecu, loop_config(rig=rig))
+    loop = loop_of(ecu, loop_config(rig=rig), command=COMMAND)
+    loop.begin(is_first=True)
     run_lockstep(loop, PERIOD, 200, never)
     assert loop.state.tick == 200
     assert ecu.most == 1
-    assert loop.state.counts == NO_COUNTS._replace(accepted=20)
+    assert loop.state.counts == NO_COUNTS._replace(accepted=19)
+    assert loop.before_start == said
     assert loop.state.timeouts == 0
 
 
@@ -336,10 +333,6 @@ def test_frames_wait_in_the_order_in_which_they_came():
         [(1, b"a"), (2, b"b"), (COMMAND, b"c")],
         [(COMMAND | FD, b"d")],
         [(3, b"e"), (COMMAND, b"f")],
-    ]
-    waiting.keep_newest()
-    assert [rows_of(each) for each in waiting.commands] == [
-        [(1, b"a"), (2, b"b"), (3, b"e"), (COMMAND, b"f")]
     ]
 
 

@@ -9,6 +9,7 @@ from hil_support import command_payload, frames_of
 from liftgate_hil import session
 from liftgate_hil.codec.frames import REMOTE
 from liftgate_hil.codec.receive import NO_COUNTS, receive
+from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
 from liftgate_hil.ecu.events import IN_WORDS, Event
 from liftgate_hil.listener import Listener, Status
 from liftgate_hil.loop.lookout import Lookout, Moment
@@ -35,7 +36,7 @@ class Told(Listener):
 class Bench:
     """A gate that receives, and a lookout on it; its clock goes by hand."""
 
-    def __init__(self) -> None:
+    def __init__(self, apart: str = "") -> None:
         self.now = 100.0
         self.rig = session.rig_from("liftgate")
         self.config = session.loop_config_of(session.vehicle_from("suv"), self.rig, 1000.0, 0)
@@ -50,6 +51,7 @@ class Bench:
             self.told,
             lambda told: self.events[told:],
             lambda: self.now,
+            apart=apart,
         )
         self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
         self.row = np.zeros(ROW_WIDTH)
@@ -136,3 +138,44 @@ def test_a_bus_with_frames_of_others_only_is_told_as_that(bench: Bench):
         "2.500 s: waits for DriveCommand (0x120), motors off; hears 0x1A0, which is not received by this rig"
     ]
     assert bench.told.seen[-1].foreign == 1
+
+
+APART = "two benches need a group each"
+
+
+def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
+    bench = Bench(APART)
+    bench.look()
+    bench.receive(b"\1\2", identifier=0x1A0)
+    (said,) = bench.look(tick=2500, after=2.5)
+    assert said.endswith(f"hears 0x1A0, which is not received by this rig; {APART}")
+
+
+@pytest.mark.parametrize("apart", ["", APART])
+def test_another_gate_on_the_bus_is_told_once_whether_or_not_commands_come(apart: str):
+    bench = Bench(apart)
+    bench.look()
+    for number in range(3):
+        bench.receive(command_payload(bench.rig, number + 1))
+        bench.receive(bytes(8), identifier=0x210)
+        said = [each for each in bench.look(tick=number) if "another" in each]
+        expected = (
+            "0.000 s: hears LeftDrive (0x210), which this gate sends: another bench or a replay is on this bus"
+            + (f"; {apart}" if apart else "")
+        )
+        assert said == ([expected] if number == 0 else [])
+
+
+def test_a_checksum_of_64_bits_is_told_to_the_last_digit(bench: Bench):
+    refusal = bench.reception.refusals[BAD_CHECKSUM]
+    refusal.count, refusal.message = 1, 0
+    refusal.checksum, refusal.right_checksum = -1, 2**62 + 1
+    (said,) = bench.look()
+    assert said.endswith("Checksum is 0xFFFFFFFFFFFFFFFF; expected 0x4000000000000001")
+
+
+def test_a_first_frame_with_a_counter_that_there_is_none_of_is_told(bench: Bench):
+    refusal = bench.reception.refusals[BAD_COUNTER]
+    refusal.count, refusal.message, refusal.found, refusal.expected = 1, 0, 15.0, np.nan
+    (said,) = bench.look()
+    assert said.endswith("AliveCounter is 15; expected one of its values")

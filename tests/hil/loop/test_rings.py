@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from typing import Any
@@ -130,7 +131,7 @@ def test_a_reader_that_slept_knows_how_many_it_lost(capacity: int, batch: int):
 CHILD = """
 import sys
 from liftgate_hil.loop.rings import Memory, RingReader
-memory = Memory(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+memory = Memory(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), others_write=True)
 shared = memory.shared
 rows = RingReader(shared.rows, shared.control, "rows").take()
 frames = RingReader(shared.frames, shared.control, "frames").take()
@@ -142,7 +143,7 @@ shared.control[0].stop = 1
 
 
 def test_another_process_sees_the_same_and_is_seen():
-    memory = Memory(5, 7)
+    memory = Memory(5, 7, others_write=True)
     shared = memory.shared
     shared.rows[:3, 0] = [1.0, 2.0, 3.0]
     shared.control[0].rows = 3
@@ -161,6 +162,19 @@ def test_another_process_sees_the_same_and_is_seen():
         "41 1 [0.5, 7.0]",
     ]
     assert shared.control[0].stop == 1
+    memory.close()
+
+
+def test_foreign_code_cannot_write_to_it_through_its_descriptor():
+    memory = Memory(5, 7)
+    memory.shared.control[0].rows = 3
+    with pytest.raises(PermissionError):
+        os.pwrite(memory.descriptor, b"rubbish" * 99, 0)
+    reader = Memory(5, 7, os.dup(memory.descriptor))
+    assert reader.shared.control[0].rows == 3
+    with pytest.raises(ValueError, match="read-only"):
+        reader.shared.control[0].rows = 4
+    reader.close()
     memory.close()
 
 

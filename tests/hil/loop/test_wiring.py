@@ -77,8 +77,7 @@ class Rows(NamedTuple):
         }
         values |= self.status._asdict() | self.timing._asdict() | self.edges._asdict()
         for name, signal in signals_of(Truth).items():
-            ours = bus_name(name, signal)
-            values[f"true_{ours}" if ours in values else ours] = getattr(self.truth, name)
+            values[f"true_{bus_name(name, signal)}"] = getattr(self.truth, name)
         return values
 
 

@@ -103,7 +103,6 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
             row=np.full((1, ROW_WIDTH), np.nan),
             nothing=no_frames(),
             step=0.001,
-            every=1,
             seed=0,
         )
 

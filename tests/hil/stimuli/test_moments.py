@@ -51,6 +51,26 @@ def test_a_delay_counts_from_when_it_came_true(tmp_path: Path) -> None:
     assert np.all(current[came + 251 :] == 0.0)
 
 
+def test_a_fault_lasts_as_long_as_it_says_from_its_start(tmp_path: Path) -> None:
+    """In ticks from where it began, whatever its condition does meanwhile."""
+    fault = '[[fault]]\nkind = "motor_open"\nwhere = "left"\nfor_s = 0.3\n'
+    result = ran(tmp_path, OPENING + fault + 'start = "gate_angle_deg > 32"\ndelay_s = 0.1\n')
+    begin = first_tick(result, "gate_angle_deg", 32.0) + 1 + 100
+    current = result.trace["left_current_a"]
+    assert np.all(current[begin : begin + 300] == 0.0)
+    assert current[begin - 1] != 0.0
+    assert current[begin + 300] != 0.0
+    result = ran(tmp_path, OPENING + fault + "start = 1.0\n")
+    current = result.trace["left_current_a"]
+    assert np.flatnonzero(current[500:-1] == 0.0).tolist() == list(range(500, 800))
+
+
+def test_how_long_and_an_end_are_not_said_both(tmp_path: Path) -> None:
+    fault = '[[fault]]\nkind = "motor_open"\nfor_s = 0.3\nend = 2.0\n'
+    with pytest.raises(ConfigError, match=r"fault\[0\].for_s: allowed: without end"):
+        ran(tmp_path, OPENING + fault)
+
+
 def test_an_end_counts_once_it_has_begun(tmp_path: Path) -> None:
     # The rate is above 1 long before the fault begins.
     fault = '[[fault]]\nkind = "bridge_stuck"\nstate = "coast"\nstart = 1.5\nend = "gate_rate_degps > 1"\n'

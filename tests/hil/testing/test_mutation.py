@@ -73,6 +73,17 @@ def test_the_matrix_says_who_finds_what_and_what_proves_nothing(
     assert "can&#x27;t fail" in html or "can&#39;t fail" in html
 
 
+def test_what_proves_nothing_is_found_where_requests_wait_for_the_gate(
+    tmp_path: Path, few: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without an ECU it never moves, and the request that waits for that never comes."""
+    file, told = str(tmp_path / "s.toml"), str(tmp_path / "v.json")
+    Path(file).write_text(STOPS.replace("time = 1.5", 'time = "gate_angle_deg > 45"'))
+    main(["test", file, "--mutants", "--json", told])
+    found = json.loads(Path(told).read_text())["mutation"]
+    assert [each["expectation"] for each in found["prove_nothing"]] == ["can't fail"]
+
+
 @pytest.mark.parametrize("more", [["--ecu", "x.so"], ["--clock", "lockstep"]])
 def test_only_the_reference_ecu_has_mutants(
     tmp_path: Path, more: list[str], capsys: pytest.CaptureFixture[str]

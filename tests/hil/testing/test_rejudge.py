@@ -30,6 +30,11 @@ for_s = 0.05
 name = "soft"
 always = "pinch_force_n < 20"
 [[expect]]
+name = "reverses in time"
+eventually = "gate_angle_deg > 45 and Gate.Angle > 45"
+after = "pinch_force_n > 5"
+within_s = 0.2
+[[expect]]
 name = "sends"
 always = "DriveCommand.LeftDuty <= 100 and abs(LeftDrive.MotorCurrent) < 30"
 after = 0.2
@@ -80,7 +85,7 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     alone = lh.judge([folder / "run.csv"], folder / "s.toml")
     assert {name: each.verdict for name, each in alone.items()} == {
         "reverses": result.expectations["reverses"].verdict, "soft": "fail",
-        "sends": "inconclusive", "turns": "inconclusive",
+        "reverses in time": "inconclusive", "sends": "inconclusive", "turns": "inconclusive",
     }  # fmt: skip
     log = lh.judge([folder / "run.log"], folder / "s.toml")
     assert log["turns"].verdict == result.expectations["turns"].verdict
@@ -98,6 +103,37 @@ def test_what_was_not_recorded_or_was_cut_is_inconclusive(
     assert part["soft"].reason == "rows are missing from 0 to 0.5 s"
     (tmp_path / "thin.csv").write_text("".join([lines[0], *lines[1::10]]))
     assert lh.judge([tmp_path / "thin.csv"], folder / "s.toml")["soft"].verdict == "fail"
+
+
+def test_a_value_that_was_taken_out_is_missing_like_a_row(
+    run: tuple[Path, lh.Result], tmp_path: Path
+) -> None:
+    folder, result = run
+    head, *lines = (folder / "run.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    for row in rows[500:900]:
+        row[head.split(",").index("pinch_force_n")] = ""
+    (tmp_path / "holes.csv").write_text("\n".join([head, *map(",".join, rows)]) + "\n")
+    found = lh.judge([tmp_path / "holes.csv", folder / "run.log"], folder / "s.toml")
+    assert found["soft"].verdict == "inconclusive"
+    assert found["soft"].reason == "there is no sample of pinch_force_n from 0.5 to 0.901 s"
+    assert found["sends"] == result.expectations["sends"]
+
+
+def test_a_stimulus_whose_condition_was_not_recorded_says_so(
+    run: tuple[Path, lh.Result], tmp_path: Path
+) -> None:
+    folder, _ = run
+    text = 'duration = 4.0\n[[request]]\ntime = "gate_angle_deg < 45"\naction = "stop"\n'
+    text += '[[expect]]\nname = "dry"\nalways = "supply_voltage_v > 5"\n'
+    (tmp_path / "s.toml").write_text(text)
+    assert lh.judge([folder / "run.csv"], tmp_path / "s.toml")["dry"].verdict == "pass"
+    head, rest = (folder / "run.csv").read_text().split("\n", 1)
+    (tmp_path / "r.csv").write_text(f"{head.replace('gate_angle_deg', 'winkel', 1)}\n{rest}")
+    found = lh.judge([tmp_path / "r.csv"], tmp_path / "s.toml")["dry"]
+    assert found.verdict == "inconclusive"
+    said = "request[0].time: there is no sample of gate_angle_deg from 0 to 4.001 s"
+    assert found.reason == said
 
 
 def test_a_reset_of_a_recording_without_the_end_is_not_known_to_have_been_made(

@@ -15,7 +15,7 @@ from serial_lines import line_of, noisy_line
 
 from liftgate_hil.transport.cobs import BadFrames, Decoder, crc16, encode, stuff, unstuff
 
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[3] / "docs" / "serial-line.md"
 identifiers = st.integers(0, 0x7FF)
 payloads = st.binary(max_size=64)
 frames = st.tuples(identifiers, payloads)
@@ -60,8 +60,8 @@ def test_a_frame_byte_for_byte():
     assert encode(0x120, b"\x00\xaa") == bytes.fromhex("032001" + "04AA1E90" + "00")
 
 
-def test_the_frame_in_the_readme_is_a_frame():
-    (example,) = re.findall(r"eight zeros is `([0-9A-F ]+)`", README.read_text(encoding="utf-8"))
+def test_the_frame_on_the_page_is_a_frame():
+    (example,) = re.findall(r"eight zeros is `([0-9A-F ]+)`", PAGE.read_text(encoding="utf-8"))
     assert encode(0x120, bytes(8)) == bytes.fromhex(example)
 
 

@@ -15,12 +15,15 @@ import msgpack
 import pytest
 from hil_support import EXTENDED, frames_of, rows_of
 
+from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.can_arguments import WireChoice, bus_arguments
 from liftgate_hil.transport.can_bus import CanTransport
+from liftgate_hil.transport.find import find_way
 
 GOOD = can.Message(arbitration_id=0x77, is_extended_id=False, data=b"ok")
 
@@ -265,3 +268,26 @@ def test_a_python_can_that_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(can, "Bus", lambda **arguments: object())
     with pytest.raises(TransportError, match=r"not known in python-can [0-9]"):
         CanTransport({"interface": "udp_multicast", "channel": "239.0.0.7", "hop_limit": 0})
+
+
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [
+        ("239.74.163.2", "239.74.163.3"),
+        ("239.255.255.255", "239.255.255.254"),
+        ("ff15:7079:7468:6f6e:6465:6d6f:6d63:6173", "ff15:7079:7468:6f6e:6465:6d6f:6d63:6174"),
+    ],
+)
+def test_another_group_keeps_two_benches_of_one_machine_apart(rig: Rig, own: str, other: str):
+    way = find_way(WireChoice(bus=f"udp_multicast:{own}"), rig)
+    assert f"--bus udp_multicast:{other} for one of them" in way.apart
+    find_way(WireChoice(bus=f"udp_multicast:{other}"), rig)
+    assert find_way(WireChoice(bus="virtual:here"), rig).apart == ""
+
+
+def test_the_summary_of_foreign_frames_tells_how_to_keep_two_benches_apart():
+    summary = Summary(received=NO_COUNTS._replace(foreign=7), apart="a group each")
+    assert summary.silence_told().endswith("that the rig does not receive; a group each")
+    assert "foreign frames: a group each" in summary.lines()
+    assert "apart" not in summary.as_dict()
+    assert not [line for line in Summary(apart="a group each").lines() if "a group each" in line]

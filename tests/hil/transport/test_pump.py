@@ -19,7 +19,7 @@ from hil_support import frames_of, rows_of
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, Frames, empty_frames
 from liftgate_hil.errors import TransportError
 from liftgate_hil.loop.datagrams import CAPACITY, Writing, make_buffers, read_frames, write_frames
-from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.base import LinkCounts, age_of
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_hil.transport.messages import message_of
 from liftgate_hil.transport.pump import Pump
@@ -72,6 +72,7 @@ def pair() -> Iterator[tuple[Pump, can.BusABC]]:
     channel = str(uuid.uuid4())
     with can.Bus(interface="virtual", channel=channel) as other:
         pump = Pump(CanTransport({"interface": "virtual", "channel": channel}, is_fd=True))
+        pump.drain()
         yield pump, other
         if pump._ours.fileno() >= 0:
             pump.close()
@@ -213,6 +214,7 @@ class Rig:
         monkeypatch.setattr(can, "Bus", self._open)
         monkeypatch.setattr("liftgate_hil.transport.can_bus._RETRY", 0.001)
         self.pump = Pump(CanTransport({"interface": "virtual", "channel": "x"}))
+        self.pump.drain()
 
     def _open(self, **arguments: Any) -> Driver:
         if self.refusals > 0:
@@ -236,6 +238,25 @@ class VendorError(Exception):
     """Neither python-can's nor the system's."""
 
 
+def is_read(rig: Rig) -> bool:
+    """Whether the pump reads what comes now."""
+    transport, before = rig.pump._transport, time.monotonic_ns()
+    until(lambda: transport._emptied_ns > before)
+    return bool(transport.is_up)
+
+
+def test_what_a_bus_held_back_while_it_was_lost_is_dropped(rig: Rig):
+    reader = Reader(rig.pump)
+    rig.come.put(OSError(100, "Network is down"))
+    for number in range(5):
+        rig.come.put(can.Message(arbitration_id=number))
+    until(lambda: len(rig.drivers) == 2 and is_read(rig))
+    rig.come.put(can.Message(arbitration_id=99))
+    until(reader.look)
+    assert [identifier & ~EXTENDED for identifier, _ in reader.rows] == [99]
+    assert rig.pump.counts().before_start == 5
+
+
 def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
     reader = Reader(rig.pump)
     news: list[str] = []
@@ -249,6 +270,7 @@ def test_a_driver_that_fails_is_taken_up_again_a_hundred_times(rig: Rig):
         else:
             for _ in range(10):
                 rig.come.put(can.CanOperationError("down") if cycle % 4 else VendorError("?"))
+        until(lambda opened=cycle + 2: len(rig.drivers) == opened and is_read(rig))
         rig.come.put(can.Message(arbitration_id=1000 + cycle))
         until(lambda wanted=2 * cycle + 2: reader.look() == wanted)
         news.append(str(rig.pump.watch(None)))
@@ -398,6 +420,7 @@ class Endless:
 
     def __init__(self) -> None:
         self.closed = 0
+        self.ages_ns = np.zeros(100, dtype=np.int64)
 
     def receive(self, timeout: float = 0.0) -> Frames:
         return frames_of([(1, b"")] * 100)
@@ -412,12 +435,57 @@ class Endless:
         self.closed += 1
 
 
+def test_what_came_before_the_loop_is_ready_is_dropped_and_counted():
+    channel = str(uuid.uuid4())
+    with can.Bus(interface="virtual", channel=channel) as other:
+        pump = Pump(CanTransport({"interface": "virtual", "channel": channel}))
+        reader = Reader(pump)
+        for number in range(3000):  # more than a socket pair holds
+            other.send(can.Message(arbitration_id=0x120, data=bytes([number % 256])))
+        pump.drain()
+        other.send(can.Message(arbitration_id=0x121))
+        until(reader.look)
+        assert [identifier & 0x7FF for identifier, _ in reader.rows] == [0x121]
+        assert pump.counts().before_start == 3000
+        pump.close()
+
+
+def test_an_arrival_is_when_the_bus_had_the_frame_not_when_it_was_read(rig: Rig):
+    """A process that stood still finds old frames, which the driver's own stamps tell."""
+    rig.pump._transport._emptied_ns = time.monotonic_ns() - 10 * 10**9
+    old = can.Message(arbitration_id=1, timestamp=time.time() - 5.0)
+    rig.come.put(old)
+    reader = Reader(rig.pump)
+    until(reader.look)
+    assert time.monotonic_ns() - reader.stamps[0] >= 4 * 10**9
+
+
+@pytest.mark.parametrize(
+    ("stamp", "unseen_s", "age_s"),
+    [
+        (5.0, 10.0, 5.0),  # of the wall clock
+        (5.0, 0.01, 0.01),  # that was set since: all was read 10 ms ago
+        (-5.0, 0.01, 0.0),
+        (None, 0.01, 0.0),  # another clock's, or none
+        (None, 20.0, 20.0),  # nobody has looked for long
+    ],
+)
+def test_the_age_of_a_frame_is_bounded_by_the_last_look(
+    stamp: float | None, unseen_s: float, age_s: float
+):
+    given = 17.0 if stamp is None else time.time() - stamp
+    assert age_of(given, round(1e9 * unseen_s)) == pytest.approx(1e9 * age_s, abs=0.5e9)
+    if age_s in (0.0, 0.01):
+        assert age_of(given, round(1e9 * unseen_s)) == round(1e9 * age_s)
+
+
 @pytest.mark.parametrize("read_before", [True, False])
 def test_a_flood_does_not_keep_it_from_closing(read_before: bool):
     transport = Endless()
     pump = Pump(transport)
     reader = Reader(pump)
     if read_before:
+        pump.drain()
         until(lambda: reader.look() > 3000)
     pump.close()
     assert transport.closed == 1

@@ -17,6 +17,7 @@ from serial_peers import Server, Terminal, descriptors, opened, wait_for
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError, TransportError
+from liftgate_hil.transport import serial_port
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.transport.cobs import Decoder, encode
 from liftgate_hil.transport.find import WireChoice, check_serial, find_way, open_transport
@@ -347,3 +348,53 @@ def _serve_rfc2217(listener: socket.socket, stop: threading.Event) -> None:
             continue
         device.write(b"".join(manager.filter(data)))
     client.close()
+
+
+class _Clock:
+    """Time that passes where somebody waits or reads."""
+
+    def __init__(self) -> None:
+        self.now_ns = 10**12
+
+    def monotonic(self) -> float:
+        return 1e-9 * self.now_ns
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(1e9 * seconds)
+
+
+class _Port:
+    """A port whose reads give one frame after so many looks in vain, then nothing."""
+
+    def __init__(self, clock: _Clock, look_s: float) -> None:
+        self._clock, self._look_s = clock, look_s
+        self.reads: list[bytes] = []
+
+    def read(self, size: int) -> bytes:
+        self._clock.sleep(self._look_s)
+        return self.reads.pop(0) if self.reads else b""
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("look_s", "age_s"), [(0.004, 0.0), (0.030, 0.060)])
+def test_a_frame_is_as_old_as_the_last_look_at_an_empty_line(
+    monkeypatch: pytest.MonkeyPatch, look_s: float, age_s: float
+):
+    """Commands that keep coming while somebody waits for them are not old, however long that goes on."""
+    clock = _Clock()
+    port = _Port(clock, look_s)
+    monkeypatch.setattr(serial_port, "time", clock)
+    monkeypatch.setattr(serial_port, "check_device", lambda url: None)
+    monkeypatch.setattr(serial_port, "open_port", lambda url, rate: port)
+    monkeypatch.setattr(serial_port, "is_selectable", lambda port: False)
+    transport = SerialTransport("a line")
+    for _ in range(20):
+        port.reads = [b"", b"", b"\0" + encode(0x120, b"\1")]
+        frames = transport.receive(timeout=1.0)
+        assert frames.count == 1
+        assert transport.ages_ns[0] == pytest.approx(1e9 * age_s, abs=1e7 * (age_s > 0.0))

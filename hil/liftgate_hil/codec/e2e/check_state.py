@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_plant.compiler import compilable
+from liftgate_plant.compiler import compilable, outlined
 
 # What a frame is in the sequence.
 NEXT, SOME_LOST, FIRST, SYNCHRONISING, REPEATED, WRONG, BAD_SUM = range(7)
@@ -39,25 +39,31 @@ def missing(last: int, counter: int, modulus: int) -> int:
 
 
 @compilable
-def place_in_sequence(
-    modulus: int, profile: Any, memory: NDArray[np.int64], last: int, counter: int, late: int
-) -> int:
-    """What a frame with a sound checksum is, of a counter with so many values; `last` is the counter before (-1:
-    none), `late` the cycles in which no frame came. `profile` is the message's record of tables.END_TO_END, or
-    None; `memory` the message's row.
+def place_of_simple(last: int, turn: int) -> int:
+    """Place in the sequence of a frame with a simple counter: `turn` is its own (-1: a value that the counter
+    never has), `last` the one before (-1: none).
     """
-    if counter >= modulus:  # 15 in profile 1
-        return BAD_SUM
+    if turn < 0:
+        return WRONG
+    if last < 0:
+        return FIRST
+    return REPEATED if turn == last else NEXT
+
+
+@compilable
+def place_in_sequence(
+    modulus: int, profile: Any, memory: NDArray[np.int64], last: int, turn: int, late: int
+) -> int:
+    """Place in the sequence of a profile's frame with a sound checksum: `turn` is that of its counter, which
+    begins anew after `modulus` turns, `last` the one before (-1: none), `late` the cycles in which no frame came.
+    `profile` is the message's record of tables.END_TO_END, `memory` its row.
+    """
     if last < 0:
         memory[SYNC] = 0
         return FIRST
-    if counter == last:
+    if turn == last:
         return REPEATED
-    if profile is None:
-        return NEXT
-    if profile.window == 0:
-        return NEXT
-    delta = missing(last, counter, modulus) + 1
+    delta = missing(last, turn, modulus) + 1
     if delta > min(profile.max_delta + late, modulus - 1):
         memory[SYNC] = profile.sync
         return WRONG
@@ -67,18 +73,43 @@ def place_in_sequence(
     return NEXT if delta == 1 else SOME_LOST
 
 
+@outlined
+def checked(
+    profile: Any,
+    memory: NDArray[np.int64],
+    modulus: int,
+    is_sound: bool,
+    last: int,
+    turn: int,
+    late: int,
+) -> int:
+    """Status of a profile's frame, by its checksum (`is_sound`) and its place in the sequence, with which the
+    state machine of its message goes on. A counter value that the profile does not have (`turn` -1: 15 in profile
+    1) is an error as a bad checksum is, but leaves the machine as it is.
+    """
+    if is_sound and turn < 0:
+        return BAD_SUM
+    status = BAD_SUM
+    if is_sound:
+        status = place_in_sequence(modulus, profile, memory, last, turn, late)
+    note_status(profile, memory, status)
+    return status
+
+
 @compilable
-def next_state(profile: Any, memory: NDArray[np.int64], status: int) -> int:
-    """E2E_SMCheck: the state after one more frame; VALID without a profile."""
-    if profile is None:
-        return VALID
-    if profile.window == 0:
-        return VALID
+def is_qualified(memory: NDArray[np.int64], status: int) -> bool:
+    """Whether the data of a frame of a profile may be used, after `checked`."""
+    return bool(memory[STATE] == VALID and status != SYNCHRONISING)
+
+
+@compilable
+def note_status(profile: Any, memory: NDArray[np.int64], status: int) -> None:
+    """Go on to the state of a profile's machine after one more frame (E2E_SMCheck)."""
     state = int(memory[STATE])
     if state == NODATA:
         if status != BAD_SUM:
             memory[STATE] = INIT
-        return int(memory[STATE])
+        return
     kind = _OTHER
     if status in (NEXT, SOME_LOST, SYNCHRONISING):
         kind = _OK
@@ -96,7 +127,6 @@ def next_state(profile: Any, memory: NDArray[np.int64], status: int) -> int:
         memory[STATE] = VALID
     elif state == VALID or bad > profile.max_error[row]:
         memory[STATE] = INVALID
-    return int(memory[STATE])
 
 
 @compilable

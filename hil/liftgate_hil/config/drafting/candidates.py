@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from liftgate_hil.config.drafting.words import concepts_in, side_of, words_of
 from liftgate_hil.config.units import dimensions_named
-from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL, Rod
+from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PANEL, TRUE_PREFIX, Rod
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -44,16 +44,16 @@ KINDS = (
     Kind("outputs", "{side}_hall_b", _needs("hall+channel b"), _NO_LIMIT | {"count"}, is_flag=True),
     Kind("outputs", "{side}_period_speed", _needs("period+speed"), _NO_LIMIT, ("rate of turning",)),
     Kind("outputs", "{side}_edge_age", _needs("edge+age"), _NO_LIMIT, ("time",)),
-    Kind("outputs", "{side}_speed", _needs("motor+speed", "hall+speed", "left+speed", "right+speed"),
+    Kind("outputs", "true_{side}_speed", _needs("motor+speed", "hall+speed", "left+speed", "right+speed"),
          _NO_LIMIT | {"period"}, ("rate of turning",)),
-    Kind("outputs", "{side}_position", _needs("motor+position", "left+position", "right+position"),
+    Kind("outputs", "true_{side}_position", _needs("motor+position", "left+position", "right+position"),
          _NO_LIMIT | {"hall"}, ("angle",)),
     Kind("outputs", "gate_angle", _needs("angle", "position+gate"), _NO_DRIVE | {"slope", "speed"}, ("angle",)),
-    Kind("outputs", "gate_rate", _needs("angle+speed", "speed+gate"), _NO_DRIVE | {"hall"},
+    Kind("outputs", "true_gate_rate", _needs("angle+speed", "speed+gate"), _NO_DRIVE | {"hall"},
          ("rate of turning",)),
     Kind("outputs", "latch_state", _needs("latch"), _SENSORS | {"release"}),
     Kind("outputs", "terminal_voltage", _needs("voltage"), _NO_LIMIT | {"motor"}, ("voltage",)),
-    Kind("outputs", "{side}_voltage", _needs("motor+voltage"), _NO_LIMIT, ("voltage",)),
+    Kind("outputs", "true_{side}_voltage", _needs("motor+voltage"), _NO_LIMIT, ("voltage",)),
     Kind("outputs", "ambient_temperature", _needs("ambient+temperature"), _NO_LIMIT, ("temperature",)),
     Kind("outputs", "{side}_motor_temperature", _needs("motor+temperature"), _NO_LIMIT | {"ambient"},
          ("temperature",)),
@@ -212,15 +212,22 @@ def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
         if kind.section != section:
             continue
         quantity = kind.quantity.format(side=side or "either")
-        is_named = plain in (_joined(quantity), _joined(kind.quantity.removeprefix("{side}_")))
+        own_name = kind.quantity.removeprefix(TRUE_PREFIX).removeprefix("{side}_")
+        is_named = plain in (_joined(quantity), _joined(_plain(quantity)), _joined(own_name))
         if not is_named and not _fits(kind, own, all_said, signal):
             continue
         is_found = is_found or _is_of(kind, signal)
         yield Candidate(quantity, message, signal, _is_of(kind, signal), is_named)
     # The others of the catalogue, by their very names.
     for quantity in quantities:
-        if plain == _joined(quantity) and not is_found:
+        if plain in (_joined(quantity), _joined(_plain(quantity))) and not is_found:
             yield Candidate(quantity, message, signal, True, True)
+
+
+def _plain(quantity: str) -> str:
+    """The name of a quantity that databases may have: of the truth's as well, where no sensor gives it."""
+    plain = quantity.removeprefix(TRUE_PREFIX)
+    return quantity if plain in BUS_OUTPUTS else plain
 
 
 def _joined(quantity: str) -> str:

@@ -40,7 +40,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
     messages = load_messages(issues, database)
     issues.raise_if_any()
     found = find_candidates(messages)
-    tells_sides = any(name.startswith("right_") for each in found.values() for name in each)
+    tells_sides = any("right_" in name for each in found.values() for name in each)
     lines = {
         section: list(_lines_of(section, _by_side(each, tells_sides)))
         for section, each in found.items()
@@ -94,15 +94,16 @@ def _by_side(found: Mapping[str, list[Candidate]], tells_sides: bool) -> dict[st
     """
     result: dict[str, list[Candidate]] = {}
     for quantity, candidates in found.items():
-        _, is_either, rest = quantity.rpartition("either_")
+        head, is_either, rest = quantity.rpartition("either_")
+        left, right = f"{head}left_{rest}", f"{head}right_{rest}"
         if not is_either:
             result[quantity] = candidates
-        elif f"left_{rest}" in found or f"right_{rest}" in found:
+        elif left in found or right in found:
             continue
         elif len(candidates) == 1 and not tells_sides:
-            result[f"left_{rest}"] = candidates
+            result[left] = candidates
         else:
-            result[f"left_{rest}"] = result[f"right_{rest}"] = candidates
+            result[left] = result[right] = candidates
     return result
 
 
@@ -114,9 +115,7 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
                 line = line.withdrawn(f"sent by {candidate.sender}: only if it isn't there")
             if len(candidates) > 1:
                 line = line.withdrawn(f"one of {len(candidates)} that may be it")
-            elif candidate.quantity.startswith("either_") and candidate is not _only(
-                found, quantity
-            ):
+            elif "either_" in candidate.quantity and candidate is not _only(found, quantity):
                 line = line.withdrawn("of which drive?")
             yield line
 

@@ -33,16 +33,30 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
             why = "one of several that are called so"
         elif 0 < (signal.maximum or 0) < 2**signal.length - 1:
             why = f"counts to {signal.maximum:g}, not to {2**signal.length - 1}: of an E2E profile?"
+            why += f" else {{ signal = {quoted(signal.name)}, highest = {signal.maximum:g} }}"
         lines.append(f"# {line}  # {why}" if why else line)
     for signal in parts["checksum"]:
-        kinds = ", ".join(kind for kind in KINDS if kind != "none")
-        lines += [
-            f"# checksum = {quoted(signal.name)}  # the database does not say which:",
-            f'# checksum_kind = "crc8-sae-j1850"  # of {kinds}; or protection = of {", ".join(PROFILES)}',
-        ]
+        lines += _checksum_lines(signal)
     if not lines:
         return []
     head = f"[messages.{quoted(message.name)}]"
     if is_used:
         return ["", head, *lines]
     return ["", *(line if line.startswith("# ") else f"# {line}" for line in (head, *lines))]
+
+
+def _checksum_lines(signal: Signal) -> list[str]:
+    """What a checksum of this length may be, to be chosen."""
+    name = quoted(signal.name)
+    kinds = ", ".join(kind for kind in KINDS if kind != "none")
+    own = (
+        f"# checksum = {{ signal = {name}, width = {signal.length}, polynomial = 0x?, start = 0x?, "
+        'final_xor = 0x?, covers = ["payload"] }'
+    )
+    if signal.length != 8:
+        return [f"{own}  # the database does not say; or protection = of {', '.join(PROFILES)}"]
+    return [
+        f"# checksum = {name}  # the database does not say which:",
+        f'# checksum_kind = "crc8-sae-j1850"  # of {kinds}; or protection = of {", ".join(PROFILES)}',
+        f"{own}  # or the maker's own",
+    ]

@@ -27,9 +27,11 @@ LEFT, RIGHT = ("left", "right")
 Truth = dict[str, tuple[str, float, float | str]]  # quantity: signal, our value, theirs
 
 
-def both(what: str, signals: tuple[str, str], ours: float, theirs: float | str) -> Truth:
+def both(
+    what: str, signals: tuple[str, str], ours: float, theirs: float | str, prefix: str = ""
+) -> Truth:
     return {
-        f"{side}_{what}": (signal, ours, theirs)
+        f"{prefix}{side}_{what}": (signal, ours, theirs)
         for side, signal in zip((LEFT, RIGHT), signals, strict=True)
     }
 
@@ -53,7 +55,9 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         both("duty", ("PTG_MotCtl.PTG_rPwmLe", "PTG_MotCtl.PTG_rPwmRi"), -40.0, -40.0)
         | {"latch_release": ("PTG_MotCtl.PTG_stUnlck", 1.0, 1.0)}
         | both("current", ("PTG_MotSens.PTG_iMotLe", "PTG_MotSens.PTG_iMotRi"), -2.5, -2.5)
-        | both("speed", ("PTG_MotSens.PTG_nMotLe", "PTG_MotSens.PTG_nMotRi"), -50.0, -3000.0)
+        | both(
+            "speed", ("PTG_MotSens.PTG_nMotLe", "PTG_MotSens.PTG_nMotRi"), -50.0, -3000.0, "true_"
+        )
         | {
             "terminal_voltage": ("PTG_Body.PTG_uBatt", 12.0, 12.0),
             "gate_angle": ("PTG_Body.PTG_agl", 80.0, 1.3963),
@@ -79,7 +83,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         )
         | {
             "gate_angle": ("HKL_Ist_01.HKL_Oeffnungswinkel", 80.0, 80.0),
-            "left_speed": ("HKL_Ist_01.HKL_Drehzahl_li", -50.0, -3000.0),
+            "true_left_speed": ("HKL_Ist_01.HKL_Drehzahl_li", -50.0, -3000.0),
             "terminal_voltage": ("HKL_Ist_02.HKL_Klemme30_Spannung", 12.0, 12.0),
             "ambient_temperature": ("HKL_Ist_02.HKL_Aussentemperatur", -20.0, -20.0),
             "latch_state": ("HKL_Ist_02.HKL_Schloss_Status", 1.0, "verriegelt"),
@@ -122,7 +126,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
             -2.5,
         )
         | {"gate_angle": ("LFTGT_Data.LftgtAng_An_Actl", 80.0, 80.0)},
-        {"outputs.left_voltage", "outputs.right_voltage", "outputs.ambient_temperature"},
+        {"outputs.true_left_voltage", "outputs.true_right_voltage", "outputs.ambient_temperature"},
     ),
     "gm_plgm": (
         both("duty", ("PLGM_Mtr_Cmd.LtMtrDtyCyc", "PLGM_Mtr_Cmd.RtMtrDtyCyc"), 40.0, 40.0)
@@ -189,7 +193,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
             "gate_angle": ("LiftgateMeas.GateAngle", 80.0, 1396.0),
             "terminal_voltage": ("LiftgateMeas.TerminalVoltage", 12.0, 12_000.0),
             "ambient_temperature": ("LiftgateMeas.AmbientTemperature", -20.0, 253.15),
-            "left_speed": ("LiftgateMeas.LeftMotorSpeed", -50.0, -314.16),
+            "true_left_speed": ("LiftgateMeas.LeftMotorSpeed", -50.0, -314.16),
         },
         set(),
     ),
@@ -200,7 +204,13 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
     ),
     "rpm_hall": (
         both("duty", ("TailgateMotor.PWM_L", "TailgateMotor.PWM_R"), -40.0, -40.0)
-        | both("speed", ("TailgateHall.HallSpeed_L", "TailgateHall.HallSpeed_R"), -50.0, -3000.0)
+        | both(
+            "speed",
+            ("TailgateHall.HallSpeed_L", "TailgateHall.HallSpeed_R"),
+            -50.0,
+            -3000.0,
+            "true_",
+        )
         | both(
             "hall_count", ("TailgateHall.HallPulses_L", "TailgateHall.HallPulses_R"), -70.0, -70.0
         )
@@ -242,7 +252,7 @@ KNOWN: dict[str, tuple[Truth, set[str]]] = {
         | {
             "gate_angle": ("PLG_Data.PLG_GateAngle", 80.0, math.radians(80.0)),
             "gate_acceleration": ("PLG_Data.PLG_GateAccel", -9.80665, -1.0),
-            "left_voltage": ("PLG_Data.PLG_LeftMotorVoltage", -12.0, -12.0),
+            "true_left_voltage": ("PLG_Data.PLG_LeftMotorVoltage", -12.0, -12.0),
             "left_motor_temperature": ("PLG_Data.PLG_MotorTempLeft", 20.0, 68.0),
         },
         {"outputs.road_slope"},
@@ -439,7 +449,7 @@ def test_our_own_database_drafts_to_our_own_rig():
     } | {"handle_pulled", "button_pressed"}
     del own["inputs"]["latch_cinch"]
     # That it is the largest since the last frame, its comment alone says.
-    own["outputs"]["pinch_force"] = own["outputs"].pop("pinch_force_max")
+    own["outputs"]["true_pinch_force"] = own["outputs"].pop("pinch_force_max")
     assert content["inputs"] == own["inputs"]
     assert content["outputs"] == {
         key: value for key, value in own["outputs"].items() if key not in to_choose

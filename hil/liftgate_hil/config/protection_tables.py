@@ -1,0 +1,267 @@
+"""The tables `checksum = {…}` and `counter = {…}` of a message in a rig file: a maker's own protection."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from liftgate_hil.codec.counter import Counting
+from liftgate_hil.codec.protection import own_bits
+from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
+from liftgate_hil.codec.tables import MOST_COVERED
+from liftgate_hil.config.schema import Key, Raw, Text, Whole, read_table
+from liftgate_hil.config.toml import Table, show
+from liftgate_hil.issues import ConfigIssues
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+_MOST_BITS = 64
+_LARGEST_ID = 0xFFFFFFFF
+_COVERED = re.compile(r"(\w+)(?: (\d{1,3})(?: to (\d{1,3}))?)?")
+_COVERS = (
+    'a list of "payload", "identifier", "counter", "data_id", each also with bytes of it: "payload 3", '
+    '"payload 1 to 7", "identifier 1 to 0"'
+)
+_DATA_ID = f"0 to 0x{_LARGEST_ID:X}, or a list of 2 to {MOST_DATA_IDS} of these"
+
+
+@dataclass(frozen=True)
+class _Bits:
+    """A number of as many bits as the checksum has, or fewer."""
+
+    low: int = 0
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words."""
+        return f"a whole number of {self.low} to 2^width - 1"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> int | None:
+        """The number; None, and an issue, where it is none. Its width is checked once that is known."""
+        if isinstance(value, bool) or not isinstance(value, int) or value < self.low:
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+            return None
+        return value
+
+
+class _Flag:
+    """Yes or no."""
+
+    allowed = "true or false"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
+        """The value; an issue where it is another."""
+        if not isinstance(value, bool):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return value is True
+
+
+_SIGNAL = Key("signal", Text("a signal of the message"), "the signal with the checksum")
+CHECKSUM = (
+    _SIGNAL,
+    Key("width", Whole(1, _MOST_BITS), "bits, those of the signal"),
+    Key("polynomial", _Bits(1), "without its highest term, as catalogues have it: 0x1D is x⁸ + x⁴ + x³ + x² + 1"),
+    Key("start", _Bits(), "of the register, before the first bit (`init` of catalogues)", 0),
+    Key("reflect_in", _Flag(), "each byte's lowest bit comes first", False, "false"),
+    Key("reflect_out", _Flag(), "the register's lowest bit becomes the checksum's highest", False, "false"),
+    Key("final_xor", _Bits(), "on the result, after that (`xorout`)", 0),
+    Key("covers", Raw(_COVERS), "what goes into it, in this order", ("payload",), '["payload"]'),
+    Key("data_id", Raw(_DATA_ID), "of the message; of a list the one at the counter's value, modulo its length",
+        None, "none"),
+)  # fmt: skip
+COUNTER = (
+    Key("signal", Text("a signal of the message"), "the signal that counts frames, of 1 to 64 bits"),
+    Key("start", _Bits(), "its value in the first frame", None, "`lowest`"),
+    Key("step", Raw("a whole number other than 0, of less than the number of values"),
+        "from frame to frame; below 0 it counts down", 1),
+    Key("lowest", _Bits(), "value that it takes", 0),
+    Key("highest", _Bits(), "value that it takes, past which it goes on from `lowest`; up to 2^48 values",
+        None, "all bits set"),
+)  # fmt: skip
+
+
+def counter_table(
+    issues: ConfigIssues, key: str, given: Table, message: Message
+) -> tuple[str | None, Counting]:
+    """The signal of a counter, and how it counts; what is wrong is noted under `key` and keys below it."""
+    before = issues.count
+    values = read_table(issues, key, given, COUNTER)
+    name, bits = _signal(issues, key, values["signal"], message)
+    if issues.count > before or name is None:
+        issues.settle(key)
+        return None, Counting()
+    top = (1 << min(bits, _MOST_BITS - 1)) - 1  # compiled code has no larger integers
+    lowest, highest = values["lowest"], top if values["highest"] is None else values["highest"]
+    if highest > top:
+        issues.add(f"{key}.highest", f"{highest}; {name} has {bits} bits; allowed: up to {top}")
+    elif lowest >= highest:
+        issues.add(f"{key}.lowest", f"{lowest}; allowed: 0 to {highest - 1}, below `highest`")
+    start = lowest if values["start"] is None else values["start"]
+    if issues.count == before and not lowest <= start <= highest:
+        issues.add(f"{key}.start", f"{start}; allowed: {lowest} to {highest}")
+    step, most = values["step"], highest - lowest
+    is_whole = isinstance(step, int) and not isinstance(step, bool)
+    if issues.count == before and not (is_whole and 0 < abs(step) <= most):
+        others = f"-{most} to -1, 1 to {most}" if most > 1 else "-1 or 1"
+        issues.add(f"{key}.step", f"{show(step)}; allowed: {others}")
+    if issues.count > before:
+        issues.settle(key)
+        return None, Counting()
+    return name, Counting(start, step, lowest, highest)
+
+
+def checksum_table(
+    issues: ConfigIssues, key: str, given: Table, message: Message, counter: str | None
+) -> tuple[str | None, Rocksoft | None]:
+    """The signal of a checksum, and its parameters; `counter` is the message's. What is wrong is noted under `key`
+    and keys below it.
+    """
+    before = issues.count
+    values = read_table(issues, key, given, CHECKSUM)
+    name, bits = _signal(issues, key, values["signal"], message)
+    if issues.count > before or name is None:
+        issues.settle(key)
+        return None, None
+    width = values["width"]
+    if width != bits:
+        issues.add(f"{key}.width", f"{width}, and {name} has {bits} bits; allowed: {bits}")
+        issues.settle(key)
+        return None, None
+    for each in ("polynomial", "start", "final_xor"):
+        if values[each] >> width:
+            low = int(each == "polynomial")
+            hint = ", without the highest term" if low and values[each] >> width == 1 else ""
+            issues.add(
+                f"{key}.{each}",
+                f"0x{values[each]:X} has {values[each].bit_length()} bits, the checksum {width}; allowed: "
+                f"{low} to 0x{(1 << width) - 1:X}{hint}",
+            )
+    data_ids = _data_ids(issues, f"{key}.data_id", values["data_id"], counter)
+    covers: tuple[Covered, ...] = ()
+    if issues.count == before:
+        frame = _Frame(message, name, counter, data_ids)
+        covers = _covers(issues, f"{key}.covers", values["covers"], frame)
+    if issues.count > before:
+        issues.settle(key)
+        return None, None
+    return name, Rocksoft(
+        width,
+        values["polynomial"],
+        values["start"],
+        values["reflect_in"],
+        values["reflect_out"],
+        values["final_xor"],
+        covers,
+        data_ids,
+    )
+
+
+def _signal(issues: ConfigIssues, key: str, name: Any, message: Message) -> tuple[str | None, int]:
+    """A signal of the message by its name, and its bits."""
+    signals = {each.name: each.length for each in message.signals}
+    if name is None or name in signals:  # a missing one is told by now
+        return name, signals.get(name, 0)
+    if name:
+        issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")
+    return None, 0
+
+
+def _data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -> tuple[int, ...]:
+    """The data ID, or the list of them; none where there is none."""
+    if value is None:
+        return ()
+    given: Sequence[Any] = value if isinstance(value, list) else [value]
+    is_list = isinstance(value, list)
+    are_fine = all(
+        isinstance(each, int) and not isinstance(each, bool) and 0 <= each <= _LARGEST_ID
+        for each in given
+    )
+    if not are_fine or (is_list and not 2 <= len(given) <= MOST_DATA_IDS):
+        issues.add(key, f"{show(value)}; allowed: {_DATA_ID}")
+        return ()
+    if is_list and counter is None:
+        issues.add(key, "a list, and the message has no `counter` to choose by; allowed: a number")
+        return ()
+    return tuple(given)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What a checksum may be over."""
+
+    message: Message
+    checksum: str
+    counter: str | None
+    data_ids: tuple[int, ...]
+
+    def bytes_of(self, part: str) -> int:
+        """How many bytes of a part may be named."""
+        return {"payload": self.message.length, "identifier": 4, "counter": 8, "data_id": 4}[part]
+
+    def whole(self, part: str) -> Iterator[Covered]:
+        """All of a part: of the payload all bytes that are not the checksum's alone."""
+        if part == "payload":
+            yield from self._payload()
+            return
+        size = 2
+        if part == "identifier" and self.message.is_extended_frame:
+            size = 4
+        elif part == "counter" and self.counter is not None:
+            size = (self.message.get_signal_by_name(self.counter).length + 7) // 8
+        elif part == "data_id":
+            size = max((max(self.data_ids, default=0).bit_length() + 7) // 8, 1)
+        yield Covered(part, 0, size - 1)
+
+    def _payload(self) -> Iterator[Covered]:
+        first = 0
+        filled = [bits == 0xFF for bits in own_bits(self.message, self.checksum)]
+        for byte, is_own in enumerate([*filled, True]):
+            if is_own:
+                if first < byte:
+                    yield Covered("payload", first, byte - 1)
+                first = byte + 1
+
+
+def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[Covered, ...]:
+    """What a checksum is over, byte by byte."""
+    if not isinstance(value, list | tuple) or not value:
+        issues.add(key, f"{show(value)}; allowed: {_COVERS}")
+        return ()
+    found = [
+        covered
+        for place, each in enumerate(value)
+        for covered in _covered(issues, f"{key}[{place}]", each, frame)
+    ]
+    parts = {each.part for each in found}
+    if "data_id" not in parts and frame.data_ids:
+        issues.add(key, 'no "data_id", which is given; allowed: "data_id" where it goes in')
+    size = sum(len(each.numbers()) for each in found)
+    if size > MOST_COVERED:
+        issues.add(key, f"{size} bytes; allowed: up to {MOST_COVERED}")
+    return tuple(found)
+
+
+def _covered(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> Iterator[Covered]:
+    match = _COVERED.fullmatch(value) if isinstance(value, str) else None
+    if match is None or match[1] not in PARTS:
+        said = _COVERS.removeprefix("a list of ")
+        issues.add(key, f"{show(value)}; allowed: {said}")
+        return
+    part, first, last = match[1], match[2], match[3] or match[2]
+    if part == "counter" and frame.counter is None:
+        issues.add(key, f"{show(value)}, and the message has none; allowed: with a `counter`")
+        return
+    if part == "data_id" and not frame.data_ids:
+        issues.add(key, f"{show(value)}, and there is none; allowed: with a `data_id`")
+        return
+    if first is None:
+        yield from frame.whole(part)
+        return
+    most = frame.bytes_of(part) - 1
+    if max(int(first), int(last)) > most:
+        issues.add(key, f"{show(value)}; allowed: bytes 0 to {most} of the {part}")
+        return
+    yield Covered(part, int(first), int(last))

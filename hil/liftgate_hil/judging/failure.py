@@ -1,0 +1,116 @@
+"""Why an expectation failed, in words with its numbers: what was measured, what was allowed, when."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from liftgate_hil.conditions.condition import AND, EQ, GE, GT, LE, LT, NE, NOT, OR, Condition
+from liftgate_hil.judging.comparisons import Comparison, comparisons_of
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.table import SLACK
+
+# What a comparison allows, and what its negation does.
+_ALLOWED = {
+    "<": "below", "<=": "at most", ">": "above", ">=": "at least", "==": "exactly", "!=": "other than",
+}  # fmt: skip
+_NEGATED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "=="}
+_COMPARISONS = (LT, LE, GT, GE, EQ, NE)
+
+
+def failure_of(expectation: Expectation, condition: Condition, progress: Any, last: float) -> str:
+    """Why an expectation failed, from its row of PROGRESS; `last` [s] is the end of what was judged in its window.
+
+    For example "pinch_force_n: 171.3 N, allowed below 150 N, at 18.45 s".
+    """
+    if expectation.kind == "dtc":
+        return _of_a_code(expectation, progress, last)
+    found = _measured(condition, progress)
+    if expectation.is_always:
+        if abs(float(progress.decided_at) - float(progress.margin_at)) > SLACK:
+            found += f", first violated at {shown_time(progress.decided_at)}"
+        return found
+    held = f" for {expectation.hold:g} s" if expectation.hold else ""
+    text = f"{expectation.condition}{held}"
+    if not math.isnan(progress.late_at):
+        return f"{text}: true at {shown_time(progress.late_at)}, allowed until {shown_time(last)}; by then {found}"
+    return f"{text}: not from {shown_time(progress.begin)} to {shown_time(last)}; at best {found}"
+
+
+def shown_time(time: float) -> str:
+    """A time of a run [s], to the microsecond, with its unit."""
+    return f"{round(float(time), 6):.12g} s"
+
+
+def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
+    """Why one of a trouble code failed."""
+    code = expectation.condition
+    if expectation.is_always:
+        return f"{code}: reported at {progress.decided_at:g} s"
+    within = f" within {expectation.within:g} s" if math.isfinite(expectation.within) else ""
+    found = f"{code}: not reported from {progress.begin:g} s{within}, in {progress.counted} answers"
+    if math.isnan(progress.late_at):
+        return found
+    return f"{found}; reported at {shown_time(progress.late_at)}, allowed until {shown_time(last)}"
+
+
+def _measured(condition: Condition, progress: Any) -> str:
+    """What the comparison that decided it measured, with what it allows, and when."""
+    decider, margin = int(progress.decider), float(progress.margin)
+    comparison = comparisons_of(condition)[decider]
+    unit, at = condition.units[decider], f"at {shown_time(progress.margin_at)}"
+    named, sign, limit = _sides(comparison)
+    allowed = _NEGATED[sign] if negated(condition)[decider] else sign
+    if allowed == "==":
+        off = _with_unit(f"{abs(margin):.4g}", unit)
+        return (
+            f"{named}: {off} from {_with_unit(f'{limit:.10g}', unit)}, the only value allowed, {at}"
+        )
+    measured = limit + margin if allowed in (">", ">=", "!=") else limit - margin
+    shown = _with_unit(_told_apart(measured, limit), unit)
+    return (
+        f"{named}: {shown}, allowed {_ALLOWED[allowed]} {_with_unit(f'{limit:.10g}', unit)}, {at}"
+    )
+
+
+def _sides(comparison: Comparison) -> tuple[str, str, float]:
+    """What varies in a comparison, the sign between it and a number, and that number: the difference of two sides
+    that both vary is compared with 0.
+    """
+    limit = comparison.limit
+    if limit is not None:
+        side, sign, number = limit
+        return side.text, sign, number
+    right = comparison.right.text
+    right = f"({right})" if any(sign in right for sign in (" + ", " - ")) else right
+    return f"{comparison.left.text} - {right}", comparison.sign, 0.0
+
+
+def negated(condition: Condition) -> list[bool]:
+    """Of each comparison of a condition, in the order of its text, whether its falsehood is what is allowed."""
+    found: list[bool] = []
+    stack: list[list[int]] = []  # of each truth on the stack, the comparisons in it
+    for code, _ in condition.ops:
+        if code in _COMPARISONS:
+            stack.append([len(found)])
+            found.append(False)
+        elif code == NOT:
+            for place in stack[-1]:
+                found[place] = not found[place]
+        elif code in (AND, OR):
+            above = stack.pop()
+            stack[-1] = stack[-1] + above
+    return found
+
+
+def _told_apart(value: float, limit: float) -> str:
+    """A value in as few digits as tell it from a limit, at least four."""
+    for digits in range(4, 17):
+        shown = f"{value:.{digits}g}"
+        if float(shown) != limit or value == limit:
+            return shown
+    return f"{value:.17g}"
+
+
+def _with_unit(number: str, unit: str) -> str:
+    return f"{number} {unit}" if unit else number

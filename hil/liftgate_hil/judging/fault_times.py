@@ -1,0 +1,62 @@
+"""Whether the faults of a run were in force for long enough to matter, from the rows that judging sees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from liftgate_hil.judging.failure import shown_time
+from liftgate_hil.judging.table import SLACK
+from liftgate_hil.stimuli.moments import Instant
+
+
+@dataclass(frozen=True)
+class TimedFault:
+    """When a fault is in force, and for how long [s] it has to be so that anybody can notice: what acts on a
+    message, or on what an ECU learns by messages, is bridged by the last one for their time-out.
+    """
+
+    name: str  # as notes call it
+    start: Instant
+    end: Instant
+    length: float  # s from its start; infinite: it has none
+    least: float  # s
+    bridge: str  # whose time-out that is
+
+
+def brief_faults(
+    faults: Sequence[TimedFault],
+    came: Mapping[tuple[str, float | str], float],
+    last: float,
+    step: float,
+) -> list[str]:
+    """A note for each fault that was in force, but for less than it needs. `came` is when each condition came true
+    [s], by its text and what it counted after (see `Scenario.awaited`); `last` [s] is the end of the run, and no
+    end follows its start sooner than by a `step` [s] of its rows.
+    """
+    found = []
+    for each in faults:
+        start = _time_of(each.start, 0.0, came)
+        end = _time_of(each.end, each.start.condition or each.start.time, came)
+        if (
+            end < start - SLACK
+        ):  # it came true before the delay of the start was over: when again is not known
+            continue
+        end = math.inf if math.isnan(end) else max(end, start + step)
+        end = min(end, start + each.length, last)
+        if end - start < each.least - SLACK and start < last:
+            found.append(
+                f"{each.name} was in force for {max(0.0, end - start):.4g} s, from {shown_time(start)}: too short "
+                f"to matter, the time-out of {each.bridge} bridges {each.least:.4g} s"
+            )
+    return found
+
+
+def _time_of(
+    instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]
+) -> float:
+    """When an instant was [s]; NaN: it has not come."""
+    if not instant.condition:
+        return instant.time
+    return came.get((instant.condition, after), math.nan) + instant.delay

@@ -1,0 +1,63 @@
+"""Whether a verdict of a run in real time holds although the bench was late: the gate is stepped again, in model
+time, with the ECU's commands as they arrived, and with them earlier and later by the bench's lateness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from liftgate_hil.judging.verdict import INCONCLUSIVE, REPLAY, Verdict
+
+LONGEST = 0.25  # s of lateness, up to which the gate is stepped again
+
+
+@dataclass(frozen=True)
+class SteppedAgain:
+    """The verdicts of a gate that was stepped again."""
+
+    as_they_arrived: Sequence[Verdict]  # in the order of the expectations
+    earlier: Sequence[Verdict]
+    later: Sequence[Verdict]
+    # By the place of an expectation: how far what decided it changed within the lateness around its margin.
+    changes: Sequence[float]
+
+
+# Steps the gate again for a lateness [s]; None: it cannot be done.
+StepAgain = Callable[[float], SteppedAgain | None]
+
+
+def stepped_again(
+    verdict: Verdict, place: int, late: float, force: float, why: str, again: StepAgain | None
+) -> Verdict:
+    """A run's verdict of the expectation at a place, where the bench was `late` [s], which means `force` [N] where
+    its margin is one: as it is, where the gate stepped again confirms it with room to spare, else inconclusive.
+    """
+    found = None if again is None or late > LONGEST else again(late)
+    if found is None:
+        return Verdict(verdict.name, INCONCLUSIVE, reason=why, uncertainty=force or None)
+    others = {
+        "": found.as_they_arrived[place],
+        f", {1e3 * late:.3g} ms earlier": found.earlier[place],
+        f", {1e3 * late:.3g} ms later": found.later[place],
+    }
+    for how, other in others.items():
+        if other.verdict != verdict.verdict:
+            said = f"stepped again with the commands as they arrived{how}: {other.verdict}"
+            return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
+    if verdict.margin is None:
+        return replace(verdict, method=REPLAY)
+    margins = [
+        verdict.margin,
+        *(each.margin for each in others.values() if each.margin is not None),
+    ]
+    uncertainty = max(margins) - min(margins) + found.changes[place] + force
+    if math.isnan(uncertainty) or abs(verdict.margin) <= uncertainty:
+        unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
+        said = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
+        reason = f"{why}; stepped again, {said}"
+        return Verdict(
+            verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY
+        )
+    return replace(verdict, method=REPLAY, uncertainty=uncertainty)

@@ -1,0 +1,245 @@
+"""The gate of a run in real time stepped again, in model time, with the commands that it got.
+
+again = CommandLog()                 # a taker of the run
+...
+StepsAgain(begun, again.frames(), ...)(0.012)      # SteppedAgain, see judging.stepped_again
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import FD, no_logged
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.ecu import wire
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.node import PORT
+from liftgate_hil.errors import LiftgateError
+from liftgate_hil.judging.judge import Expected, Judge
+from liftgate_hil.judging.sketch import Sketch, Sketcher
+from liftgate_hil.judging.stepped_again import SteppedAgain
+from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.loop.begun import Begun
+from liftgate_hil.loop.closed_loop import Episode
+from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.tick import copied
+from liftgate_hil.signals import COLUMN_PLACE
+from liftgate_hil.stimuli.bus_faults import RECEIVED
+from liftgate_hil.stimuli.scene import Scene
+from liftgate_plant.compiler import INT_OF_STEP, GivenUpError
+
+_SAME_DEG = (
+    0.2  # that a gate stepped again may be off from what was recorded: some ticks of a motion
+)
+_MOST = 2_000_000  # frames that are kept; more are too many to step again
+
+
+def _never() -> bool:
+    return False
+
+
+class CommandLog:
+    """Keeps the frames that a gate got, and its angle in each tick; a Taker."""
+
+    def __init__(self) -> None:
+        self._parts: list[Any] = []
+        self._angles: list[NDArray[np.float64]] = []
+        self._count = 0
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Take rows and frames of the run, in the order of its loop."""
+        come = frames[frames["is_sent"] == 0]
+        self._count += len(come) + len(rows)
+        if self._count > _MOST:
+            self._parts, self._angles = [], []
+            return
+        self._angles.append(rows[:, COLUMN_PLACE["gate_angle_deg"]].copy())
+        if len(come):
+            self._parts.append(np.array(come))
+
+    def frames(self) -> Any | None:
+        """All that came (n,) LOGGED; None: there were too many to be kept."""
+        if self._count > _MOST:
+            return None
+        return np.concatenate([no_logged(), *self._parts])
+
+    def angles(self) -> NDArray[np.float64]:
+        """The gate's angle (n,) in each tick [deg]."""
+        return np.concatenate([np.empty(0), *self._angles])
+
+
+def heard_by(rig: Rig, frames: Any) -> Any:
+    """Of frames (n,) LOGGED, either way, those that a gate and its tester take, by their arrival: in whole
+    microseconds, as in recordings.
+    """
+    identifiers = [rig.identifier(each.message) for each in rig.inputs]
+    if rig.diagnostics is not None:
+        identifiers.append(rig.diagnostics.response)
+    found = np.array(frames[np.isin(frames["identifier"] & ~FD, identifiers)])
+    found["time_ns"] = (found["time_ns"] + 500) // 1000 * 1000
+    return found[np.argsort(found["time_ns"], kind="stable")]
+
+
+class _Angles:
+    """Compares the gate's angle with what it was in a run; a Taker."""
+
+    def __init__(self, known: NDArray[np.float64]) -> None:
+        self._known = known
+        self._seen = 0
+        self.are_same = True
+
+    def take(self, rows: NDArray[np.float64], frames: Any) -> None:
+        """Take rows and frames, as a Taker does."""
+        angles = rows[:, COLUMN_PLACE["gate_angle_deg"]]
+        known = self._known[self._seen : self._seen + len(angles)]
+        self._seen += len(angles)
+        self.are_same &= bool(np.all(np.abs(angles[: len(known)] - known) < _SAME_DEG))
+
+
+@dataclass
+class StepsAgain:
+    """Steps the gate of a run again for a lateness [s]: see `judging.stepped_again.StepAgain`."""
+
+    begun: Begun
+    frames: Any  # (n,) LOGGED, see `heard_by`
+    ticks: int  # of the run
+    rig: Rig
+    drives: int
+    expected: Expected
+    rate: float  # Hz
+    end: float  # s, of the run and of every window
+    angles: NDArray[
+        np.float64
+    ]  # deg, the gate's in each tick of the run: it has to be the same gate
+    stopped: Callable[[], bool] = _never
+    _known: dict[float, _Stepped | None] = field(default_factory=dict)  # by how much later [s]
+
+    def __call__(self, late: float) -> SteppedAgain | None:
+        """The gate stepped again with the commands as they arrived, earlier and later by `late` [s], rounded up to
+        a tick; None where the plant diverged, it is not the gate that it was, or the run is stopped.
+        """
+        shift = math.ceil(late * self.rate - 1e-6) / self.rate
+        as_they_arrived, earlier, later = (self._at(each) for each in (0.0, -shift, shift))
+        if as_they_arrived is None or earlier is None or later is None:
+            return None
+        changes = [
+            change_around(as_they_arrived.sketches.get(each.name), each, shift)
+            for each in as_they_arrived.verdicts
+        ]
+        return SteppedAgain(as_they_arrived.verdicts, earlier.verdicts, later.verdicts, changes)
+
+    def _at(self, shift: float) -> _Stepped | None:
+        if shift not in self._known:
+            try:
+                self._known[shift] = self._stepped(shift)
+            except (LiftgateError, GivenUpError):
+                self._known[shift] = None
+        return self._known[shift]
+
+    def _stepped(self, shift: float) -> _Stepped | None:
+        """What came of the expectations with the commands later by a shift [s]."""
+        config, state = self.begun.config, copied(self.begun.state)
+        scene = _without_received_faults(copied(self.begun.scene))
+        judge = Judge(self.expected, self.rate, self.end)
+        sketcher, angles = Sketcher(judge, self.rate), _Angles(self.angles)
+        takers: list[Taker] = [judge] if shift else [judge, sketcher, angles]
+        player = _CommandPlayer(self.rig, self.drives, self.frames, shift, self.begun)
+        episode = Episode(config, state, scene, player, takers, is_recorded=judge.reads_the_bus)
+        try:
+            episode.begin()
+            episode.run(self.ticks, self.stopped)
+            if episode.ticks < self.ticks:
+                return None
+            episode.finish()
+        finally:
+            episode.close()
+        if not angles.are_same:
+            return None
+        return _Stepped(judge.verdicts(), {} if shift else sketcher.sketches())
+
+
+class _Stepped(NamedTuple):
+    """What came of a gate that was stepped again."""
+
+    verdicts: Sequence[Verdict]
+    sketches: Mapping[str, Sketch]
+
+
+def _without_received_faults(scene: Scene) -> Scene:
+    """A scene whose faults on the bus leave alone what the gate gets: what it got is known."""
+    scene.bus_faults.rows["direction"] &= ~RECEIVED
+    return scene
+
+
+class _CommandPlayer(Adapter):
+    """The far end of the gate's bus: sends what came to a gate, each frame for the tick by whose time it came."""
+
+    kind = PORT
+
+    def __init__(self, rig: Rig, drives: int, frames: Any, shift: float, begun: Begun) -> None:
+        super().__init__(rig, drives)
+        self._frames, self._next = frames, 0
+        step_ns = begun.config.step_ns
+        # What is sent after the tick at a time is read by the next one.
+        ahead = step_ns - int(begun.scene.origin[0]) * step_ns
+        self._due_ns = frames["time_ns"] + round(1e9 * shift) - ahead
+        self._callback = INT_OF_STEP(self._on_step)
+        port = wire.Port(wire.address_of(self._callback), 0, 0, 0)
+        self.node = self.node._replace(port=port)
+
+    def reset(self) -> None:
+        """A reset changes nothing of what the ECU has sent."""
+
+    def _on_step(
+        self, instance: int, now_ns: int, inbox: int, count: int, outbox: int, capacity: int
+    ) -> int:
+        first, last = self._next, self._next
+        most = min(len(self._due_ns), first + capacity)
+        while last < most and self._due_ns[last] <= now_ns:
+            last += 1
+        self._next = last
+        if last > first:
+            self._put(self._frames[first:last])
+        return last - first
+
+    def _put(self, frames: Any) -> None:
+        outbox = self.state.port.outbox.view(np.ndarray)[: len(frames)]
+        outbox["id"] = frames["identifier"] & 0xFFFFFFFF
+        outbox["length"] = frames["length"]
+        outbox["format"] = np.where(frames["identifier"] >> 32 & 1, wire.FLAG_FD, 0)
+        outbox["payload"] = frames["payload"]
+
+
+def change_around(sketch: Sketch | None, verdict: Verdict, late: float) -> float:
+    """How far what decided a verdict changed within `late` [s] around its margin, in the margin's unit, among the
+    ticks on the same side of its limit; 0 for what has no margin, NaN where nobody knows.
+    """
+    at = verdict.margin_time_s
+    if at is None:
+        return 0.0
+    if sketch is None or sketch.near is None:
+        return math.nan
+    comparison = next((e for e in sketch.condition if e.text == verdict.decided_by), None)
+    curves = {curve.side.text: curve for curve in sketch.near.curves}
+    times = sketch.near.times
+    chosen = np.abs(times - at) <= late + sketch.near.bin_s
+    if comparison is None or not chosen.any():
+        return math.nan
+    gap = np.zeros(int(chosen.sum()))
+    for side, sign in ((comparison.left, 1.0), (comparison.right, -1.0)):
+        if side.constant is not None:
+            gap += sign * side.constant
+            continue
+        curve = curves.get(side.text)
+        if curve is None:
+            return math.nan
+        gap += sign * 0.5 * (curve.low + curve.high)[chosen]
+    place = int(np.nanargmin(np.abs(times[chosen] - at)))
+    same = gap[(np.sign(gap) == np.sign(gap[place])) & np.isfinite(gap)]
+    return float(same.max() - same.min()) if len(same) else math.nan

@@ -1,0 +1,125 @@
+"""A suite's outcomes as JUnit XML, as CI servers read it.
+
+The elements and attributes are those of Apache Ant's schema, whose time stamps have no time zone (they are UTC
+here), but for the name of the whole, which Jenkins' has.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import re
+import socket
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from liftgate_hil.config.shipped import data_root
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
+from liftgate_hil.testing.reports import line_of
+from liftgate_hil.testing.suite import Outcome, subject_of
+
+_NOT_IN_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_NOT_IN_A_CLASS = re.compile(r"[\s.]+")
+
+
+def as_junit(outcomes: Sequence[Outcome]) -> bytes:
+    """A suite a scenario, or a recorded run, a test case an expectation: what fails is a failure, what is
+    inconclusive or an error is an error, nothing is skipped.
+    """
+    command = "judge" if subject_of(outcomes) == "recording" else "test"
+    root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
+    classes = class_names([_subject(each) for each in outcomes])
+    for number, (outcome, name) in enumerate(zip(outcomes, classes, strict=True)):
+        root.append(_suite(outcome, number, name))
+    ElementTree.indent(root)
+    content: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return content
+
+
+def class_names(files: Sequence[Path]) -> list[str]:
+    """The class name of each file's test cases, each once: CI servers know a case again from run to run by it, and
+    sort by its parts. It is the path without suffix, from the folder of the shipped scenarios, else from the
+    working folder, else the name with its folder's: however a file was named on the command line.
+    """
+    found: list[str] = []
+    for file in files:
+        own = ".".join(_NOT_IN_A_CLASS.sub("_", _text(part)) for part in _parts(file))
+        count = sum(name == own or name.startswith(f"{own} (") for name in found)
+        found.append(f"{own} ({count + 1})" if count else own)
+    return found
+
+
+def _parts(file: Path) -> tuple[str, ...]:
+    """What of a file's path is the same wherever it lies, without its suffix."""
+    real = Path(os.path.realpath(file)).with_suffix("")
+    for folder in (data_root() / "configs" / "scenarios", Path.cwd()):
+        above = Path(os.path.realpath(folder))
+        if real.is_relative_to(above):
+            return real.relative_to(above).parts
+    return real.parts[-2:]
+
+
+def _subject(outcome: Outcome) -> Path:
+    """The file that an outcome is of."""
+    case = outcome.case
+    return case.recordings[0] if case.recordings else Path(case.file)
+
+
+def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
+    """The element of an outcome, the so many-th."""
+    verdicts = [each.verdict for each in outcome.expectations]
+    began = datetime.datetime.fromtimestamp(outcome.ended - outcome.wall_s, datetime.UTC)
+    suite = ElementTree.Element(
+        "testsuite",
+        name=_text(outcome.case.file),
+        id=str(number),
+        package=name.rpartition(".")[0],
+        timestamp=began.strftime("%Y-%m-%dT%H:%M:%S"),
+        hostname=_text(socket.gethostname()) or "localhost",
+        tests=str(len(verdicts)),
+        failures=str(verdicts.count(FAIL)),
+        errors=str(verdicts.count(ERROR) + verdicts.count(INCONCLUSIVE)),
+        skipped="0",
+        time=f"{outcome.wall_s:.3f}",
+    )
+    _add_properties(suite, outcome)
+    for each in outcome.expectations:
+        suite.append(_case(each, name, outcome.wall_s / len(verdicts)))
+    ElementTree.SubElement(suite, "system-out").text = _text("\n".join(outcome.notes))
+    ElementTree.SubElement(suite, "system-err").text = _text(outcome.reason)
+    return suite
+
+
+def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
+    """The element of an expectation of the class of that name."""
+    case = ElementTree.Element(
+        "testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}"
+    )
+    if verdict.verdict != PASS:
+        kind = "failure" if verdict.verdict == FAIL else "error"
+        said = _text(line_of(verdict))
+        told = ElementTree.SubElement(case, kind, type=verdict.verdict, message=said)
+        told.text = said
+    return case
+
+
+def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
+    """What the scenario ran with."""
+    setup = outcome.case.parts.setup
+    properties = ElementTree.SubElement(suite, "properties")
+    told = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
+    if outcome.case.recordings:
+        told = [("scenario", setup.scenario.source)]
+        told += [("recording", str(path)) for path in outcome.case.recordings]
+    told += [("requirement", each) for each in setup.scenario.requirement]
+    told += [
+        (f"parameter.{name}", f"{value:g}") for name, value in setup.scenario.parameters.items()
+    ]
+    for name, value in told:
+        ElementTree.SubElement(properties, "property", name=_text(name), value=_text(value))
+
+
+def _text(said: str) -> str:
+    """A text without what XML cannot hold."""
+    return _NOT_IN_XML.sub("?", said)

@@ -1,0 +1,46 @@
+"""How long compilations took the last time on this machine, so that a wait can be told in advance."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import tempfile
+from pathlib import Path
+
+from liftgate_plant.compiler import storage
+
+_NAME = "durations.json"
+_LONGEST = 24 * 3600.0  # s; what is longer is no duration
+
+
+def expected_s(name: str) -> float | None:
+    """How long an entry point took to compile the last time [s]; None: nobody knows."""
+    value = _known().get(name)
+    return value if value is not None and 0.0 < value < _LONGEST else None
+
+
+def note(name: str, seconds: float) -> None:
+    """Remember how long an entry point took to compile [s]; where that cannot be kept it is forgotten."""
+    found = {**_known(), name: round(seconds, 1)}
+    with contextlib.suppress(OSError):
+        storage.check_ours(storage.root())
+        descriptor, draft = tempfile.mkstemp(dir=storage.root(), prefix=_NAME)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            json.dump(found, stream)
+        Path(draft).replace(storage.root() / _NAME)
+
+
+def _known() -> dict[str, float]:
+    try:
+        found = json.loads((storage.root() / _NAME).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    if not isinstance(found, dict):
+        return {}
+    return {
+        str(name): float(value)
+        for name, value in found.items()
+        if isinstance(value, int | float) and math.isfinite(value)
+    }

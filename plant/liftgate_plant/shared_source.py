@@ -1,0 +1,376 @@
+"""Two bridges that switch on one source with resistance: both currents over a period of the PWM, when they repeat.
+
+`pwm` has one bridge on a source without resistance. Here the terminal voltage sags by what both draw at that
+moment, U = U_source − R_source Σ s i with the current along the duty, and
+
+    L di/dt = s U + v − R i − e
+
+    on       s = 1, v = 0                       both bridges are switched on at the same instant
+    slow     s = 0, v = 0
+    diode    s = 0, v = −U_d while it flows on; s = 1, v = U_d where it flows back
+    fast     s = −1, v = −2 U_d while it flows on; s = 1, v = 2 U_d where it flows back
+    none     where a diode has let it die, while s U + v of neither line is beyond e
+
+Between two switches, or ends of a diode's current, both are two exponentials (the two modes of the symmetric
+system in √L i). The currents at the period's start are those that come back at its end, found by Newton's method
+on the map from one to the other, which is affine where no diode's current ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.motor import rotation
+from liftgate_plant.pwm import DIODE, SLOW, Chopper
+
+_MOST_PERIODS = 6  # two are enough where the currents last, or end, all through
+_MOST_PARTS = 10  # of a period: three switches, two ends, and what begins again
+_CLOSED = 1e-9  # A, by which a current at the end may miss that at the start
+_SETTLED = 1e-14  # of a part's length, to which a current's end is found
+_MOST_TRIES = 40  # to find it
+_TOUCHES = 1e-9  # V, by which an EMF may be below its line and drive a current through a diode
+
+
+class Branch(NamedTuple):
+    """A bridge and its motor."""
+
+    chopper: Chopper
+    duty: float  # 0…1; 0: takes no part
+    emf: float  # V, along the duty
+
+
+class Way(NamedTuple):
+    """Which way a branch's current goes during a part of the period."""
+
+    share: float  # s
+    offset: float  # v, V
+    flows: float  # 0.0: diodes hold the motor without current
+
+
+class Wave(NamedTuple):
+    """A current i = final + first e^(−λ1 t) + second e^(−λ2 t) [A]."""
+
+    final: float
+    first: float
+    second: float
+
+
+class Decay(NamedTuple):
+    """Both modes after a time: it [s], λ1 and λ2 [1/s], e^(−λ t)."""
+
+    time: float
+    rate_1: float
+    rate_2: float
+    left_1: float
+    left_2: float
+
+
+class Sag(NamedTuple):
+    """A source [V] behind a resistance [Ω]."""
+
+    source: float
+    resistance: float
+
+
+class Sums(NamedTuple):
+    """A current's integrals over a period so far, and its extremes."""
+
+    charge: float  # A s
+    square: float  # A² s
+    drawn: float  # A s, from the source
+    on: float  # A s, while the PWM is on
+    high: float  # A
+    low: float
+
+
+class Part(NamedTuple):
+    """Both currents in a part of the period without a switch: the modes' rates [1/s] and their rotation."""
+
+    left: Wave
+    right: Wave
+    rate_1: float
+    rate_2: float
+    cosine: float
+    sine: float
+    ratio: float  # √(L_right/L_left)
+
+
+class Slopes(NamedTuple):
+    """How both currents change with those at the period's start: `left_right` is the left one by the right one."""
+
+    left_left: float
+    left_right: float
+    right_left: float
+    right_right: float
+
+
+class Period(NamedTuple):
+    """Both currents over a period that begins with given ones: at its end [A], how these change with those at its
+    start, and sums.
+    """
+
+    left_end: float
+    right_end: float
+    by: Slopes
+    left: Sums
+    right: Sums
+
+
+IDLE = Way(0.0, 0.0, 0.0)
+SWITCHED_ON = Way(1.0, 0.0, 1.0)
+SAME = Slopes(1.0, 0.0, 0.0, 1.0)
+
+
+@compilable
+def freewheel(chopper: Chopper, along: float) -> Way:
+    """The way of a current that flows on (1.0) or back (−1.0) while the PWM is off."""
+    if chopper.freewheeling == SLOW:
+        return Way(0.0, 0.0, 1.0)
+    if along < 0.0:
+        return Way(1.0, chopper.drop if chopper.freewheeling == DIODE else 2.0 * chopper.drop, 1.0)
+    if chopper.freewheeling == DIODE:
+        return Way(0.0, -chopper.drop, 1.0)
+    return Way(-1.0, -2.0 * chopper.drop, 1.0)
+
+
+@compilable
+def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Way:
+    """The way of a branch with a current [A] at a terminal voltage [V] that is there without its own current."""
+    chopper = branch.chopper
+    if branch.duty == 0.0:
+        return IDLE
+    if is_on:
+        return SWITCHED_ON
+    if chopper.freewheeling == SLOW or current > 0.0:
+        return freewheel(chopper, 1.0)
+    back, on = freewheel(chopper, -1.0), freewheel(chopper, 1.0)
+    if current < 0.0 or branch.emf > terminal + back.offset - _TOUCHES:
+        return back
+    return on if branch.emf < on.share * terminal + on.offset else IDLE
+
+
+@compilable
+def drawn_by(branch: Branch, is_on: bool, current: float) -> float:
+    """What a branch with a current [A] takes from the source [A]."""
+    return way_of(branch, is_on, current, 0.0).share * current if current != 0.0 else 0.0
+
+
+@compilable
+def value_after(wave: Wave, decay: Decay) -> float:
+    """A current [A] at the end of a part."""
+    return wave.final + wave.first * decay.left_1 + wave.second * decay.left_2
+
+
+@compilable
+def ends_at(wave: Wave, start: float, modes: Decay) -> float:
+    """When [s] a current that starts with `start` [A] comes to zero within a part; its length: it doesn't."""
+    length = modes.time
+    final = value_after(wave, modes)
+    if start * final >= 0.0:
+        return length
+    if wave.second == 0.0:
+        return min(length, math.log(-wave.first / wave.final) / modes.rate_1)
+    if wave.first == 0.0:
+        return min(length, math.log(-wave.second / wave.final) / modes.rate_2)
+    low, high = 0.0, length
+    time = length * start / (start - final)
+    for _ in range(_MOST_TRIES):
+        first = wave.first * math.exp(-modes.rate_1 * time)
+        second = wave.second * math.exp(-modes.rate_2 * time)
+        value = wave.final + first + second
+        if value * start > 0.0:
+            low = time
+        else:
+            high = time
+        slope = -modes.rate_1 * first - modes.rate_2 * second
+        better = time - value / slope if slope != 0.0 else low
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        change = abs(better - time)
+        time = better
+        if change <= _SETTLED * length:
+            break
+    return time
+
+
+@compilable
+def begins_at(
+    branch: Branch, way: Way, wave: Wave, start: float, share: float, decay: Decay, sag: Sag
+) -> float:
+    """When [s] within a part the other's current, of which the source gives that share, pulls the source so far
+    down that an idle motor's EMF drives a current back; the part's length: it doesn't.
+    """
+    if way.flows != 0.0 or branch.duty == 0.0 or sag.resistance * share <= 0.0:
+        return decay.time
+    room = sag.source + freewheel(branch.chopper, -1.0).offset - branch.emf
+    most = room / (sag.resistance * share)
+    if start >= most:
+        return decay.time
+    above = Wave(wave.final - most, wave.first, wave.second)
+    return ends_at(above, start - most, decay)
+
+
+@compilable
+def added(sums: Sums, wave: Wave, decay: Decay, share: float, is_on: bool) -> Sums:
+    """The sums with a part of the period more, in which the source gives that share of the current."""
+    f, a, b, time = wave.final, wave.first, wave.second, decay.time
+    gone_1, gone_2 = (1.0 - decay.left_1) / decay.rate_1, (1.0 - decay.left_2) / decay.rate_2
+    charge = f * time + a * gone_1 + b * gone_2
+    square = f * f * time + 2.0 * f * (a * gone_1 + b * gone_2)
+    square += 0.5 * a * a * gone_1 * (1.0 + decay.left_1)
+    square += 0.5 * b * b * gone_2 * (1.0 + decay.left_2)
+    square += 2.0 * a * b * (1.0 - decay.left_1 * decay.left_2) / (decay.rate_1 + decay.rate_2)
+    start, end = f + a + b, value_after(wave, decay)
+    most, least = max(start, end), min(start, end)
+    return Sums(
+        sums.charge + charge,
+        sums.square + square,
+        sums.drawn + share * charge,
+        sums.on + (charge if is_on else 0.0),
+        max(sums.high, most),
+        min(sums.low, least),
+    )
+
+
+@compilable
+def part_of(
+    left: Branch,
+    right: Branch,
+    way_l: Way,
+    way_r: Way,
+    i_l: float,
+    i_r: float,
+    source: float,
+    resistance: float,
+) -> Part:
+    """Both currents of a part that begins with `i_l` and `i_r` [A]: x = √L i in its modes, solved, and back."""
+    chopper_l, chopper_r = left.chopper, right.chopper
+    root_l, root_r = math.sqrt(chopper_l.inductance), math.sqrt(chopper_r.inductance)
+    rate_1, rate_2, c, s = rotation(
+        (chopper_l.resistance + resistance * way_l.share * way_l.share) / chopper_l.inductance,
+        (chopper_r.resistance + resistance * way_r.share * way_r.share) / chopper_r.inductance,
+        resistance * way_l.share * way_r.share / (root_l * root_r),
+    )
+    u_l = way_l.flows * (way_l.share * source + way_l.offset - left.emf) / root_l
+    u_r = way_r.flows * (way_r.share * source + way_r.offset - right.emf) / root_r
+    f_1, f_2 = (c * u_l - s * u_r) / rate_1, (s * u_l + c * u_r) / rate_2
+    y_1 = c * root_l * i_l - s * root_r * i_r - f_1
+    y_2 = s * root_l * i_l + c * root_r * i_r - f_2
+    return Part(
+        Wave((c * f_1 + s * f_2) / root_l, c * y_1 / root_l, s * y_2 / root_l),
+        Wave((c * f_2 - s * f_1) / root_r, -s * y_1 / root_r, c * y_2 / root_r),
+        rate_1,
+        rate_2,
+        c,
+        s,
+        root_r / root_l,
+    )
+
+
+@compilable
+def decay_of(part: Part, time: float) -> Decay:
+    """Both modes of a part after a time [s]."""
+    left_1, left_2 = math.exp(-part.rate_1 * time), math.exp(-part.rate_2 * time)
+    return Decay(time, part.rate_1, part.rate_2, left_1, left_2)
+
+
+@compilable
+def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
+    """How the currents at a part's end change with those at the period's start; `by` of those at its own start."""
+    c, s, e_1, e_2 = part.cosine, part.sine, decay.left_1, decay.left_2
+    own_l, own_r = c * c * e_1 + s * s * e_2, s * s * e_1 + c * c * e_2
+    across = c * s * (e_2 - e_1)
+    to_l, to_r = across * part.ratio, across / part.ratio
+    return Slopes(
+        own_l * by.left_left + to_l * by.right_left,
+        own_l * by.left_right + to_l * by.right_right,
+        to_r * by.left_left + own_r * by.right_left,
+        to_r * by.left_right + own_r * by.right_right,
+    )
+
+
+@compilable
+def next_switch(now: float, period: float, on_left: float, on_right: float) -> float:
+    """When [s] the next switch of a period is, of which the bridges are on until these times."""
+    end = period
+    if now < on_left:
+        end = min(end, on_left)
+    if now < on_right:
+        end = min(end, on_right)
+    return end
+
+
+@outlined
+def over_a_period(
+    left: Branch, right: Branch, start_l: float, start_r: float, source: float, resistance: float
+) -> Period:
+    """Both currents over a period that they begin with `start_l` and `start_r` [A]."""
+    period = left.chopper.period if left.duty > 0.0 else right.chopper.period
+    on_l, on_r = left.duty * period, right.duty * period
+    i_l, i_r, now, by, sag = start_l, start_r, 0.0, SAME, Sag(source, resistance)
+    sums_l = Sums(0.0, 0.0, 0.0, 0.0, start_l, start_l)
+    sums_r = Sums(0.0, 0.0, 0.0, 0.0, start_r, start_r)
+    for _ in range(_MOST_PARTS):
+        is_on_l, is_on_r = now < on_l, now < on_r
+        beside_l = source - resistance * drawn_by(right, is_on_r, i_r)
+        beside_r = source - resistance * drawn_by(left, is_on_l, i_l)
+        way_l = way_of(left, is_on_l, i_l, beside_l)
+        way_r = way_of(right, is_on_r, i_r, beside_r)
+        part = part_of(left, right, way_l, way_r, i_l, i_r, source, resistance)
+        end = next_switch(now, period, on_l, on_r)
+        decay = decay_of(part, end - now)
+        may_end_l = not is_on_l and left.chopper.freewheeling != SLOW
+        may_end_r = not is_on_r and right.chopper.freewheeling != SLOW
+        time = decay.time
+        if may_end_l:
+            time = min(time, ends_at(part.left, i_l, decay))
+        if may_end_r:
+            time = min(time, ends_at(part.right, i_r, decay))
+        time = min(time, begins_at(left, way_l, part.right, i_r, way_r.share, decay, sag))
+        time = min(time, begins_at(right, way_r, part.left, i_l, way_l.share, decay, sag))
+        if time < decay.time:
+            end -= decay.time - time
+            decay = decay_of(part, time)
+        now = end
+        sums_l = added(sums_l, part.left, decay, way_l.share, is_on_l)
+        sums_r = added(sums_r, part.right, decay, way_r.share, is_on_r)
+        by = followed(by, part, decay)
+        after_l, after_r = value_after(part.left, decay), value_after(part.right, decay)
+        if way_l.flows == 0.0 or (may_end_l and has_ended(way_l, i_l, after_l)):
+            after_l, by = 0.0, Slopes(0.0, 0.0, by.right_left, by.right_right)
+        if way_r.flows == 0.0 or (may_end_r and has_ended(way_r, i_r, after_r)):
+            after_r, by = 0.0, Slopes(by.left_left, by.left_right, 0.0, 0.0)
+        i_l, i_r = after_l, after_r
+        if now >= period:
+            break
+    return Period(i_l, i_r, by, sums_l, sums_r)
+
+
+@compilable
+def has_ended(way: Way, before: float, after: float) -> bool:
+    """Whether a diode's current has come to zero, but for rounding; what flows back comes through the source."""
+    along = -1.0 if way.share > 0.0 else 1.0
+    return along * after <= 0.0 or abs(after) < _SETTLED * abs(before)
+
+
+@outlined
+def repeating(left: Branch, right: Branch, source: float, resistance: float) -> Period:
+    """Both currents over the period after which they repeat; `source` [V] behind its resistance [Ω].
+
+    A branch of duty 0 takes no part. Both have one period, but where one is of duty 1, which does not switch.
+    """
+    i_l, i_r = 0.0, 0.0
+    run = over_a_period(left, right, i_l, i_r, source, resistance)
+    for _ in range(_MOST_PERIODS):
+        miss_l, miss_r = run.left_end - i_l, run.right_end - i_r
+        if abs(miss_l) + abs(miss_r) < _CLOSED:
+            break
+        a, d = 1.0 - run.by.left_left, 1.0 - run.by.right_right
+        b, c = -run.by.left_right, -run.by.right_left
+        whole = a * d - b * c
+        i_l += (d * miss_l - b * miss_r) / whole
+        i_r += (a * miss_r - c * miss_l) / whole
+        run = over_a_period(left, right, i_l, i_r, source, resistance)
+    return run

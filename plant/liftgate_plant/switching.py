@@ -1,0 +1,137 @@
+"""Both motors' currents over a period of the PWM, whatever their bridges do, on the source that they share.
+
+| source | bridges | solution |
+|---|---|---|
+| without resistance | each for itself | `pwm.course` |
+| with resistance | of one frequency | `shared_source`: the sag acts in each part of the period |
+| with resistance | of two frequencies, or one taken as its mean | each for itself beside the other's mean |
+
+Bridges of two frequencies meet each other in every part of their periods for the same time, so that each sees of
+the other its mean alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.pwm import FAST, Chopper, Course, course
+from liftgate_plant.shared_source import Branch, Sums, repeating
+
+_MOST_ROUNDS = 4  # of two bridges beside each other; each brings R_source/R of the last one's error
+
+
+class Fed(NamedTuple):
+    """A bridge on the source and its motor."""
+
+    chopper: Chopper  # of period 0: the mean of its PWM alone
+    duty: float  # signed; 0: nothing comes from the source
+    emf: float  # V, less what is applied beside the source
+    current: float  # A, at present
+
+
+@compilable
+def is_chopped(fed: Fed) -> bool:
+    """Whether a bridge switches."""
+    return fed.chopper.period > 0.0 and 0.0 < abs(fed.duty) < 1.0
+
+
+@compilable
+def drawn_share(period: float, freewheeling: float, duty: float) -> float:
+    """Which share of a current along the duty comes from the source, if it does not change over the period."""
+    if period > 0.0 and freewheeling == FAST:
+        return 2.0 * abs(duty) - 1.0
+    return abs(duty)
+
+
+@compilable
+def averaged(fed: Fed, source: float, resistance: float) -> Course:
+    """The course of a bridge that does not switch, or is taken as its mean, on a source behind a resistance."""
+    duty, along = abs(fed.duty), math.copysign(1.0, fed.duty)
+    if duty == 0.0:
+        return Course(fed.current, 0.0, 0.0, 0.0, fed.current, fed.current, 0.0, 0.0)
+    whole = fed.chopper.resistance + resistance * duty * duty
+    mean = (duty * source - along * fed.emf) / whole
+    by_emf, by_supply = -1.0 / fed.chopper.resistance, duty / fed.chopper.resistance
+    return Course(mean, by_emf, by_supply, 0.0, mean, mean, duty * mean, mean)
+
+
+@compilable
+def branch_of(fed: Fed, period: float) -> Branch:
+    """A bridge that switches, or is fully on, in a period [s]."""
+    chopper = fed.chopper
+    return Branch(
+        Chopper(chopper.freewheeling, period, chopper.drop, chopper.resistance, chopper.inductance),
+        abs(fed.duty),
+        math.copysign(1.0, fed.duty) * fed.emf,
+    )
+
+
+@compilable
+def with_sums(branch: Branch, sums: Sums, terminal: float) -> Course:
+    """The course of a branch with these integrals over its period. How its mean changes is that of a bridge on the
+    mean of the terminal voltage, without resistance.
+    """
+    period, duty, resistance = branch.chopper.period, branch.duty, branch.chopper.resistance
+    mean = sums.charge / period
+    by_emf, by_supply = -1.0 / resistance, duty / resistance
+    if duty < 1.0:
+        near = course(branch.chopper, duty, terminal, branch.emf)
+        by_emf, by_supply = near.by_emf, near.by_supply
+    ripple = max(sums.square / period - mean * mean, 0.0)
+    drawn, on = sums.drawn / period, sums.on / (duty * period)
+    return Course(mean, by_emf, by_supply, ripple, sums.high, sums.low, drawn, on)
+
+
+@compilable
+def alone(fed: Fed, source: float, resistance: float) -> Course:
+    """The course of a bridge beside which nothing else is on the source."""
+    if not is_chopped(fed):
+        return averaged(fed, source, resistance)
+    branch = branch_of(fed, fed.chopper.period)
+    none = Branch(branch.chopper, 0.0, 0.0)
+    sums = repeating(branch, none, source, resistance).left
+    return with_sums(branch, sums, source - resistance * sums.drawn / fed.chopper.period)
+
+
+@compilable
+def are_in_step(left: Fed, right: Fed) -> bool:
+    """Whether both bridges have one period, of which one may be fully on all the time."""
+    if left.duty == 0.0 or right.duty == 0.0:
+        return False
+    if is_chopped(left) and is_chopped(right):
+        return left.chopper.period == right.chopper.period
+    other = right if is_chopped(left) else left
+    return abs(other.duty) == 1.0
+
+
+@outlined
+def courses(left: Fed, right: Fed, source: float, resistance: float) -> tuple[Course, Course]:
+    """Both currents' courses, each along its duty, on a source [V] behind a resistance [Ω].
+
+    Of a bridge that draws nothing it is its present current.
+    """
+    if resistance == 0.0:
+        own_l, own_r = averaged(left, source, 0.0), averaged(right, source, 0.0)
+        if is_chopped(left):
+            along = math.copysign(1.0, left.duty)
+            own_l = course(left.chopper, abs(left.duty), source, along * left.emf)
+        if is_chopped(right):
+            along = math.copysign(1.0, right.duty)
+            own_r = course(right.chopper, abs(right.duty), source, along * right.emf)
+        return own_l, own_r
+    if are_in_step(left, right):
+        period = left.chopper.period if is_chopped(left) else right.chopper.period
+        branch_l, branch_r = branch_of(left, period), branch_of(right, period)
+        run = repeating(branch_l, branch_r, source, resistance)
+        terminal = source - resistance * (run.left.drawn + run.right.drawn) / period
+        return with_sums(branch_l, run.left, terminal), with_sums(branch_r, run.right, terminal)
+    drawn = right.duty * right.current
+    of_l = alone(left, source - resistance * drawn, resistance)
+    of_r = alone(right, source - resistance * of_l.drawn, resistance)
+    if left.duty != 0.0 and right.duty != 0.0:
+        for _ in range(_MOST_ROUNDS):
+            of_l = alone(left, source - resistance * of_r.drawn, resistance)
+            of_r = alone(right, source - resistance * of_l.drawn, resistance)
+    return of_l, of_r

@@ -1,0 +1,83 @@
+"""`identify` finds only what `--set` and a vehicle file take."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+from fitting_files import KEPT, call, driven, noisy, settings, simulated, write_columns
+
+from liftgate_hil.cli import identify as command
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.session import vehicle_from
+
+NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
+
+
+@pytest.fixture(scope="module")
+def weak(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """2.5 s of opening by 8 V, of a current sensor that shows 4 % too little: as if the motor made energy."""
+    folder = tmp_path_factory.mktemp("weak")
+    out = simulated(folder, driven(2.5, 8.0))
+    columns = noisy(out, (*KEPT, "gate_angle_deg"))
+    columns["left_current_a"] = 0.96 * columns["left_current_a"]
+    return write_columns(folder / "weak.csv", columns)
+
+
+def test_constants_that_would_make_energy_are_found_at_the_limit_and_can_be_used(
+    capsys: pytest.CaptureFixture[str], weak: Path, tmp_path: Path
+) -> None:
+    saved, report = tmp_path / "saved.toml", tmp_path / "report.json"
+    flags = ("--save-vehicle", saved, "--result", report)
+    assert call("identify", weak, "--estimate", NAMES, *flags) == 0
+    told = capsys.readouterr().out
+    assert "motor.torque_constant: held with others by a limit of what a vehicle may be: " in told
+    assert "makes energy" in told
+    found = json.loads(report.read_text(encoding="utf-8"))["parameters"]
+    values = {name: each["value"] for name, each in found.items()}
+    limit = 1.01 * values["motor.speed_constant"] / (2.0 * math.pi)
+    assert values["motor.torque_constant"] == pytest.approx(limit, rel=1e-4)
+    for flags in (settings(values), ["--vehicle", str(saved)]):
+        assert call("simulate", "--voltage", 9, "--duration", 0.01, *flags) == 0
+
+
+def test_a_constant_that_alone_would_make_energy_is_no_result(
+    capsys: pytest.CaptureFixture[str], weak: Path
+) -> None:
+    assert call("identify", weak, "--estimate", "motor.torque_constant", "--quiet") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert (
+        "nothing to identify from: motor.torque_constant: at a limit of what a vehicle may" in line
+    )
+    assert "allowed: up to speed_constant/2π" in line
+
+
+def test_what_was_found_is_not_saved_beside_an_initial_value_that_does_not_go_with_it(
+    weak: Path, tmp_path: Path
+) -> None:
+    """A torque constant that could not be told stays as it was, above what the new speed constant allows."""
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    names = "motor.torque_constant,motor.speed_constant"
+    target = str(tmp_path / "saved.toml")
+    args = parser.parse_args([str(weak), "--estimate", names, "--quiet", "--save-vehicle", target])
+    result = command.identified(args)
+    torque, speed = result.parameters
+    found = (
+        dataclasses.replace(torque, identifiable=False),
+        dataclasses.replace(speed, value=0.0755),
+    )
+    with pytest.raises(ConfigError) as caught:
+        command._vehicle_text(args, dataclasses.replace(result, parameters=found))
+    (line,) = caught.value.issues
+    assert line.startswith(f"--save-vehicle {target}: motor.torque_constant: 0.0122 makes energy")
+    assert "motor.torque_constant kept the initial value; allowed: --estimate without it" in line
+    text = command._vehicle_text(args, result)
+    assert tomllib.loads(text)["identification"]["not_identifiable"] == []
+    Path(target).write_text(text, encoding="utf-8")
+    assert vehicle_from(target).left.motor.speed_constant == speed.value

@@ -1,0 +1,232 @@
+"""An ECU that does to its process what none may: the run ends with the cause, and the next one goes on.
+
+Each of them as a C library and as a Python class, on every clock; deadlines are short here.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+from test_bad_libraries import check_that_the_caller_lives_on, library, needs_compiler
+
+import liftgate_hil as lh
+from liftgate_hil.cli.main import main
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.runs.job import Job
+from liftgate_hil.runs.run import execute
+from liftgate_hil.session import RunOptions
+from liftgate_hil.stimuli.scene import NO_STIMULI
+
+SCENARIO = Scenario(NO_STIMULI, (), 0.1)
+CLOCKS = ("free", "lockstep", "realtime")
+AT = "now_ns == 50000000"
+NOT_EXITED = ("the ECU's process did not exit within 0.5 s after the run, and was killed",)
+
+PYTHON = """
+import atexit, os, signal, sys, threading, time
+def hang(*_):
+    while True:
+        time.sleep(1)
+class Base:
+    period_s = 0.01
+    def step(self, now_s, frames):
+        if now_s > 0.045:
+            self.act()
+        return []
+    def act(self): pass
+class Ends(Base):
+    def act(self): os._exit(3)
+class EndsWell(Base):
+    def act(self): os._exit(0)
+class Interrupts(Base):
+    def act(self): raise KeyboardInterrupt
+class Exits(Base):
+    def act(self): sys.exit(0)
+class Hangs(Base):
+    def act(self): hang()
+class Stops(Base):
+    def act(self): os.kill(os.getpid(), signal.SIGSTOP)
+class ClosesAndHangs(Base):
+    def act(self):
+        os.closerange(0, 500)
+        hang()
+class Destroyed(Base):
+    def __del__(self): hang()
+class Thread(Base):
+    def __init__(self): threading.Thread(target=hang).start()
+class AtExit(Base):
+    def __init__(self): atexit.register(hang)
+class Property(Base):
+    @property
+    def period_s(self): raise ValueError("no such thing")
+class Prints(Base):
+    def act(self): print("its own words", flush=True)
+class Writes(Base):
+    def act(self):
+        for each in range(3, 500):
+            try: os.write(each, b"rubbish " * 20)
+            except OSError: pass
+class Closes(Base):
+    def act(self): os.closerange(0, 500)
+class Leaves(Base):
+    def __init__(self):
+        if not os.fork():
+            os.setsid()
+            if not os.fork():
+                with open("child", "w") as stream: stream.write(str(os.getpid()))
+                time.sleep(600)
+            os._exit(0)
+        while not (os.path.exists("child") and open("child").read()): time.sleep(0.01)
+class ClosesEarly(Base):
+    def __init__(self): sys.stdout.close(); sys.stderr.close(); os.closerange(0, 500)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.isolation.EXIT_S", 0.5)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hostile.py").write_text(PYTHON)
+
+
+def of_python(name: str, clock: str = "free") -> lh.Result:
+    options = RunOptions(clock=clock)
+    return execute(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True))
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Ends", "its process ended (exit code 3)"),
+        ("EndsWell", "its process ended (exit code 0)"),
+        ("Interrupts", "KeyboardInterrupt (hostile.py, line "),
+        ("Exits", "SystemExit: 0 (hostile.py, line "),
+        ("Hangs", "no answer for 0.5 s"),
+        ("Stops", "no answer for 0.5 s"),
+        ("ClosesAndHangs", "no answer for 0.5 s"),
+        ("Destroyed", "no answer for 0.5 s"),
+    ],
+)
+def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(
+    clock: str, name: str, said: str
+) -> None:
+    result = of_python(name, clock)
+    assert result.verdict == "error"
+    assert result.reason.startswith("the ECU at 0.")
+    assert said in result.reason
+    check_that_the_caller_lives_on()
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize(
+    ("name", "notes"),
+    [("Thread", NOT_EXITED), ("AtExit", NOT_EXITED), ("Prints", ())],
+)
+def test_what_a_class_does_beside_its_answers_leaves_the_verdict_alone(
+    clock: str, name: str, notes: tuple[str, ...]
+) -> None:
+    result = of_python(name, clock)
+    assert (result.verdict, result.reason, result.notes) == ("pass", "", notes)
+
+
+def test_rubbish_on_the_wires_descriptors_is_survived_or_told() -> None:
+    """In real time the bus itself has descriptors in the ECU's process."""
+    result = of_python("Writes", "realtime")
+    assert result.verdict == "pass" or result.reason
+
+
+@pytest.mark.parametrize("name", ["Writes", "Closes", "ClosesEarly"])
+def test_a_class_that_spoils_all_descriptors_can_still_be_judged(name: str) -> None:
+    result = of_python(name)
+    assert (result.verdict, result.reason) == ("pass", "")
+
+
+@pytest.mark.parametrize("clock", ["free", "realtime"])
+@pytest.mark.parametrize("name", ["Writes", "Closes", "Hangs", "Ends"])
+def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
+    clock: str, name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    record = tmp_path / "run.csv"
+    options = RunOptions(clock=clock, records=(record,))
+    result = execute(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True))
+    rows = record.read_text(errors="replace").count("\n") if record.is_file() else 0
+    assert rows > 100 or result.reason
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_property_that_raises_is_told_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("s.toml").write_text(
+        'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
+    )
+    assert main(["test", "s.toml", "--ecu", "hostile:Property"]) == 2
+    said = "period_s: ValueError: no such thing (hostile.py, line "
+    assert said in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_what_an_ecu_has_started_ends_with_its_run(clock: str) -> None:
+    assert of_python("Leaves", clock).verdict == "pass"
+    child = int(Path("child").read_text())
+    until = time.monotonic() + 20.0
+    while Path(f"/proc/{child}").exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not Path(f"/proc/{child}").exists()
+
+
+def test_what_an_ecu_prints_is_not_in_the_results(capfd: pytest.CaptureFixture[str]) -> None:
+    assert of_python("Prints").verdict == "pass"
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert "its own words" in said.err
+
+
+RUBBISH = 'for (int each = 3; each < 500; each++) { if (write(each, "rubbish", 7) < 0) continue; }'
+CLOSED = "for (int each = 0; each < 500; each++) close(each);"
+
+
+@needs_compiler
+@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize(
+    ("bodies", "verdict", "said"),
+    [
+        ({"step": f"if ({AT}) _exit(0);"}, "error", "its process ended (exit code 0)"),
+        ({"step": f"if ({AT}) {{ {CLOSED} for (;;) pause(); }}"}, "error", "no answer for 0.5 s"),
+        ({"step": f"if ({AT}) raise(SIGSTOP);"}, "error", "no answer for 0.5 s"),
+        ({"destroy": f"{CLOSED} for (;;) pause();"}, "error", "no answer for 0.5 s"),
+        ({"step": f'if ({AT}) write(1, "its own words", 13);'}, "pass", ""),
+        ({"destroy": f"{RUBBISH}"}, "pass", ""),
+        ({"destroy": f"{CLOSED}"}, "pass", ""),
+    ],
+)
+def test_a_library_that_does_so(
+    tmp_path: Path, clock: str, bodies: dict[str, str], verdict: str, said: str
+) -> None:
+    time_given = {key: text.replace(AT, "now_ns >= 50000000") for key, text in bodies.items()}
+    result = lh.run(SCENARIO, library(tmp_path, **time_given), clock)
+    assert result.verdict == verdict, result.reason
+    assert said in result.reason
+    check_that_the_caller_lives_on()
+
+
+@needs_compiler
+def test_a_library_whose_destructor_hangs_has_been_judged(tmp_path: Path) -> None:
+    at_exit = "{ extern int atexit(void (*)(void)); atexit((void (*)(void))pause); }"
+    result = lh.run(SCENARIO, library(tmp_path, create=at_exit))
+    assert (result.verdict, result.notes) == ("pass", NOT_EXITED)
+
+
+def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("liftgate_hil.isolation.EXIT_S", 600.0)
+    job = Job(SCENARIO, "hostile:Thread", options=RunOptions(clock="free"), is_isolated=True)
+    asked = []
+
+    def stopped() -> bool:
+        asked.append(time.monotonic())
+        return len(asked) > 20
+
+    result = execute(job, stopped)
+    assert result.verdict in ("pass", "error")

@@ -1,0 +1,65 @@
+"""Faults that were in force for too short to matter are told, of a run and of its recording alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.runs.job import Job
+from liftgate_hil.session import RunOptions
+from liftgate_hil.testing import suite
+from liftgate_hil.testing.rejudge import expectations_of, judged
+
+HEAD = """
+duration = 2.0
+initial = 30
+[[request]]
+time = 0.1
+action = "open"
+[[expect]]
+name = "x"
+always = "time_s > 0"
+"""
+LOST = 'kind = "frame_lost"\nwhere = "DriveCommand"\ndirection = "received"\n'
+# A fault, and what is told of it. The command's time-out is 3 cycles of 10 ms, that of LeftDrive 3 of 5 ms.
+FAULTS = [
+    (LOST + "start = 1.0\nfor_s = 0.02\n", "frame_lost) was in force for 0.02 s, from 1 s: too short to matter, "
+     "the time-out of DriveCommand bridges 0.03 s"),
+    (LOST + "start = 1.0\nfor_s = 0.03\n", None),
+    (LOST + "start = 1.995\n", "in force for 0.005 s, from 1.995 s"),
+    ('kind = "supply_open"\nstart = 1.0\nend = "time_s > 0.5"\n', "in force for 0.001 s, from 1 s"),
+    ('kind = "supply_open"\nstart = "gate_angle_deg > 32"\ndelay_s = 0.1\nfor_s = 0.01\n', "for 0.01 s, from "),
+    ('kind = "supply_open"\nstart = "gate_angle_deg > 32"\nend = "gate_angle_deg > 34"\n', None),
+    ('kind = "supply_open"\nstart = "gate_angle_deg > 32"\nend = "gate_angle_deg > 31"\n', "for 0.001 s, from "),
+    ('kind = "frame_frozen"\nwhere = "LeftDrive"\ndirection = "sent"\nstart = 1.0\nend = 1.01\n',
+     "the time-out of LeftDrive bridges 0.015 s"),
+    (LOST + "period_s = 0.02\nshare = 0.5\nstart = 1.0\n", None),  # intermittent: as a whole
+    ('kind = "supply_open"\nstart = 5.0\n', None),  # behind the end: it never began
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("fault", "note"), FAULTS)
+def test_a_fault_that_was_in_force_for_too_short_is_told(
+    tmp_path: Path, fault: str, note: str | None
+) -> None:
+    path, log = tmp_path / "s.toml", [tmp_path / "r.csv", tmp_path / "r.log"]
+    path.write_text(f"{HEAD}[[fault]]\n{fault}")
+    result = lh.run(path, record=log)
+    assert result.verdict == "pass"
+    assert len(result.notes) == (note is not None)
+    if note is not None:
+        assert result.notes[0].startswith("fault[0] (")
+        assert note in result.notes[0]
+    assert judged(log, expectations_of(path)).fault_notes == result.notes
+
+
+def test_the_note_is_among_those_of_the_outcome(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text(f"{HEAD}[[fault]]\n{FAULTS[0][0]}")
+    (case,) = suite.cases_of(
+        [path], Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
+    )
+    assert FAULTS[0][1] is not None
+    assert [each for each in suite.run_case(case).notes if FAULTS[0][1] in each]

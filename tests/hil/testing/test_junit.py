@@ -1,0 +1,86 @@
+"""JUnit XML of a suite, by what its schemas ask for."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import socket
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from liftgate_hil.config.shipped import data_root
+from liftgate_hil.runs.job import Job
+from liftgate_hil.session import RunOptions
+from liftgate_hil.testing import suite
+from liftgate_hil.testing.junit import as_junit, class_names
+
+HEAD = "duration = 0.1\ninitial = 30\n"
+EXPECT = '[[expect]]\nname = "{name}"\nalways = "{condition}"\n'
+
+
+def elements(folder: Path) -> ElementTree.Element:
+    """Those of a scenario that passes, and of one that fails, is inconclusive and has a note."""
+    (folder / "sub").mkdir()
+    (folder / "a.toml").write_text(HEAD + EXPECT.format(name="x", condition="time_s > 0"))
+    brief = '[[fault]]\nkind = "supply_open"\nfor_s = 0.01\n'
+    late = EXPECT.format(name="z", condition="time_s > 0") + 'after = "time_s > 9"\n'
+    fails = EXPECT.format(name="y", condition="time_s < 0.05")
+    (folder / "sub" / "b.x.toml").write_text(HEAD + brief + fails + late)
+    files = [folder / "a.toml", folder / "sub" / "b.x.toml"]
+    cases = suite.cases_of(
+        files, Job(scenario=None, ecu="reference", options=RunOptions(clock="free"))
+    )
+    return ElementTree.fromstring(as_junit([suite.run_case(each) for each in cases]))
+
+
+def test_a_suite_says_when_and_where_it_ran(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = datetime.datetime.fromtimestamp(time.time() - 1.0, datetime.UTC)
+    root = elements(tmp_path)
+    for number, each in enumerate(root):
+        stamp = str(each.get("timestamp"))
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", stamp)  # Ant's: without a time zone
+        began = datetime.datetime.fromisoformat(f"{stamp}+00:00")
+        assert before <= began <= datetime.datetime.now(datetime.UTC)
+        assert each.get("hostname") == socket.gethostname()
+        assert each.get("id") == str(number)
+        # In the order that Ant's schema asks for.
+        kinds = list(dict.fromkeys(child.tag for child in each))
+        assert kinds == ["properties", "testcase", "system-out", "system-err"]
+    assert [each.get("package") for each in root] == ["", "sub"]
+    assert [case.get("classname") for case in root.iter("testcase")] == ["a", "sub.b_x", "sub.b_x"]
+    assert [case.find("failure") is not None for case in root.iter("testcase")] == [
+        False,
+        True,
+        False,
+    ]
+    assert [case.find("error") is not None for case in root.iter("testcase")] == [
+        False,
+        False,
+        True,
+    ]
+    assert "too short to matter" in str(root[1].findtext("system-out"))
+
+
+def test_class_names_are_the_same_however_a_file_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "suite" / "deep").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    ways = (
+        "suite/deep/a b.toml",
+        "./suite/../suite/deep/a b.toml",
+        tmp_path / "suite/deep/a b.toml",
+    )
+    assert {class_names([Path(each)])[0] for each in ways} == {"suite.deep.a_b"}
+    pack = data_root() / "configs" / "scenarios" / "pack" / "snow.toml"
+    assert class_names([pack]) == ["pack.snow"]
+    monkeypatch.chdir(tmp_path / "suite" / "deep")
+    assert class_names([pack]) == ["pack.snow"]
+    assert class_names([tmp_path / "suite" / "c.toml"]) == ["suite.c"]
+    assert class_names([Path("a.toml"), Path("a.csv"), Path("b.toml")]) == ["a", "a (2)", "b"]

@@ -1,0 +1,64 @@
+"""Scenarios that are inconclusive are run again, as often as was asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from liftgate_hil.cli.main import main
+from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.testing import suite
+
+SCENARIO = 'duration = 0.1\n[[expect]]\nname = "rests"\nalways = "gate_angle_deg < 1"\n'
+
+
+@pytest.fixture
+def attempts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The verdicts that the next runs have, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    Path("s.toml").write_text(SCENARIO)
+    verdicts: list[str] = []
+    ours = suite.run_case
+
+    def run_case(case: suite.Case, stopped: object = None) -> suite.Outcome:
+        outcome, verdict = ours(case), verdicts.pop(0)
+        found = Verdict("rests", verdict, reason=f"it was {verdict}")
+        return suite.replace(outcome, verdict=verdict, expectations=(found,))
+
+    monkeypatch.setattr(suite, "run_case", run_case)
+    return verdicts
+
+
+@pytest.mark.parametrize(
+    ("given", "retries", "code", "left"),
+    [
+        (["inconclusive", "pass"], 2, 0, 0),
+        (["inconclusive", "inconclusive", "pass"], 1, 3, 1),
+        (["inconclusive", "fail", "pass"], 5, 1, 1),  # a fail counts
+        (["inconclusive", "error", "pass"], 5, 2, 1),
+        (["fail", "pass"], 5, 1, 1),
+        (["inconclusive", "pass"], 0, 3, 1),
+    ],
+)
+def test_it_is_run_again_until_it_is_decided(
+    attempts: list[str], given: list[str], retries: int, code: int, left: int
+) -> None:
+    attempts += given
+    line = ["test", "s.toml", "--quiet", "--json", "out.json", "--junit", "out.xml"]
+    assert main([*line, "--retry-inconclusive", str(retries)]) == code
+    assert len(attempts) == left
+    told = json.loads(Path("out.json").read_text())["scenarios"][0]
+    tried = given[: len(given) - left]
+    assert [each["verdict"] for each in told["attempts"]] == tried[:-1]
+    assert told["verdict"] == tried[-1]
+    for number in range(1, len(tried)):
+        note = f"attempt {number}: rests: inconclusive: it was inconclusive"
+        assert note in told["notes"]
+        assert note in Path("out.xml").read_text()
+
+
+def test_how_often_is_checked(attempts: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "s.toml", "--retry-inconclusive", "-1"]) == 2
+    assert "--retry-inconclusive" in capsys.readouterr().err

@@ -1,0 +1,254 @@
+"""A bench that was late for longer than is tolerated: the gate is stepped again with the commands of the run, and
+the verdict stands where the margin bears the lateness. An ECU that was late is judged.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import liftgate_hil as lh
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.stepped_again import LONGEST, SteppedAgain, stepped_again
+from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.runs.stepping import heard_by
+
+SCENARIO = """
+duration = 6.0
+initial = "open"
+[[request]]
+time = 0.1
+action = "close"
+[[obstacle]]
+angle_deg = 65
+distance = 1.0
+stiffness = 10_000
+[[expect]]
+name = "soft"
+always = "pinch_force_n < {limit}"
+[[expect]]
+name = "lets go"
+after = "pinch_force_n > 5"
+eventually = "pinch_force_n < 1 and gate_angle_deg > 66"
+within_s = 3.0
+"""
+
+
+def scenario(folder: Path, limit: float, more: str = "") -> Path:
+    path = folder / f"limit-{limit:g}{len(more)}.toml"
+    path.write_text(SCENARIO.format(limit=limit) + more)
+    return path
+
+
+def recorded(folder: Path, path: Path) -> list[Path]:
+    files = [folder / "run.csv", folder / "run.log"]
+    assert not lh.run(path, record=files).reason.startswith("the ECU")
+    return files
+
+
+def with_lateness(files: list[Path], from_s: float, ticks: int) -> list[Path]:
+    """The same recording of a bench that missed so many ticks from a time on."""
+    head, *lines = files[0].read_text().splitlines()
+    names = head.split(",")
+    time, missed = names.index("time_s"), names.index("ticks_missed")
+    rows = [line.split(",") for line in lines]
+    for row in rows:
+        since = round((float(row[time]) - from_s) * 1e3)
+        row[missed] = f"{float(np.clip(since, 0, ticks))}"
+    late = files[0].with_name(f"late-{ticks}.csv")
+    late.write_text("\n".join([head, *map(",".join, rows)]) + "\n")
+    return [late, files[1]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Path], float]:
+    """A folder, the recording of a run, and when it pinched most [s]."""
+    folder = tmp_path_factory.mktemp("stepped")
+    path = scenario(folder, 300.0)
+    result = lh.run(path, record=[folder / "run.csv", folder / "run.log"])
+    assert result.verdict == "pass"
+    return folder, [folder / "run.csv", folder / "run.log"], result.pinch_time_s
+
+
+def test_a_bench_that_is_late_by_less_than_the_margin_bears_is_judged(
+    run: tuple[Path, list[Path], float],
+) -> None:
+    folder, files, peak = run
+    true = lh.judge(files, scenario(folder, 300.0))
+    for ticks, method in ((4, "direct"), (8, "replay"), (15, "replay")):
+        found = lh.judge(with_lateness(files, peak - 0.02, ticks), scenario(folder, 300.0))
+        for name in ("soft", "lets go"):
+            assert (found[name].verdict, found[name].method) == ("pass", method), found[name]
+            assert found[name].margin == true[name].margin
+        assert found["soft"].uncertainty
+        assert 0.0 < found["soft"].uncertainty < found["soft"].margin
+
+
+def test_a_bench_that_is_late_by_more_than_the_margin_bears_leaves_it_open(
+    run: tuple[Path, list[Path], float],
+) -> None:
+    folder, files, peak = run
+    tight = lh.judge(files, scenario(folder, 300.0))["soft"].margin
+    limit = 300.0 - tight + 3.0  # 3 N are left
+    for ticks in (8, 40):
+        found = lh.judge(with_lateness(files, peak - 0.02, ticks), scenario(folder, limit))["soft"]
+        assert (found.verdict, found.method) == ("inconclusive", "replay")
+        assert "is within its uncertainty of" in found.reason
+    late = with_lateness(files, peak - 0.02, round(1e3 * LONGEST) + 1)
+    found = lh.judge(late, scenario(folder, 300.0))["soft"]
+    assert (found.verdict, found.method) == ("inconclusive", "")
+
+
+def test_a_failure_that_the_lateness_cannot_have_made_is_one(
+    run: tuple[Path, list[Path], float],
+) -> None:
+    folder, files, _ = run
+    path = scenario(folder, 5.0)
+    failed = lh.judge(files, path)["soft"]
+    assert failed.time_s is not None
+    found = lh.judge(with_lateness(files, failed.time_s - 0.01, 8), path)["soft"]
+    assert (found.verdict, found.method) == ("fail", "replay")
+
+
+def test_an_ecu_that_is_late_is_judged(tmp_path: Path) -> None:
+    """Its commands come late, the bench is in time."""
+    late = (
+        '[[fault]]\nkind = "frame_delayed"\nwhere = "DriveCommand"\ndirection = "received"\n'
+        'delay_s = 0.5\nstart = "pinch_force_n > 1"\n'
+    )
+    assert lh.run(scenario(tmp_path, 150.0)).expectations["soft"].verdict == "pass"
+    result = lh.run(scenario(tmp_path, 150.0, late))
+    assert result.expectations["soft"].verdict == "fail"
+    assert result.expectations["soft"].method == "direct"
+
+
+@pytest.mark.parametrize("kind", ["frame_lost", "wrong_checksum", "frame_delayed"])
+def test_a_gate_whose_commands_were_spoiled_on_their_way_is_stepped_as_it_was(
+    tmp_path: Path, kind: str
+) -> None:
+    """What it got is in the recording: such a fault must not act again."""
+    own = {"frame_lost": "probability = 0.3", "frame_delayed": "delay_s = 0.02"}.get(kind, "")
+    fault = f'[[fault]]\nkind = "{kind}"\nwhere = "DriveCommand"\ndirection = "received"\n{own}\n'
+    path = scenario(tmp_path, 300.0, fault)
+    files = [tmp_path / "run.csv", tmp_path / "run.log"]
+    result = lh.run(path, record=files)
+    true = lh.judge(files, path)
+    assert {k: v.verdict for k, v in true.items()} == {
+        k: v.verdict for k, v in result.expectations.items()
+    }
+    found = lh.judge(with_lateness(files, 1.0, 8), path)["soft"]
+    assert (found.verdict, found.method) == ("pass", "replay")
+    assert found.margin == true["soft"].margin
+
+
+def test_a_gap_in_what_is_known_of_the_angle_confirms_nothing(
+    run: tuple[Path, list[Path], float], tmp_path: Path
+) -> None:
+    folder, files, peak = run
+    late = with_lateness(files, peak - 0.02, 8)
+    head, *lines = late[0].read_text().splitlines()
+    place = head.split(",").index("gate_angle_deg")
+    cells = lines[3000].split(",")
+    cells[place] = "nan"
+    lines[3000] = ",".join(cells)
+    holed = tmp_path / "holed.csv"
+    holed.write_text("\n".join([head, *lines]) + "\n")
+    found = lh.judge([holed, files[1]], scenario(folder, 300.0))["soft"]
+    assert found.verdict == "inconclusive"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("delay_ms", [9, 60])
+def test_a_run_that_is_held_up_is_decided_by_stepping_its_gate_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, delay_ms: int
+) -> None:
+    """The thread that gives the ECU its turns is held up once, in the middle of the closing."""
+    from liftgate_hil.loop import realtime_run
+
+    ours, held = realtime_run._Turns.give, []
+
+    def give(turns: Any, now_ns: int) -> None:
+        if now_ns > 1_000_000_000 and not held:
+            held.append(now_ns)
+            time.sleep(1e-3 * delay_ms)
+        ours(turns, now_ns)
+
+    monkeypatch.setattr(realtime_run._Turns, "give", give)
+    files = [tmp_path / "run.csv", tmp_path / "run.log"]
+    path = scenario(tmp_path, 300.0)
+    result = lh.run(path, clock="realtime", record=files)
+    found = result.expectations["soft"]
+    assert held
+    assert found.verdict != "fail"
+    assert found.method == "replay"
+    assert lh.judge(files, path)["soft"] == found
+
+
+def test_another_gate_than_the_recorded_one_confirms_nothing(
+    run: tuple[Path, list[Path], float],
+) -> None:
+    folder, files, peak = run
+    late = with_lateness(files, peak - 0.02, 8)
+    found = lh.judge(late, scenario(folder, 300.0), vehicle="compact")["soft"]
+    assert found.verdict == "inconclusive"
+    alone = lh.judge([late[0]], scenario(folder, 300.0))["soft"]  # without the commands
+    assert alone.verdict == "inconclusive"
+
+
+PASSED = Verdict("x", "pass", margin=10.0, margin_unit="N")
+
+
+def again(**changed: Verdict) -> SteppedAgain:
+    verdicts = {"as_they_arrived": PASSED, "earlier": PASSED, "later": PASSED} | changed
+    return SteppedAgain(**{name: [each] for name, each in verdicts.items()}, changes=[1.0])
+
+
+@pytest.mark.parametrize(
+    ("stepped", "force", "verdict"),
+    [
+        (again(), 0.0, "pass"),
+        (again(), 8.9, "pass"),
+        (again(), 9.0, "inconclusive"),  # 1 N of change and 9 N of force
+        (again(later=Verdict("x", "pass", margin=1.5, margin_unit="N")), 0.0, "pass"),
+        (again(later=Verdict("x", "pass", margin=1.0, margin_unit="N")), 0.0, "inconclusive"),
+        (again(earlier=Verdict("x", "fail", margin=-0.1, margin_unit="N")), 0.0, "inconclusive"),
+        (again(as_they_arrived=Verdict("x", "inconclusive")), 0.0, "inconclusive"),
+        (None, 0.0, "inconclusive"),
+    ],
+)
+def test_all_ways_have_to_agree_with_room_to_spare(
+    stepped: SteppedAgain | None, force: float, verdict: str
+) -> None:
+    found = stepped_again(PASSED, 0, 0.01, force, "why", lambda late: stepped)
+    assert found.verdict == verdict
+    if verdict == "inconclusive":
+        assert found.margin is None
+        assert found.reason.startswith("why")
+
+
+def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> None:
+    from liftgate_hil.codec.frames import LOGGED
+
+    frames = np.zeros(4, dtype=LOGGED)
+    frames["identifier"] = [0x120, 0x220, 0x55, 0x120]
+    frames["time_ns"] = [2_000_499, 1, 2, 1_000_501]
+    assert heard_by(rig, frames)["time_ns"].tolist() == [1_001_000, 2_000_000]
+
+
+def test_a_recording_of_the_gate_alone_tells_no_commands(
+    run: tuple[Path, list[Path], float], tmp_path: Path
+) -> None:
+    folder, files, peak = run
+    empty = tmp_path / "empty.log"
+    empty.write_text("")
+    late = with_lateness(files, peak - 0.02, 8)
+    try:
+        found = lh.judge([late[0], empty], scenario(folder, 300.0))["soft"]
+    except ConfigError:
+        return  # told that nothing is in it
+    assert found.verdict == "inconclusive"

@@ -1,0 +1,224 @@
+"""Every tool, shortened, to its end: what nobody runs rots."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools.anti_trap import page as anti_trap_page
+from tools.anti_trap import study as anti_trap_study
+from tools.anti_trap.__main__ import main as anti_trap
+from tools.identification import __main__ as identification
+from tools.identification import dc_motor, versus
+
+ROOT = Path(__file__).parents[2]
+
+# As a process of its own: arguments, and what it writes.
+RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
+    "tools.accuracy": (["--cases", "2", "--jobs", "1", "--output", "{out}"], ("accuracy.md",)),
+    "tools.c_translator": (["--rounds", "1"], ()),
+    "tools.docs": (
+        ["--output", "{out}"],
+        ("demo.png", "vehicle.md", "rig.md", "scenario.md"),
+    ),
+    "tools.equations": (["--mutate", "3.26"], ()),
+    "tools.benchmark.inactive": (["--rounds", "1"], ()),
+    "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
+}
+# What runs the others, all of it in CI.
+ELSEWHERE = {
+    "tools.anti_trap": "below",
+    "tools.identification": "below",
+    "tools.pack": "below",
+    "tools.benchmark": "tests/tools/test_benchmark.py",
+    "tools.benchmark.peer": "tests/tools/test_benchmark.py, as a process of the benchmark's",
+    "tools.hostile": "tests/tools/test_hostile.py",
+    "tools.vcan": "make test-vcan",
+    "tools.vcan.guest": "make test-vcan, within the machine",
+    "tools.vcan.probe": "make test-vcan",
+    "tools.check_package": "make test-package",
+    "tools.make_venv": "make setup",
+}
+
+
+def programs() -> set[str]:
+    """All that can be started, by the names of their modules."""
+    found = set()
+    for path in (ROOT / "tools").rglob("*.py"):
+        if '__name__ == "__main__"' in path.read_text(encoding="utf-8"):
+            found.add(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    return {name.removesuffix(".__main__") for name in found}
+
+
+def test_each_tool_is_run_somewhere() -> None:
+    """A new one gets its line in RUNS, or a test of its own and a line in ELSEWHERE."""
+    assert programs() == RUNS.keys() | ELSEWHERE.keys()
+    assert not RUNS.keys() & ELSEWHERE.keys()
+
+
+def test_each_target_of_the_makefile_starts_what_is_run_here() -> None:
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    used = set(re.findall(r"-m (tools\.[\w.]+)", text))
+    assert used
+    assert used <= RUNS.keys() | ELSEWHERE.keys()
+    folders = set(re.findall(r"pytest.* (tests/[\w/]+)$", text, re.MULTILINE))
+    assert all((ROOT / each).exists() for each in folders)
+    targets = set(re.findall(r"^([\w-]+):", text, re.MULTILINE)) - {"setup"}
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", text, re.MULTILINE)
+    assert targets - set(phony.split()) == set()
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_tool_runs_to_its_end(name: str, tmp_path: Path) -> None:
+    arguments, files = RUNS[name]
+    command = [sys.executable, "-m", name, *(each.format(out=tmp_path) for each in arguments)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=900
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert files or done.stdout
+    for each in files:
+        assert (tmp_path / each).stat().st_size > 500, each
+
+
+def test_the_study_of_the_anti_trap_runs_to_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    conditions = dict(list(anti_trap_study.CONDITIONS.items())[:2])
+    for module in (anti_trap_study, anti_trap_page):
+        monkeypatch.setattr(module, "GAPS", (1.0, 30.0))
+        monkeypatch.setattr(module, "CONDITIONS", conditions)
+        monkeypatch.setattr(module, "FREE", 1)
+        monkeypatch.setattr(module, "FACTORS", (0.4, 1.0))
+    monkeypatch.setattr(anti_trap_study, "PACES", (1.0, 0.5))
+    assert anti_trap(["--cars", "3", "--trade-cars", "3", "--output", str(tmp_path)]) == 0
+    page = (tmp_path / "anti-trap.md").read_text(encoding="utf-8")
+    assert "| suv |" in page
+    assert (tmp_path / "anti-trap.png").stat().st_size > 10_000
+
+
+GAIN, TIME, DEAD, DELAY = (
+    0.4457,
+    0.0375,
+    0.222,
+    0.0084,
+)  # as docs/identification.md has the public motor
+
+
+def motor_run(path: Path, volts: np.ndarray) -> None:
+    """The columns of the public data, of a motor of known truth: each 20 ms a voltage, and the whole counts."""
+    fine, period, counts = 2e-4, 0.02, 2800
+    times = np.arange(len(volts) * round(period / fine)) * fine
+    held = volts[np.clip(((times - DELAY) / period).astype(int), 0, None)] * (times >= DELAY)
+    speed, turned, place = 0.0, np.zeros(len(times) + 1), 0.0
+    for k, volt in enumerate(held):
+        target = GAIN * max(float(volt) - DEAD, 0.0)
+        speed = target + (speed - target) * math.exp(-fine / TIME)
+        place += speed * fine
+        turned[k + 1] = place
+    seen = np.floor(turned[:: round(period / fine)] * counts)
+    shown = np.diff(seen, prepend=0.0)[: len(volts)] / counts / period * 360.0
+    rows = np.column_stack([np.arange(len(volts)) * period, volts, shown])
+    np.savetxt(path, rows, delimiter=",", header="t,u,y", comments="", fmt="%.6f")
+
+
+@pytest.fixture
+def motor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in place of the public one: a sequence of two levels, and steps."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    chance = np.random.default_rng(1)
+    levels = np.repeat(chance.choice([1.5, 4.0], 120), chance.integers(5, 15, 120))
+    steps = np.repeat([2.0, 4.5, 1.5, 3.0], 60)
+    for name, volts in zip(dc_motor.FILES, (levels, steps), strict=True):
+        motor_run(folder / name, volts)
+        digest = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        monkeypatch.setitem(dc_motor.FILES, name, digest)
+    return folder
+
+
+def test_a_motor_of_known_truth_is_found_as_the_public_one_is(motor: Path, tmp_path: Path) -> None:
+    """With the vehicle file that stands for a motor alone."""
+    found = dc_motor.measure(motor, tmp_path)
+    assert found.gain[0] == pytest.approx(GAIN, rel=0.005)
+    assert found.time_constant[0] == pytest.approx(TIME, rel=0.03)
+    assert found.dead_voltage[0] == pytest.approx(DEAD, abs=0.02)
+    assert found.delay[0] == pytest.approx(DELAY, abs=0.001)
+    assert min(found.fit, found.fit_other) > 90.0
+
+
+def test_the_study_of_identification_runs_to_its_end(
+    motor: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_data, ours = versus.make_data, versus.ours
+    monkeypatch.setattr(versus, "make_data", lambda path, ripple, _: make_data(path, ripple, 1.0))
+    monkeypatch.setattr(versus, "ours", lambda path, result: ours(path, result, 1))
+    flags = ["--short", "--seeds", "2", "--dc-motor", str(motor), "--output", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["tools.identification", *flags])
+    assert identification.main() == 0
+    page = (tmp_path / "identification.md").read_text(encoding="utf-8")
+    headings = [line[3:] for line in page.splitlines() if line.startswith("## ")]
+    assert headings == [
+        "The three runs of the thesis",
+        "Do the intervals cover? 2 seeds each",
+        "Speed: run 1 at 1 kHz",
+        "A motor that nobody here measured",
+    ]
+    assert (tmp_path / "identification.png").stat().st_size > 10_000
+    monkeypatch.setattr(sys, "argv", ["tools.identification", "--data", str(tmp_path)])
+    assert identification.main() == 0
+    assert (tmp_path / "closing.csv").exists()
+
+
+def test_the_studies_run_to_their_ends() -> None:
+    """The first case of each, of two seeds: what they look for is looked for by `make study`."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/study"]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "STUDY": "short"}, capture_output=True, text=True,
+        check=False, timeout=900,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    (count,) = re.findall(r"^(\d+) passed", done.stdout, re.MULTILINE)
+    texts = [each.read_text() for each in (ROOT / "tests/study").glob("test_*.py")]
+    assert int(count) == sum(text.count("\ndef test_") for text in texts)
+
+
+@pytest.mark.realtime
+def test_the_pack_in_real_time_runs_to_its_end(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tools.pack.__main__ import main
+
+    assert main(["--realtime", "motor_short"]) == 0
+    told = capsys.readouterr().out
+    assert told.count("realtime: ") == 2
+    assert "Beside two busy processes: " in told
+
+
+def test_the_pack_s_page_is_made_to_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one scenario and two of the mutants."""
+    from liftgate_hil.testing import mutation, suite
+    from tools.pack import page
+    from tools.pack.__main__ import main
+
+    files = suite.scenario_files(["pack"])
+    chosen = [each for each in files if each.stem == "motor_short"]
+    few = dict(list(mutation.MUTANTS.items())[:2])
+    monkeypatch.setattr(suite, "scenario_files", lambda _: chosen)
+    for module in (mutation, page):
+        monkeypatch.setattr(module, "MUTANTS", few)
+    assert main(["--output", str(tmp_path)]) == 0
+    text = (tmp_path / "pack.md").read_text(encoding="utf-8")
+    assert "| `motor_short` | pass |" in text
+    assert "of 2 are found" in text
