@@ -37,14 +37,14 @@ demo: setup
 docs: setup
 	$(BIN)/python -m tools.docs
 
-# What is judged by its behaviour in real time gets the machine for itself; the rest gives way to the tests on a vcan0,
-# which run beside it, most of their time waiting. What these print comes at the end.
+# What runs in real time, most of its time waiting, comes when all else is done, a test on each CPU; the rest gives way
+# to the tests on a vcan0, which run beside it. What these print comes at the end.
 test: lint
 	@mkdir -p $(OUT); failed=0; \
 	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
 	    > $(OUT)/beside.log 2>&1 & beside=$$!; \
 	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime" || failed=1; \
-	$(BIN)/python -m pytest -m realtime || failed=1; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m realtime || failed=1; \
 	wait $$beside || failed=1; \
 	cat $(OUT)/beside.log; \
 	exit $$failed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +37,18 @@ if last_bits.seed():
 def pytest_report_header() -> str | None:
     """The line that tells of the switch, where it is on."""
     return f"{last_bits.VARIABLE}={last_bits.seed()}" if last_bits.seed() else None
+
+
+# Their tests start programs and compile, so that one may take minutes.
+LONG = ("tools", "system")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The tests that take longest first: at the end of a run, no process is left alone with them."""
+    root = Path(__file__).parent
+    long = [root / each for each in LONG]
+    items.sort(key=lambda item: not any(item.path.is_relative_to(each) for each in long))
 
 
 @pytest.fixture(autouse=True)

@@ -18,6 +18,7 @@ from liftgate_hil.stimuli.requests import RESET, is_due, note_made
 from liftgate_hil.stimuli.scene import PROGRAMS, Scene
 
 _POLL = 0.005  # s
+_KILL_S = 5.0  # that the end of what was killed may take
 _MOST_TEXT = 300  # characters of what a program said
 
 
@@ -57,7 +58,7 @@ class Program:
         if self._process is not None and self.is_running:
             _kill(self._process)
         if self.has_begun:
-            self._thread.join()
+            self._thread.join(_KILL_S)
 
     def _run(self) -> None:
         # Into a file, not a pipe: what the program leaves running would hold that open.
@@ -80,7 +81,8 @@ class Program:
             except subprocess.TimeoutExpired:
                 self.failure = f"not at its end after {self._timeout:g} s"
                 _kill(self._process)
-                self._process.wait()
+                with contextlib.suppress(subprocess.TimeoutExpired):  # it runs as somebody else
+                    self._process.wait(_KILL_S)
                 return
             if code:
                 output.seek(max(0, output.seek(0, os.SEEK_END) - 4 * _MOST_TEXT))

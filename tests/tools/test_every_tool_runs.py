@@ -24,13 +24,12 @@ ROOT = Path(__file__).parents[2]
 # As a process of its own: arguments, and what it writes.
 RUNS: dict[str, tuple[list[str], tuple[str, ...]]] = {
     "tools.accuracy": (["--cases", "2", "--jobs", "1", "--output", "{out}"], ("accuracy.md",)),
-    "tools.c_translator": (["--rounds", "1"], ()),
+    "tools.c_translator": ([], ()),
     "tools.docs": (
         ["--output", "{out}"],
         ("demo.png", "vehicle.md", "rig.md", "scenario.md"),
     ),
     "tools.equations": (["--mutate", "3.26"], ()),
-    "tools.benchmark.inactive": (["--rounds", "1"], ()),
     "tools.benchmark.replays": (["--rounds", "1", "--seconds", "0.2", "--json"], ()),
 }
 # What runs the others, all of it in CI.

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from liftgate_hil import session
 from liftgate_hil.codec.frames import Frames, empty_frames
+from liftgate_hil.codec.receive import backdate
 from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_loop import (
@@ -98,9 +99,12 @@ def hot_ticks(
         frames = received(scene, config.inputs, frames, state.tick * config.step_ns, config.seed)
         waited = longest_wait(frames, room.stamps, clock_ns(1, room))
         outside = outside_at(scene, now, config.step, 0, False, False)
+        now_ns = state.tick * config.step_ns
         state, replies, truth, sensed = tick(gate, state, frames, outside)
+        if frames.count > 0:
+            backdate(config.inputs, state.reception, frames, room.stamps, now_ns, now_ns)
         replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-        dropped = float(shared.control[0].dropped)
+        dropped = float(shared.control[0].dropped + shared.control[0].stale)
         bench = Bench(0.0, dropped, 1e-9 * waited, not_made(scene))
         place = note_row(shared, truth, sensed, bench)
         note_tick(scene, shared.rows[place : place + 1], frames, replies)

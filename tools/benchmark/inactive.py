@@ -1,12 +1,9 @@
 """What faults and expectations cost that a scenario has, and that do nothing: the demo's episode with them against
 the same without, in turns.
-
-    python -m tools.benchmark.inactive [--rounds N]
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import tempfile
 import time
@@ -144,14 +141,3 @@ def table(found: Mapping[str, Figures]) -> list[str]:
             f"| {name} | {1e9 * each.tick:.1f} ns | **{each.ratio:.3f}** | {each.least_ratio:.3f} |"
         )
     return lines
-
-
-def main() -> None:
-    """Entry point."""
-    parser = argparse.ArgumentParser(prog="python -m tools.benchmark.inactive", description=__doc__)
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
-    print("\n".join(table(measure(parser.parse_args().rounds))))
-
-
-if __name__ == "__main__":
-    main()

@@ -54,9 +54,8 @@ _VERDICTS = (
     ("`inconclusive`", "nothing can be said: `after` or the condition of a stimulus never came true, the end of"
      " the run cut the window off before it was decided, or no tick of it counted; what goes before time 0 did not"
      " come to rest; a fault cannot be made on this bus, or the program that restarts the ECU failed or was not at"
-     " its end; in real time the bench itself was late in the window (ticks missed, frames dropped, or a frame, or"
-     " an ECU in this process, that waited for longer than `timing_tolerance_s`), or a force's margin is smaller"
-     " than what the frames' delay means"),
+     " its end; in real time the bench itself was late by more than `timing_tolerance_s` in the window, and the"
+     " gate stepped again does not confirm the verdict ([tests](tests.md)), or frames were dropped"),
     ("`fail`", "it did not hold"),
     ("`error`", "the run did not come to its end"),
 )  # fmt: skip

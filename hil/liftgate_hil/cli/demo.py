@@ -19,7 +19,7 @@ from liftgate_hil.cli.run import given_up, report
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.judging.verdict import INCONCLUSIVE
+from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 
 if TYPE_CHECKING:
     from liftgate_hil.report.pinch import PinchEvent
@@ -240,6 +240,8 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
         found.append(f"the gate did not close and latch at the end (it stands at {angle:.1f} deg)")
     if summary.command_timeouts:
         found.append(f"{summary.command_timeouts} command time-outs: the ECU was too late")
+    if not found and shown.verdict == FAIL:
+        found.append(shown.reason)
     return found
 
 

@@ -236,10 +236,6 @@ class EcuProcess:
             raise EcuError(f"the ECU's process did not take part: {said}")
         return self._events
 
-    def wait(self, timeout: float) -> None:
-        """Until it has ended, at most so long [s]. Raises subprocess.TimeoutExpired."""
-        self._process.wait(timeout)
-
     def kill(self) -> None:
         """End it at once; its supervisor, where it has one, ends what it has started."""
         self._process.terminate()

@@ -319,6 +319,27 @@ def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
 
 
 @compilable
+def backdate(
+    bus: BusConfig,
+    reception: Reception,
+    frames: Frames,
+    stamps: NDArray[np.int64],
+    until_ns: int,
+    now_ns: int,
+) -> None:
+    """Count the time-out of messages that a tick at `now_ns` accepted from when they came: those that had come
+    before `until_ns`, on the clock of their `stamps`, are older than what else the tick got.
+    """
+    for last in range(frames.count, 0, -1):  # of several of a message the last one counts
+        waited_ns = until_ns - stamps[last - 1]
+        if waited_ns > 0:
+            message = find_message(bus, int(frames.identifiers[last - 1]) & ~FD)
+            if message >= 0 and reception.seen_ns[message] == now_ns:
+                reception.seen_ns[message] = max(0, now_ns - waited_ns)
+                note_stale_time(bus, reception)
+
+
+@compilable
 def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
     """Whether a frame has waited for longer than its message's time-out: nobody sends that any more."""
     message = find_message(bus, identifier & ~FD)

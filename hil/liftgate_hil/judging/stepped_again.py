@@ -46,8 +46,10 @@ def stepped_again(
         if other.verdict != verdict.verdict:
             said = f"stepped again with the commands as they arrived{how}: {other.verdict}"
             return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
-    if verdict.margin is None:
-        return replace(verdict, method=REPLAY)
+    if verdict.margin is None:  # of a trouble code: what the ECU answered is all that is known
+        return Verdict(
+            verdict.name, INCONCLUSIVE, reason=f"{why}; no margin tells whether it bears that"
+        )
     margins = [
         verdict.margin,
         *(each.margin for each in others.values() if each.margin is not None),

@@ -42,10 +42,13 @@ class Realtime:
         try:
             os.sched_setaffinity(0, {cpu})
         except OSError as error:
-            self.refused.append(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
-        refused = ask_for_fifo(PRIORITY)
-        if refused:
-            self.refused.append(refused)
+            self._refuse(f"CPU {cpu}: {error.strerror}; allowed: {allowed_cpus()}")
+        self._refuse(ask_for_fifo(PRIORITY))
+
+    def _refuse(self, what: str) -> None:
+        """Note what was refused, once: several threads enter, one after the other."""
+        if what and what not in self.refused:
+            self.refused.append(what)
 
     @contextlib.contextmanager
     def beside(self, threads: Sequence[int] = ()) -> Iterator[None]:
@@ -82,7 +85,7 @@ class Realtime:
         library = ctypes.CDLL(None, use_errno=True)
         self._is_locked = library.mlockall(_CURRENT | _FUTURE) == 0
         if not self._is_locked:
-            self.refused.append(
+            self._refuse(
                 f"locked memory: {os.strerror(ctypes.get_errno())}; to get it: ulimit -l unlimited "
                 "(memlock in /etc/security/limits.conf), or CAP_IPC_LOCK"
             )
@@ -93,7 +96,7 @@ class Realtime:
             self._latency = os.open(path, os.O_WRONLY)
             os.write(self._latency, struct.pack("i", 0))  # µs
         except OSError as error:
-            self.refused.append(
+            self._refuse(
                 f"no deep sleep of the CPU: {path}: {error.strerror}; to get it: write permission on it"
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -128,7 +129,8 @@ class Loop:
 
     def without_stale(self, frames: Frames) -> Frames:
         """The frames just received, less those that have waited for longer than their message's time-out."""
-        count, ages_ns, bus = frames.count, self.transport.ages_ns, self.config.inputs
+        count, bus = frames.count, self.config.inputs
+        ages_ns = time.monotonic_ns() - self.transport.came_ns
         fresh = [
             row
             for row in range(count)
@@ -175,7 +177,7 @@ class Loop:
         is_silent: bool,
         stop: bool,
     ) -> tuple[LoopState, Frames, Frames, Truth, Sensed]:
-        missed, dropped = self.ticks_missed, self.frames_dropped
+        missed, dropped = self.ticks_missed, self.frames_dropped + self.frames_stale
         return self._tick(self.config, state, frames, scene, rows, missed, dropped, is_silent, stop)
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
-from liftgate_hil.codec.receive import is_stale
+from liftgate_hil.codec.receive import backdate, is_stale
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
@@ -296,29 +296,35 @@ def run_realtime(  # noqa: PLR0912, PLR0915
             if turns(scene, now):
                 break
             given, accepted, waited_ns = none, state.counts.accepted, 0
+            now_ns, due_ns = state.tick * config.step_ns, woken
             if not stopping:
                 if left > 0 and taken == come == CAPACITY:  # there was no room for all
                     come, taken = receive(shared, params, room).count, 0
-                due_ns, last = woken, come
+                last = come
                 if left > 0:
                     due_ns = start_ns + (done + 1) * config.step_ns
                     last = arrived_by(room, taken, come, due_ns)
                 given = handed_out(config.inputs, shared, room, taken, last, due_ns)
                 taken = last
-                now_ns = state.tick * config.step_ns
                 given = received(scene, config.inputs, given, now_ns, config.seed)
                 if len(scene.bus_faults.origins) > 0:
                     restamp(scene.bus_faults, given.count, room.given_stamps, due_ns)
                 if left == 0:
                     due_ns = clock_ns(_MONOTONIC, room)
                 waited_ns = longest_wait(given, room.given_stamps, due_ns)
-                waited_ns = max(waited_ns, control.turn_late_ns)
+                waited_ns = max(waited_ns, control.turn_late_ns, control.line_late_ns)
+                control.line_late_ns = 0
             control.overruns += int(left > 0)
             outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
             state, replies, truth, sensed = tick(gate, state, given, outside)
+            if given.count > 0:
+                before_ns = due_ns - config.step_ns  # when the tick before was due
+                backdate(
+                    config.inputs, state.reception, given, room.given_stamps, before_ns, now_ns
+                )
             if left == 0 and not stopping:
                 replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-            missed, dropped = float(control.overruns), float(control.dropped)
+            missed, dropped = float(control.overruns), float(control.dropped + control.stale)
             bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(scene))
             place = note_row(shared, truth, sensed, bench)
             note_tick(scene, shared.rows[place : place + 1], given, replies)

@@ -104,6 +104,7 @@ class RealtimeRun:
     is_first: bool = True  # False: another one has run on the line before
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
+    _unseen: int = 0  # rows and frames that were overwritten before `takers` had them
     _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
     _entered: threading.Event = field(default_factory=threading.Event)
 
@@ -195,6 +196,7 @@ class RealtimeRun:
             received=self.state.counts,
             link=link,
             link_error=os.strerror(int(control.last_error)) if control.last_error else "",
+            unseen_rows=self._unseen,
         )
 
     def _course(self, ticks: int) -> realtime_loop.RunParams:
@@ -281,5 +283,6 @@ class RealtimeRun:
     def _hand_on(self, rows: RingReader, frames: RingReader) -> None:
         if self.takers:
             taken, seen = rows.take(), frames.take()
+            self._unseen = rows.lost + frames.lost
             for taker in self.takers:
                 taker.take(taken, seen)

@@ -49,6 +49,7 @@ CONTROL = np.dtype(
             "turn_late_ns",
             "i8",
         ),  # written by the outside: how late an ECU in this process got its turn
+        ("line_late_ns", "i8"),  # the same: the longest that a frame of the gate waited on its way
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
         ("beats", "i8"),  # signs of life of the thread that looks after the run
     ]

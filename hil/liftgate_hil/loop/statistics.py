@@ -89,6 +89,7 @@ class Summary:
     recordings: list[str] = field(default_factory=list)  # files that were written
     recording_windows: int | None = None  # around so many triggers it was recorded; None: all of it
     recording_lost_rows: int = 0  # that the recorder was too slow for
+    unseen_rows: int = 0  # and frames, that nobody judged: an ECU in this process held that up
     injections: int = 0  # orders of a test bench that were obeyed
     injected: list[str] = field(default_factory=list)  # the first of them, with their times
     injections_refused: int = 0  # those that were wrong

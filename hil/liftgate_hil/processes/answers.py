@@ -20,6 +20,7 @@ _HEAD = struct.Struct("<4s16sQI")  # magic, token, length [bytes], CRC-32 of wha
 _MAGIC = b"LGHA"
 _MOST = 1 << 40  # bytes of an answer
 _PIECE = 1 << 20
+_HEAD_S = 1.0  # that a connection may take for its head
 _STALL_S = 10.0  # that a connection may pause in the middle of an answer
 _LEAST_DESCRIPTOR = 200  # above what programs use for their standard streams and first files
 
@@ -55,7 +56,7 @@ class AnswerChannel:
             return None
         connection, _ = self._socket.accept()
         with connection:
-            connection.settimeout(_STALL_S)
+            connection.settimeout(_HEAD_S)  # ours sends it at once
             try:
                 head = _received(connection, _HEAD.size)
             except BadAnswerError:
@@ -63,6 +64,7 @@ class AnswerChannel:
             magic, token, length, checksum = _HEAD.unpack(head)
             if (magic, token) != (_MAGIC, self._token):
                 return None
+            connection.settimeout(_STALL_S)
             if length > _MOST:
                 raise BadAnswerError("its length makes no sense")
             payload = _received(connection, length)

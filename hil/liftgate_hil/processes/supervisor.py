@@ -72,8 +72,11 @@ def _supervise(
     child: int, allowed: frozenset[int] | None, ends_at_once: bool, told: int | None
 ) -> None:
     """Wait for the child, end what it leaves behind, exit as it did."""
+    is_there = True
 
     def end(number: int, frame: FrameType | None) -> None:
+        if not is_there:  # its number may be another one's by now
+            return
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, signal.SIGKILL if ends_at_once or number == signal.SIGALRM else number)
         signal.setitimer(signal.ITIMER_REAL, _LEAVE_S)
@@ -86,6 +89,7 @@ def _supervise(
     found, status = os.waitpid(-1, 0)
     while found != child:  # something that it has started, and left
         found, status = os.waitpid(-1, 0)
+    is_there = False
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     if told is not None:
         os.write(told, struct.pack("i", status))

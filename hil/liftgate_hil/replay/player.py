@@ -135,7 +135,7 @@ class NotedTransport:
         self._count = 0
         self.histogram = np.zeros(BINS, dtype=np.int64)
         self.receive, self.close, self.counts = transport.receive, transport.close, transport.counts
-        self.ages_ns = transport.ages_ns
+        self.came_ns = transport.came_ns
         self._room = make_room()
 
     @property
@@ -330,6 +330,7 @@ class Player:
             send_failures=int(control.unsent) + mine.send_failures,
             send_queue_full=int(control.unsent_full) + mine.send_queue_full,
             receive_failures=int(control.receive_errors) + mine.receive_failures,
+            before_start=0,  # nothing that comes is for a player
         )
         self.played = replace(
             self.played,

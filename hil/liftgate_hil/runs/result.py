@@ -150,5 +150,8 @@ def _lateness(summary: Summary, extremes: Extremes) -> str:
     """How the bench was late beside what its rows tell; "": it was not, or has no clock to be late by."""
     if summary.clock != "realtime" or extremes.high is None:
         return ""
-    untold = summary.link.dropped - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
+    if summary.unseen_rows:
+        return f"the bench was late: {summary.unseen_rows} rows or frames were lost before they were judged"
+    lost = summary.link.dropped + summary.link.stale_frames
+    untold = lost - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
     return f"the bench was late: {untold} frames dropped" if untold > 0 else ""

@@ -1,8 +1,8 @@
 """The gate of a run in real time stepped again, in model time, with the commands that it got.
 
-again = CommandLog()                 # a taker of the run
+log = CommandLog()                                # a taker of the run
 ...
-StepsAgain(begun, again.frames(), ...)(0.012)      # SteppedAgain, see judging.stepped_again
+StepsAgain(begun, heard_by(rig, log.frames()), ...)(0.012)      # SteppedAgain, see judging.stepped_again
 """
 
 from __future__ import annotations

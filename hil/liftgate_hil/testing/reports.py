@@ -21,7 +21,7 @@ def as_json(outcomes: Sequence[Outcome], provenance: Mapping[str, Any]) -> dict[
 
 
 def _scenario(outcome: Outcome) -> dict[str, Any]:
-    setup, result = outcome.case.parts.setup, outcome.result
+    setup = outcome.case.parts.setup
     return {
         "file": outcome.case.file,
         "verdict": outcome.verdict,
@@ -39,12 +39,17 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
             {
                 "verdict": each.verdict,
                 "expectations": [expectation_json(verdict) for verdict in each.expectations],
+                "recordings": _recordings(each),
             }
             for each in outcome.attempts
         ],
-        "recordings": [str(path) for path in result.recording] if result is not None else [],
+        "recordings": _recordings(outcome),
         "sources": {name: each._asdict() for name, each in outcome.case.parts.sources.items()},
     }
+
+
+def _recordings(outcome: Outcome) -> list[str]:
+    return [] if outcome.result is None else [str(path) for path in outcome.result.recording]
 
 
 def expectation_json(verdict: Verdict) -> dict[str, Any]:

@@ -196,10 +196,23 @@ def run_until_decided(
     attempts: list[Outcome] = []
     outcome = run_case(case, stopped)
     while outcome.verdict == INCONCLUSIVE and len(attempts) < retries and not stopped():
-        attempts.append(outcome)
+        attempts.append(_kept(outcome, len(attempts) + 1))
         outcome = run_case(case, stopped)
     wall_s = outcome.wall_s + sum(each.wall_s for each in attempts)
     return replace(outcome, attempts=tuple(attempts), wall_s=wall_s)
+
+
+def _kept(outcome: Outcome, number: int) -> Outcome:
+    """An attempt whose recordings the next one would overwrite, with them under other names."""
+    if outcome.result is None:
+        return outcome
+    kept = []
+    for path in outcome.result.recording:
+        other = path.with_stem(f"{path.stem}-attempt-{number}")
+        with contextlib.suppress(OSError):  # it was never begun
+            path.rename(other)
+            kept.append(other)
+    return replace(outcome, result=replace(outcome.result, recording=tuple(kept)))
 
 
 def not_run(case: Case, reason: str) -> Outcome:

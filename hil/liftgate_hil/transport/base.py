@@ -39,9 +39,8 @@ class Transport(Protocol):
     """
 
     name: str
-    ages_ns: NDArray[
-        np.int64
-    ]  # how long each frame of the last `receive` had waited by then, as far as is known
+    # When each frame of the last `receive` came, on the monotonic clock, as far as is known.
+    came_ns: NDArray[np.int64]
 
     @property
     def is_up(self) -> bool:
@@ -90,12 +89,13 @@ _STAMPED_NS = (
 _UNKNOWN_NS = 20_000_000  # time without a look after which frames without a stamp may be old
 WAIT_S = 0.01  # at a time for a frame: below _UNKNOWN_NS, so that one that is waited for is not old when it comes
 _EMPTY = 3  # reads in a row without a frame: one may have been spent on what is no frame
-_DRAIN_S = 1.0  # that draining may take, where a flood does not end
+SO_TIMESTAMPNS = 35  # asm-generic/socket.h
+DRAIN_S = 1.0  # that draining may take, where a flood does not end
 
 
 def drained(transport: Transport, command: int = -1) -> tuple[int, int]:
     """Drop all that has come to a transport so far: how many frames that were, and how many of an identifier."""
-    count, commands, until, empty = 0, 0, time.monotonic() + _DRAIN_S, 0
+    count, commands, until, empty = 0, 0, time.monotonic() + DRAIN_S, 0
     while empty < _EMPTY and time.monotonic() < until:
         frames = transport.receive()
         empty = empty + 1 if frames.count == 0 else 0

@@ -49,7 +49,7 @@ class CanTransport:
         self._echoes = multicast.Echoes() if is_multicast else None
         self._retry = 0.0
         self._failures = 0  # to receive, in a row
-        self.ages_ns = np.zeros(CAPACITY, dtype=np.int64)
+        self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
         self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
         self._recv: Callable[[float], can.Message | None]
         self._bus = self._open()
@@ -144,9 +144,9 @@ class CanTransport:
                 break
             if self._echoes is None or not self._echoes.is_echo(fields.identifier, fields.data):
                 put(fields, buffer, count)
-                unseen_ns = time.monotonic_ns() - self._emptied_ns
+                now = time.monotonic_ns()
                 stamp = message.timestamp if self._interface in _STAMPING else None
-                self.ages_ns[count] = age_of(stamp, unseen_ns)
+                self.came_ns[count] = now - age_of(stamp, now - self._emptied_ns)
                 count += 1
             if count == CAPACITY:
                 break

@@ -14,15 +14,19 @@ import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_hil.errors import TransportError, words_of
-from liftgate_hil.transport.base import LinkCounts, Transport, drained
+from liftgate_hil.transport.base import SO_TIMESTAMPNS, LinkCounts, Transport, drained
 
 # struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
 _ROW = struct.Struct("<IBBBB64sq")
 _HEAD = struct.Struct("<IBB")
+# struct timespec, by which the kernel tells when the loop has handed a datagram over (CLOCK_REALTIME).
+_STAMP = struct.Struct("<qq")
 _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
 _LEAVE_S = 3.0  # that closing waits for a driver
 _DRAIN_S = 2.0  # that draining may take
+_TOLD = socket.CMSG_SPACE(_STAMP.size)
+_MOST_NS = 60_000_000_000  # that a frame can wait here
 _LOOK_S = 0.01  # at most, until a thread that waits for frames sees that it is to end
 
 
@@ -38,6 +42,10 @@ class Pump:
         for end in (self._ours, theirs):
             with contextlib.suppress(OSError):  # as much as the kernel allows
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+        with contextlib.suppress(
+            OSError
+        ):  # else nobody knows how long what the loop sends waits here
+            self._ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._theirs = theirs
         self.descriptor = theirs.fileno()
         self._stopping = False
@@ -46,6 +54,8 @@ class Pump:
         self._before_start = 0
         self._was_up = True
         self._failure: BaseException | None = None  # that ended a thread
+        self._control: Any = None  # of the loop, which is told how late its frames are
+        self._sent_ns = 0  # when the driver had taken the last one, on the clock of the stamps
         self._threads = [
             threading.Thread(target=self._guarded, args=(way,), name=name, daemon=True)
             for name, way in (
@@ -61,6 +71,7 @@ class Pump:
 
     def watch(self, control: Any) -> str | None:
         """See Line."""
+        self._control = control
         if self._failure is not None:
             raise TransportError(
                 f"{self.name}: the thread that carries its frames has ended: {words_of(self._failure)}"
@@ -100,11 +111,21 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """What the loop sends next; nothing at the end."""
+        """What the loop sends next; nothing at the end. Tells the loop how long that has waited for this thread;
+        what the driver took for the frames before is not this bench's.
+        """
         try:
-            return self._ours.recv(_ROW.size)
+            datagram, told, _, _ = self._ours.recvmsg(_ROW.size, _TOLD)
         except OSError:  # closed while the driver held this thread up
             return b""
+        control = self._control
+        for level, kind, stamp in told if control is not None else ():
+            if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
+                seconds, rest = _STAMP.unpack(stamp)
+                waited_ns = time.time_ns() - max(seconds * 1_000_000_000 + rest, self._sent_ns)
+                if control.line_late_ns < waited_ns < _MOST_NS:  # else the clock was set
+                    control.line_late_ns = waited_ns
+        return datagram
 
     def _guarded(self, way: Callable[[], None]) -> None:
         """Carry frames one way; what ends that is told by `watch`, since a run without frames is none."""
@@ -124,13 +145,12 @@ class Pump:
             if not self._is_open:
                 self._before_start += frames.count
                 continue
-            now, ages_ns = time.monotonic_ns(), self._transport.ages_ns
             for row in range(frames.count):
                 identifier = int(frames.identifiers[row])
                 flags = _FDF if identifier & FD else 0
                 data = frames.data[row].tobytes()
                 length = int(frames.lengths[row])
-                came = now - int(ages_ns[row])
+                came = int(self._transport.came_ns[row])
                 datagram = _ROW.pack(identifier & ~FD, length, flags, 0, 0, data, came)
                 try:
                     self._ours.send(datagram)
@@ -145,3 +165,4 @@ class Pump:
             frames.lengths[0] = length
             frames.data[0, :length] = np.frombuffer(datagram, np.uint8, length, 8)
             self._transport.send(frames._replace(count=1))
+            self._sent_ns = time.time_ns()

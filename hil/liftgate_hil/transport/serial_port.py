@@ -60,7 +60,7 @@ class SerialTransport:
         self._decoder = Decoder()
         self._read_last = self._port
         self._arrived: deque[tuple[int, bytes]] = deque()
-        self.ages_ns = np.zeros(CAPACITY, dtype=np.int64)
+        self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
         self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
         self._before_start = 0
         self._between = False  # the line's last byte was a zero; not known at first
@@ -88,7 +88,8 @@ class SerialTransport:
             self._read()
         frames = empty_frames(CAPACITY)
         count = min(len(self._arrived), CAPACITY)
-        self.ages_ns[:count] = age_of(None, time.monotonic_ns() - emptied_ns)
+        now = time.monotonic_ns()
+        self.came_ns[:count] = now - age_of(None, now - emptied_ns)
         for row in range(count):
             identifier, payload = self._arrived.popleft()
             # The line has no flag for it, but only CAN FD has so many bytes.

@@ -18,19 +18,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from liftgate_hil.errors import TransportError
-from liftgate_hil.transport.base import LinkCounts
+from liftgate_hil.transport.base import DRAIN_S, SO_TIMESTAMPNS, LinkCounts
 
 _SIOCGIFFLAGS, _SIOCGIFMTU = 0x8913, 0x8921  # linux/sockios.h
 _IFF_UP, _IFF_RUNNING = 0x1, 0x40
 _CANFD_MTU = 72
-_DRAIN_S = 1.0  # that draining may take, where a flood does not end
 _LONGEST = 72  # bytes of a frame
 # linux/rtnetlink.h
 _NETLINK_ROUTE, _RTMGRP_LINK = 0, 1
 _NEWLINK, _DELLINK, _IFLA_IFNAME = 16, 17, 3
 # struct nlmsghdr and struct ifinfomsg: length, kind, index, flags.
 _HEADER = struct.Struct("IH10x4xiI4x")
-_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_RXQ_OVFL = 33, 35, 40  # asm-generic/socket.h
+_SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40  # asm-generic/socket.h
 _CAN_RAW_ERR_FILTER = 2  # linux/can/raw.h
 _ALL_ERRORS = 0x1FFFFFFF  # CAN_ERR_MASK
 _BUFFER = 8 << 20  # bytes; the default of 208 KiB is 25 to 75 ms of a full bus
@@ -74,7 +73,7 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
             raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         raw.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ALL_ERRORS)
         raw.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-        raw.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         try:
             raw.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER)
         except OSError:  # not permitted; as much as the kernel allows
@@ -163,7 +162,7 @@ class SocketCan:
 
     def drain(self) -> None:
         """Drop all that has come so far, and count it as `before_start`."""
-        until = time.monotonic() + _DRAIN_S
+        until = time.monotonic() + DRAIN_S
         while time.monotonic() < until:
             try:
                 self._before_start += bool(self._socket.recv(_LONGEST, socket.MSG_DONTWAIT))

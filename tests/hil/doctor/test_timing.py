@@ -16,10 +16,10 @@ CHEAP = Distribution(500, 5.0, 10.0, 20.0, 30.0)
 
 
 def wakeups(
-    p999_us: float, missed: int = 0, periods: int = 10_000, gaps: int = 0, duration: float = 60.0
+    p999_us: float, missed: int = 0, periods: int = 10_000, long: int = 0, duration: float = 60.0
 ) -> Wakeups:
     lateness = Distribution(periods, 20.0, 50.0, p999_us, 2 * p999_us)
-    return Wakeups(lateness, missed, periods, gaps, duration)
+    return Wakeups(lateness, missed, periods, long, duration)
 
 
 @pytest.mark.parametrize(
@@ -59,17 +59,20 @@ def test_periods_missed_at_the_rate_asked_for_are_a_warning():
     assert "0.25 % of periods missed at 1000 Hz" in check.found
 
 
-def test_a_machine_on_which_most_tests_would_be_inconclusive_is_not_fit_for_them():
-    often = wakeups(60.0, missed=5, periods=60_000, gaps=5)
+def test_a_machine_on_which_most_verdicts_need_a_second_look_is_told_of():
+    often = wakeups(60.0, missed=30, periods=60_000, long=5)
     check = timing.verdict(1000.0, {WITHOUT: often}, CHEAP, 0)
     assert check.level == "warning"
-    # Gaps at random: exp(-5 * 10 s / 60 s) = 0.435 of the windows have none.
+    # At random: exp(-5 * 10 s / 60 s) = 0.435 of the windows have none.
     assert (
-        "not for tests in real time: periods were missed 5 times in 60 s, so about 57 % of windows of 10 s "
-        "would be inconclusive"
+        "not every test in real time would be conclusive: it was late by more than 5 ms 5 times in 60 s, so in "
+        "about 57 % of windows of 10 s the gate would be stepped again for a verdict"
     ) in check.found
     assert "--clock free" in check.advice
-    # A short look without a gap does not tell.
+    # Ticks that are missed within the tolerance leave a verdict as it is.
+    in_time = wakeups(60.0, missed=30, periods=60_000)
+    assert timing.verdict(1000.0, {WITHOUT: in_time}, CHEAP, 0).level == "ok"
+    # A short look without one does not tell.
     short = timing.verdict(1000.0, {WITHOUT: wakeups(60.0, duration=2.0)}, CHEAP, 0)
     assert short.level == "ok"
     assert "whether for tests in real time, too, takes --duration 60 to tell" in short.found
@@ -139,21 +142,23 @@ def test_stolen_time_is_the_worst_cpus(tmp_path):
 
 
 def test_every_period_is_either_measured_or_missed():
-    lateness, missed, gaps = measure_wakeups(1_000_000, 50)
+    lateness, missed, long = measure_wakeups(1_000_000, 50)
     assert lateness.count + missed == 50
-    assert gaps <= missed
+    assert 5 * long <= missed
 
 
 def test_periods_that_are_too_short_are_skipped_and_counted():
     histogram = np.zeros(BINS, dtype=np.int64)
-    missed, gaps = note_wakeups(10, 100_000, histogram, np.zeros(1, dtype=np.int64), make_room())
-    assert missed >= gaps > 0
+    stop, room = np.zeros(1, dtype=np.int64), make_room()
+    missed, long = note_wakeups(10, 100_000, 20, histogram, stop, room)
+    assert missed > long > 0
     assert histogram.sum() + missed == 100_000
 
 
 def test_a_measurement_ends_when_told_to():
     histogram = np.zeros(BINS, dtype=np.int64)
-    assert note_wakeups(10**9, 100, histogram, np.ones(1, dtype=np.int64), make_room()) == (0, 0)
+    stop, room = np.ones(1, dtype=np.int64), make_room()
+    assert note_wakeups(10**9, 100, 0, histogram, stop, room) == (0, 0)
     assert histogram.sum() == 0
 
 

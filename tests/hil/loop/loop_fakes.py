@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,9 +30,10 @@ class Memory:
         self.batches = list(batches)
         self.sent: Rows = []
         self.closed = False
-        self.ages_ns = np.zeros(1024, dtype=np.int64)
+        self.came_ns = np.zeros(1024, dtype=np.int64)
 
     def receive(self, timeout: float = 0.0) -> Frames:
+        self.came_ns[:] = time.monotonic_ns()
         return frames_of(self.batches.pop(0)) if self.batches else empty_frames(0)
 
     def send(self, frames: Frames) -> None:

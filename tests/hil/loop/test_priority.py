@@ -201,6 +201,7 @@ def test_a_cpu_that_vanished_is_told_by_its_number(monkeypatch: pytest.MonkeyPat
     for cpu, number in ((None, 7), (5, 5)):
         realtime = Realtime(cpu)
         realtime.enter()
+        realtime.enter()  # another thread, of what goes before time 0
         (line,) = realtime.refused
         assert line.startswith(f"CPU {number}: Invalid argument; allowed: ")
 

@@ -404,6 +404,37 @@ def test_a_command_older_than_its_time_out_moves_nothing(
     monkeyed = play.run(450)[0]
     assert (monkeyed.counts.accepted, monkeyed.counts.foreign) == (0, 1)
     assert play.shared.control[0].stale == 1
+    # What the ECU sent and the gate never got is the bench's doing: rows say so from then on.
+    assert play.column("frames_dropped") == [*(400 * [0.0]), *(51 * [1.0])]
+
+
+@pytest.mark.parametrize("age_ms", [0, 10, 25])
+def test_a_time_out_begins_when_a_command_came_not_when_it_was_picked_up(
+    rehearse: Callable[..., Rehearsal], rig: Rig, age_ms: int
+):
+    timeout_ms = play_timeout_ns(rig) // MS
+    play = rehearse()
+    play.at = lambda waking: play.give(opening(rig, 0), age=age_ms * MS) if waking == 100 else None
+    state, _ = play.run(200)
+    assert (state.counts.accepted, state.timeouts) == (1, 1)
+    driven = np.flatnonzero(np.array(play.column("left_duty")) > 0.0)
+    waited_ms = max(0, age_ms - 1)  # what has come since the tick before has not waited
+    assert driven.tolist() == list(range(100, 100 + timeout_ms - waited_ms))
+
+
+def test_a_frame_of_the_gate_that_waits_on_its_way_is_the_benchs_delay(
+    rehearse: Callable[..., Rehearsal],
+):
+    play = rehearse()
+
+    def at(waking: int) -> None:
+        if waking == 50:
+            play.shared.control[0].line_late_ns = 12 * MS
+
+    play.at = at
+    play.run(60)
+    assert np.flatnonzero(play.column("command_delay_s")).tolist() == [50]
+    assert play.column("command_delay_s")[50] == pytest.approx(0.012)
 
 
 def play_timeout_ns(rig: Rig) -> int:
@@ -813,7 +844,7 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
     def make(**more: Any) -> RealtimeRun:
         config = loop_config(rig=rig)
         line = more.pop("line", None) or SocketLine()
-        memory = Memory(4096, 4096)
+        memory = Memory(more.pop("rows", 4096), 4096)
         kept.append((line, memory))
         said: list[str] = []
         options: dict[str, Any] = {"limit_ns": 3600 * 10**9, "say": said.append, **more}
@@ -957,6 +988,20 @@ class SlowTaker:
     def take(self, rows: Any, frames: Any) -> None:
         time.sleep(self.seconds)
         self.seconds = 0.0
+
+
+def test_rows_that_were_overwritten_before_they_were_judged_are_counted(
+    ready: Callable[..., RealtimeRun],
+):
+    """As where an ECU in this process does not answer for longer than the ring holds."""
+    run = ready(takers=[SlowTaker(0.0)])
+    run.begin()
+    run.run(100, never)
+    assert run.summary().unseen_rows == 0
+    run = ready(takers=[SlowTaker(1.0)], rows=1200, limit_ns=10**12)
+    run.begin()
+    run.run(1200, never)
+    assert run.summary().unseen_rows > 500
 
 
 def longest_delay(run: RealtimeRun) -> float:

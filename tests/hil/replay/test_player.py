@@ -133,7 +133,7 @@ class Wire:
         self._lost = lost
         self.seen: list[int] = []
         self._failed = 0
-        self.ages_ns = np.zeros(0, dtype=np.int64)
+        self.came_ns = np.zeros(0, dtype=np.int64)
 
     def receive(self, timeout: float = 0.0) -> Frames:
         return empty_frames(0)

@@ -47,12 +47,21 @@ def test_it_is_run_again_until_it_is_decided(
 ) -> None:
     attempts += given
     line = ["test", "s.toml", "--quiet", "--json", "out.json", "--junit", "out.xml"]
+    line += ["--results", "results"]
     assert main([*line, "--retry-inconclusive", str(retries)]) == code
     assert len(attempts) == left
     told = json.loads(Path("out.json").read_text())["scenarios"][0]
     tried = given[: len(given) - left]
     assert [each["verdict"] for each in told["attempts"]] == tried[:-1]
     assert told["verdict"] == tried[-1]
+    # Each attempt has left its recordings.
+    kept = [each["recordings"] for each in told["attempts"]]
+    files = {path for each in (*kept, told["recordings"]) for path in each}
+    assert len(files) == 2 * len(tried)
+    assert all(Path(path).stat().st_size > 100 for path in files)
+    assert {str(Path(each).resolve()) for each in files} == {
+        str(each.resolve()) for each in Path("results").iterdir() if each.suffix in (".csv", ".log")
+    }
     for number in range(1, len(tried)):
         note = f"attempt {number}: rests: inconclusive: it was inconclusive"
         assert note in told["notes"]

@@ -231,6 +231,14 @@ def test_all_ways_have_to_agree_with_room_to_spare(
         assert found.reason.startswith("why")
 
 
+def test_what_has_no_margin_is_not_confirmed_by_the_answers_that_it_was_judged_by() -> None:
+    """A trouble code: the ECU has answered once, and answers alike when the gate is stepped again."""
+    present = Verdict("x", "fail")
+    found = stepped_again(present, 0, 0.01, 0.0, "why", lambda late: again())
+    assert found.verdict == "inconclusive"
+    assert found.reason.startswith("why; ")
+
+
 def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> None:
     from liftgate_hil.codec.frames import LOGGED
 

@@ -9,6 +9,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import can
@@ -357,6 +358,41 @@ def test_a_driver_that_stands_still_in_send_holds_up_neither_the_loop_nor_receiv
     until(lambda: driver.sent[-1].arbitration_id == 3)
 
 
+def test_the_loop_is_told_how_long_its_frames_have_waited_for_the_thread(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    threads: list[threading.Thread] = []
+    start = threading.Thread.start
+
+    def put_off(thread: threading.Thread) -> None:
+        threads.append(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", put_off)
+    monkeypatch.setattr(can, "Bus", lambda **_: driver)
+    driver, control = Driver(queue.Queue()), SimpleNamespace(line_late_ns=0)
+    pump = Pump(CanTransport({"interface": "virtual", "channel": "x"}))
+    pump.watch(control)
+    send(pump, [(1, b"")])
+    time.sleep(0.05)
+    assert control.line_late_ns == 0
+    for each in threads:
+        start(each)
+    until(lambda: driver.sent)
+    assert control.line_late_ns >= 49_000_000
+    pump.close()
+
+
+def test_what_the_driver_takes_is_not_the_benchs_delay(rig: Rig):
+    control, driver = SimpleNamespace(line_late_ns=0), rig.drivers[0]
+    rig.pump.watch(control)
+    driver.gate.clear()
+    send(rig.pump, [(1, b""), (2, b"")])
+    time.sleep(1.0)
+    driver.gate.set()
+    until(lambda: len(driver.sent) == 2)
+    assert control.line_late_ns < 900_000_000
+
+
 def test_closing_gives_up_on_a_driver_that_stands_still(rig: Rig, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("liftgate_hil.transport.pump._LEAVE_S", 0.02)
     told: list[Any] = []
@@ -420,7 +456,7 @@ class Endless:
 
     def __init__(self) -> None:
         self.closed = 0
-        self.ages_ns = np.zeros(100, dtype=np.int64)
+        self.came_ns = np.full(100, time.monotonic_ns())
 
     def receive(self, timeout: float = 0.0) -> Frames:
         return frames_of([(1, b"")] * 100)
