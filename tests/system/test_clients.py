@@ -20,6 +20,7 @@ from pathlib import Path
 
 import can
 import cantools
+import pyte
 import pytest
 
 from liftgate_hil.config.shipped import data_root
@@ -163,7 +164,11 @@ def test_can_logger_records_and_cantools_decodes_every_frame(tmp_path: Path, gro
 
 def test_cantools_monitor_shows_the_gate(group: str) -> None:
     ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 100, 140, 0, 0))
+    columns, lines = 140, 100
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
+    # A terminal: what is drawn is only what has changed on it.
+    screen = pyte.Screen(columns, lines)
+    terminal = pyte.ByteStream(screen)
     monitor = (
         "-m", "cantools", "monitor", "-i", "udp_multicast", "-c", group, str(DBC),
     )  # fmt: skip
@@ -172,13 +177,12 @@ def test_cantools_monitor_shows_the_gate(group: str) -> None:
         emulator(group, "--quiet"),
         process(*monitor, stdin=theirs, stdout=theirs, env=environment),
     ):
-        seen = b""
 
         def shown() -> bool:
-            nonlocal seen
             if select.select([ours], [], [], 0.1)[0]:
-                seen += os.read(ours, 65536)
-            return b"LeftDrive" in seen and b"MotorCurrent" in seen and b"latched" in seen
+                terminal.feed(os.read(ours, 65536))
+            seen = "\n".join(screen.display)
+            return all(word in seen for word in ("LeftDrive", "MotorCurrent", "latched"))
 
         wait_for(shown, "cantools monitor showed nothing of the gate")
         os.write(ours, b"q")

@@ -31,7 +31,7 @@ ELSEWHERE = {
     "make test-vcan": "is what CI runs",
     "liftgate-hil --bus slcan": "tests/system/test_interfaces.py",
     "candump can0": "tests/vcan/test_commands.py",
-    "cantools monitor": "tests/vcan/test_commands.py",
+    "cantools monitor": "tests/system/test_clients.py",
 }
 HERE = (
     "liftgate-hil init",

@@ -135,7 +135,7 @@ def _steps_again(
         return None
     return StepsAgain(
         begun=begun,
-        frames=heard_by(parts.rig, frames),
+        frames=heard_by(parts.rig, frames, judge.expected, begun.scene),
         ticks=summary.ticks - 1,
         rig=parts.rig,
         drives=parts.setup.vehicle.drives,

@@ -2,7 +2,8 @@
 
 log = CommandLog()                                # a taker of the run
 ...
-StepsAgain(begun, heard_by(rig, log.frames()), ...)(0.012)      # SteppedAgain, see judging.stepped_again
+heard = heard_by(rig, log.frames(), expected, begun.scene)
+StepsAgain(begun, heard, ...)(0.012)              # SteppedAgain, see judging.stepped_again
 """
 
 from __future__ import annotations
@@ -74,13 +75,15 @@ class CommandLog:
         return np.concatenate([np.empty(0), *self._angles])
 
 
-def heard_by(rig: Rig, frames: Any) -> Any:
-    """Of frames (n,) LOGGED, either way, those that a gate and its tester take, by their arrival: in whole
-    microseconds, as in recordings.
+def heard_by(rig: Rig, frames: Any, expected: Expected, scene: Scene) -> Any:
+    """Of frames (n,) LOGGED, either way, those that a gate and its tester take, and those of others that
+    expectations speak of, by their arrival: in whole microseconds, as in recordings.
     """
     identifiers = [rig.identifier(each.message) for each in rig.inputs]
     if rig.diagnostics is not None:
         identifiers.append(rig.diagnostics.response)
+    told = {rig.identifier(name.partition(".")[0]) for name in expected.signals}
+    identifiers += told - set(scene.restbus.everything.messages["identifier"].tolist())
     found = np.array(frames[np.isin(frames["identifier"] & ~FD, identifiers)])
     found["time_ns"] = (found["time_ns"] + 500) // 1000 * 1000
     return found[np.argsort(found["time_ns"], kind="stable")]

@@ -214,7 +214,7 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
     start = session.start_of(config, setup.start_angle)
     return StepsAgain(
         begun=Begun(config, start, scene),
-        frames=heard_by(rig, run.frames),
+        frames=heard_by(rig, run.frames, judge.expected, scene),
         ticks=len(run.times) - 1,
         rig=rig,
         drives=setup.vehicle.drives,

@@ -10,13 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hil_support import loop_config
 
 import liftgate_hil as lh
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.judge import expected_of
 from liftgate_hil.judging.stepped_again import LONGEST, SteppedAgain, stepped_again
 from liftgate_hil.judging.verdict import Verdict
+from liftgate_hil.loop.tick import constants_in
 from liftgate_hil.runs.stepping import heard_by
+from liftgate_hil.stimuli.scene import scene_of
 
 SCENARIO = """
 duration = 6.0
@@ -245,7 +249,30 @@ def test_a_gate_hears_what_its_rig_reads_by_the_time_of_arrival(rig: Rig) -> Non
     frames = np.zeros(4, dtype=LOGGED)
     frames["identifier"] = [0x120, 0x220, 0x55, 0x120]
     frames["time_ns"] = [2_000_499, 1, 2, 1_000_501]
-    assert heard_by(rig, frames)["time_ns"].tolist() == [1_001_000, 2_000_000]
+    scene = scene_of(constants_in(loop_config(rig=rig)), tables=rig.tables)
+    nothing = expected_of([], {}, rig.messages, 2, "test")
+    assert heard_by(rig, frames, nothing, scene)["time_ns"].tolist() == [1_001_000, 2_000_000]
+
+
+def test_a_message_between_others_is_heard_again_where_an_expectation_speaks_of_it(
+    run: tuple[Path, list[Path], float], tmp_path: Path
+) -> None:
+    """As an ECU's own status, which no gate reads; what the gate sends it sends anew."""
+    _, files, peak = run
+    log = tmp_path / "run.log"
+    lines = files[1].read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if float(line[1:18]) > float(lines[0][1:18]) + peak)
+    lines.insert(at, f"{' '.join(lines[at].split()[:2])} 130#020000")
+    log.write_text("\n".join(lines) + "\n")
+    path = tmp_path / "speaks.toml"
+    path.write_text(
+        SCENARIO.format(limit=300.0)
+        + '[[expect]]\nname = "asked"\neventually = "DriverRequest.Button > 1.5 and Gate.Angle > 1"\n'
+    )
+    late, _ = with_lateness(files, peak - 0.02, 12)
+    found = lh.judge([late, log], path)["asked"]
+    assert (found.verdict, found.method) == ("pass", "replay")
+    assert lh.judge([files[0], log], path)["asked"].margin == found.margin
 
 
 def test_a_recording_of_the_gate_alone_tells_no_commands(
