@@ -44,7 +44,7 @@ test: lint
 	{ for each in $(BESIDE); do $(SELF) --no-print-directory $$each VCAN=$(BESIDE_VCAN) || exit 1; done; } \
 	    > $(OUT)/beside.log 2>&1 & beside=$$!; \
 	nice -n 10 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime" || failed=1; \
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m realtime || failed=1; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup -m realtime || failed=1; \
 	wait $$beside || failed=1; \
 	cat $(OUT)/beside.log; \
 	exit $$failed

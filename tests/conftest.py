@@ -43,12 +43,17 @@ def pytest_report_header() -> str | None:
 LONG = ("tools", "system")
 
 
-@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests that take longest first: at the end of a run, no process is left alone with them."""
+    """Order the tests: those that take longest first, so that no process is left alone with them at the end. Those
+    in real time with foreign programs are of one group, for one process: python-can's own bus of multicast
+    datagrams hears all groups of a machine.
+    """
     root = Path(__file__).parent
     long = [root / each for each in LONG]
     items.sort(key=lambda item: not any(item.path.is_relative_to(each) for each in long))
+    for item in items:
+        if item.path.is_relative_to(root / "system") and item.get_closest_marker("realtime"):
+            item.add_marker(pytest.mark.xdist_group("system"))
 
 
 @pytest.fixture(autouse=True)
