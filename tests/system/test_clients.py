@@ -172,7 +172,9 @@ def test_cantools_monitor_shows_the_gate(group: str) -> None:
     monitor = (
         "-m", "cantools", "monitor", "-i", "udp_multicast", "-c", group, str(DBC),
     )  # fmt: skip
-    environment = {**os.environ, "TERM": "xterm"}
+    # What pytest-xdist hands on of its own terminal goes before this one's size.
+    size = {"LINES": str(lines), "COLUMNS": str(columns)}
+    environment = {**os.environ, **size, "TERM": "xterm"}
     with (
         emulator(group, "--quiet"),
         process(*monitor, stdin=theirs, stdout=theirs, env=environment),

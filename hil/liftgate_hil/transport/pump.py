@@ -42,9 +42,8 @@ class Pump:
         for end in (self._ours, theirs):
             with contextlib.suppress(OSError):  # as much as the kernel allows
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
-        with contextlib.suppress(
-            OSError
-        ):  # else nobody knows how long what the loop sends waits here
+        # Where the kernel does not, nobody knows how long what the loop sends waits here.
+        with contextlib.suppress(OSError):
             self._ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._theirs = theirs
         self.descriptor = theirs.fileno()
@@ -55,7 +54,7 @@ class Pump:
         self._was_up = True
         self._failure: BaseException | None = None  # that ended a thread
         self._control: Any = None  # of the loop, which is told how late its frames are
-        self._sent_ns = 0  # when the driver had taken the last one, on the clock of the stamps
+        self._sent_ns = 0  # when the driver had taken the last one, on the monotonic clock
         self._threads = [
             threading.Thread(target=self._guarded, args=(way,), name=name, daemon=True)
             for name, way in (
@@ -122,7 +121,8 @@ class Pump:
         for level, kind, stamp in told if control is not None else ():
             if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS):
                 seconds, rest = _STAMP.unpack(stamp)
-                waited_ns = time.time_ns() - max(seconds * 1_000_000_000 + rest, self._sent_ns)
+                since_ns = time.monotonic_ns() - self._sent_ns
+                waited_ns = min(time.time_ns() - seconds * 1_000_000_000 - rest, since_ns)
                 if control.line_late_ns < waited_ns < _MOST_NS:  # else the clock was set
                     control.line_late_ns = waited_ns
         return datagram
@@ -165,4 +165,4 @@ class Pump:
             frames.lengths[0] = length
             frames.data[0, :length] = np.frombuffer(datagram, np.uint8, length, 8)
             self._transport.send(frames._replace(count=1))
-            self._sent_ns = time.time_ns()
+            self._sent_ns = time.monotonic_ns()
