@@ -378,10 +378,7 @@ def cost_section(effort: Effort = WHOLE) -> list[str]:
     """Steps, ticks and whole commands."""
     lines = ["## Cost", "", "| | |", "|---|---|"]
     figures = costs.measure(effort)
-    for name, value in figures.items():
-        lines.append(
-            f"| {name} | {f'{value:.0f} ×' if 'times real time' in name else shown(value)} |"
-        )
+    lines += [f"| {name} | {shown(value)} |" for name, value in figures.items()]
     hot = figures[costs.HOT]
     return [
         *lines,
