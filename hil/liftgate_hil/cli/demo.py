@@ -138,7 +138,7 @@ def event_of(shown: Result) -> PinchEvent | None:
 
 
 def _whole(args: argparse.Namespace) -> float | None:
-    """How long it is to be [s]; None: until stopped."""
+    """The length of the whole demo [s]; None: until stopped."""
     return (
         options.setup_of(args).scenario.duration if args.duration is None else float(args.duration)
     )
@@ -246,7 +246,7 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
 
 
 def busy_with(shown: Result, is_ours: bool) -> str:
-    """What shows that a run in real time tells nothing, since the machine was too busy; "": it tells.
+    """The reason why a run in real time does not count, the machine having been too busy; "": it counts.
 
     A verdict that the machine's lateness may have decided is one, and with an ECU that `is_ours`, which is late
     only where its machine is, any failure of a run with lateness: it is tried again on the free clock.

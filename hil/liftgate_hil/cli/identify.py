@@ -304,8 +304,8 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
 
 
 def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[str, float]) -> None:
-    """What was found goes together, but with the initial values of what could not be told it need not. Raises
-    ConfigError where the loader would refuse the vehicle.
+    """Check that the loader takes the vehicle to be saved. Raises ConfigError where it would refuse it, as it may
+    where values that were found do not go together with the initial ones of those that could not be told.
     """
     import tomllib
 

@@ -42,7 +42,7 @@ def _contents(folder: str, written: Sequence[Path]) -> list[str]:
 
 
 def _next_steps(folder: str) -> list[str]:
-    """What to do there, as commands that run as they stand: those of the folder's README."""
+    """The next steps in the new folder: the commands of its README, with the folder's name and this Python."""
     from liftgate_hil.config.starter import starter_readme
 
     heading = ""

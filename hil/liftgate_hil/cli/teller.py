@@ -98,7 +98,9 @@ class Teller(Listener):
 
 
 def compiling_line(name: str, seconds: float, expected: float | None) -> str:
-    """How far a compilation has come, by how long it took the last time [s]."""
+    """The line about a compilation that has taken `seconds` so far, with a bar where it is known how long it took
+    the last time, `expected` [s].
+    """
     if expected is None:
         return f"{name}, once for this version and machine: {seconds:.0f} s so far"
     done = min(_BAR, int(_BAR * seconds / expected))

@@ -19,7 +19,7 @@ _DIGIT = 12  # bits that `product` takes at a time
 
 @dataclass(frozen=True)
 class Counting:
-    """How a counter counts; None: as wide as its signal, from its lowest value on."""
+    """The range and step of an alive counter; None: those of its signal, from the lowest value on."""
 
     start: int | None = None  # in the first frame
     step: int = 1  # not 0; below 0 it counts down

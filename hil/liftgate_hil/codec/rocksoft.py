@@ -99,7 +99,7 @@ def _signed(value: int) -> int:
 
 
 def _table(polynomial: int) -> NDArray[np.int64]:
-    """What each byte makes of a register that is 0; the polynomial is mirrored."""
+    """The table (256,) of a reflected CRC: the register after each byte, from 0; `polynomial` is mirrored."""
     table = np.zeros(256, dtype=np.int64)
     for index in range(256):
         crc = index

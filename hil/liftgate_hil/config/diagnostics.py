@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from liftgate_hil.codec.bus_config import LONGEST_MS, identifier_of
 from liftgate_hil.codec.frames import EXTENDED
-from liftgate_hil.config.schema import Key, Number, Whole, read_table
+from liftgate_hil.config.schema import Flag, Key, Number, Whole, read_table
 from liftgate_hil.config.toml import Table, show, table
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
 from liftgate_hil.issues import ConfigIssues
@@ -50,18 +50,6 @@ class _Padding:
         return 0
 
 
-class _Switch:
-    """Yes or no."""
-
-    allowed = "true or false"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """See Kind."""
-        if not isinstance(value, bool):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return value is True
-
-
 KEYS = (
     Key("request", _Identifier(), "what the tester sends"),
     Key("response", _Identifier(), "what the ECU answers"),
@@ -71,7 +59,7 @@ KEYS = (
         "pending\" 5 s", 1000.0),
     Key("status_mask", Whole(1, 255), "a code is reported where its status has one of these bits: 1 testFailed, "
         "4 pendingDTC, 8 confirmedDTC, …", STATUS_MASK, "0x09"),
-    Key("clear", _Switch(), "the tester clears all codes at time 0, before it reads any", True, "true"),
+    Key("clear", Flag(), "the tester clears all codes at time 0, before it reads any", True, "true"),
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from liftgate_hil.codec.counter import Counting
 from liftgate_hil.codec.protection import own_bits
 from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
-from liftgate_hil.config.schema import Key, Raw, Text, Whole, read_table
+from liftgate_hil.config.schema import Flag, Key, Raw, Text, Whole, read_table
 from liftgate_hil.config.toml import Table, show
 from liftgate_hil.issues import ConfigIssues
 
@@ -47,26 +47,14 @@ class _Bits:
         return value
 
 
-class _Flag:
-    """Yes or no."""
-
-    allowed = "true or false"
-
-    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """The value; an issue where it is another."""
-        if not isinstance(value, bool):
-            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
-        return value is True
-
-
 _SIGNAL = Key("signal", Text("a signal of the message"), "the signal with the checksum")
 CHECKSUM = (
     _SIGNAL,
     Key("width", Whole(1, _MOST_BITS), "bits, those of the signal"),
     Key("polynomial", _Bits(1), "without its highest term, as catalogues have it: 0x1D is x⁸ + x⁴ + x³ + x² + 1"),
     Key("start", _Bits(), "of the register, before the first bit (`init` of catalogues)", 0),
-    Key("reflect_in", _Flag(), "each byte's lowest bit comes first", False, "false"),
-    Key("reflect_out", _Flag(), "the register's lowest bit becomes the checksum's highest", False, "false"),
+    Key("reflect_in", Flag(), "each byte's lowest bit comes first", False, "false"),
+    Key("reflect_out", Flag(), "the register's lowest bit becomes the checksum's highest", False, "false"),
     Key("final_xor", _Bits(), "on the result, after that (`xorout`)", 0),
     Key("covers", Raw(_COVERS), "what goes into it, in this order", ("payload",), '["payload"]'),
     Key("data_id", Raw(_DATA_ID), "of the message; of a list the one at the counter's value, modulo its length",

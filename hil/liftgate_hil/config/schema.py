@@ -45,6 +45,18 @@ class Number:
         return self.scale * number(issues, key, value, self.low, self.high, self.unit)
 
 
+class Flag:
+    """Yes or no."""
+
+    allowed = "true or false"
+
+    def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
+        """The value; an issue, and false, where it is none."""
+        if not isinstance(value, bool):
+            issues.add(key, f"{show(value)}; allowed: {self.allowed}")
+        return value is True
+
+
 @dataclass(frozen=True)
 class Whole:
     """A whole number."""

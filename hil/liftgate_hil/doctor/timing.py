@@ -20,7 +20,7 @@ FEW = 0.001  # share of periods that may be missed
 MANY = 0.01  # share at which nothing can be tested
 MOTION = 10.0  # s that a gate takes to open and close: the window of many an expectation
 DIRECT = 0.9  # share of such windows that are to be judged as they are
-LONG = 60.0  # s of a look in which one long wake-up is already too many for that
+LONG_LOOK = 60.0  # s of a look in which one long wake-up is already too many for that
 _TICK_TIME = 0.5  # s of ticks that are timed
 
 
@@ -254,8 +254,8 @@ def verdict(
             f"fit {found}, but not every test in real time would be conclusive: {_untimely(modes[best])}; {force}",
             f"test with --clock free or lockstep, or --retry-inconclusive 2; {quieter}",
         )
-    if modes[best].duration < LONG:
-        said = f"whether for tests in real time, too, takes --duration {LONG:g} to tell"
+    if modes[best].duration < LONG_LOOK:
+        said = f"whether for tests in real time, too, takes --duration {LONG_LOOK:g} to tell"
         return Check("verdict", "ok", f"fit {found}; {said}; {force}")
     return Check("verdict", "ok", f"fit {found}, and for tests in real time; {force}")
 

@@ -46,7 +46,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
 
 
 def _checksum_lines(signal: Signal) -> list[str]:
-    """What a checksum of this length may be, to be chosen."""
+    """Lines with each kind of checksum that has the length of a signal, for the user to choose from."""
     name = quoted(signal.name)
     kinds = ", ".join(kind for kind in KINDS if kind != "none")
     own = (
