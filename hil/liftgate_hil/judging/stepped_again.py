@@ -58,6 +58,8 @@ def stepped_again(
     if math.isnan(uncertainty) or abs(verdict.margin) <= uncertainty:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
         said = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
+        if verdict.margin == 0.0:  # such as that of a comparison with `==`
+            said = "a margin of 0 leaves no room for that"
         reason = f"{why}; stepped again, {said}"
         return Verdict(
             verdict.name, INCONCLUSIVE, reason=reason, uncertainty=uncertainty, method=REPLAY
