@@ -103,6 +103,7 @@ class _Watch:
     def answer(self) -> bytes:
         """The worker's answer. Raises EcuError."""
         seen, since = self._progress(), time.monotonic()
+        pulse, pulse_since = int(self._control.pulse), since
         while True:
             self._pass_on_a_stop()
             # Asked before: what it has sent is there then. Its supervisor may have more to do.
@@ -120,6 +121,10 @@ class _Watch:
                 seen, since = progress, now
             elif now - since > self._patience():
                 raise self._failure(f"no answer for {self._patience():g} s")
+            if int(self._control.pulse) != pulse:
+                pulse, pulse_since = int(self._control.pulse), now
+            elif pulse and now - pulse_since > self._hang_s:
+                raise self._failure(f"no answer for {self._hang_s:g} s", is_its=True)
 
     def _end(self) -> str:
         """How the worker has ended, in words."""
@@ -155,9 +160,11 @@ class _Watch:
         if self._stopped():
             self._control.stop, self._hang_s = 1, min(self._hang_s, _STOP_S)
 
-    def _failure(self, what: str) -> EcuError:
-        """What went wrong: with the ECU while its own code runs, else with the run's process."""
-        ticks, is_foreign = int(self._control.tick), int(self._control.foreign) % 2
+    def _failure(self, what: str, is_its: bool = False) -> EcuError:
+        """What went wrong: with the ECU while its own code runs, or where it `is_its` doing, else with the run's
+        process.
+        """
+        ticks, is_foreign = int(self._control.tick), is_its or int(self._control.foreign) % 2
         who = "the ECU" if is_foreign else "the run's process"
         return EcuError(f"{who} at {ticks * self._step:.3f} s: {what}", ticks)
 

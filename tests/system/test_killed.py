@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 import time
 import uuid
@@ -133,3 +135,36 @@ def test_a_file_that_cannot_be_written_is_told_before_the_run(
     assert run_beside(str(uuid.uuid4()), path) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"liftgate-hil: --record {path}: cannot be written: ")
+
+
+FORKS = """
+import os, signal, time
+class Ecu:
+    period_s = 0.01
+    def __init__(self):
+        if os.fork() == 0:
+            os.setsid()
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            with open("child", "w") as file: file.write(str(os.getpid()))
+            time.sleep(300.0)
+            os._exit(0)
+    def step(self, now_s, frames): return []
+"""
+
+
+def test_what_an_ecu_has_started_ends_with_a_program_that_is_killed(tmp_path: Path) -> None:
+    (tmp_path / "forks.py").write_text(FORKS)
+    (tmp_path / "s.toml").write_text(
+        'duration = 60\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n'
+    )
+    command = [sys.executable, "-m", "liftgate_hil", "test", "s.toml", "--clock", "realtime"]
+    child = subprocess.Popen(
+        [*command, "--ecu", "forks:Ecu"], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    noted = tmp_path / "child"
+    until(lambda: child.poll() is not None or (noted.exists() and noted.read_text()), "it begins")
+    grandchild = Path("/proc") / noted.read_text()
+    child.kill()
+    told = child.communicate(timeout=PATIENCE)[1]
+    until(lambda: not grandchild.exists(), "what the ECU has started has ended")
+    assert "supervisor" not in told

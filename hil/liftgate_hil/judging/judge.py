@@ -23,7 +23,7 @@ from liftgate_hil.judging.comparisons import comparisons_of
 from liftgate_hil.judging.expectation import PRESENT, Expectation
 from liftgate_hil.judging.failure import failure_of
 from liftgate_hil.judging.fault_times import TimedFault, brief_faults
-from liftgate_hil.judging.stepped_again import StepAgain, stepped_again
+from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
 from liftgate_hil.judging.table import (
     ALWAYS,
     BLOCK,
@@ -174,13 +174,20 @@ def _reported(expectation: Expectation) -> Condition:
 class Judge:
     """Judges rows and frames as they come; a Taker. `rate` [Hz] is that of the rows, `end` [s] that of the run and
     of every window. A frame may wait for `tolerance` [s] until the gate picks it up; None: on the
-    rows' clock none waits, and the bench is never late.
+    rows' clock none waits, and the bench is never late. After a lateness of more than `silence` [s] an ECU may
+    have taken messages of the gate for lost, and nothing more can be said of it.
     """
 
     def __init__(
-        self, expected: Expected, rate: float, end: float, tolerance: float | None = None
+        self,
+        expected: Expected,
+        rate: float,
+        end: float,
+        tolerance: float | None = None,
+        silence: float = LONGEST,
     ) -> None:
         self.expected = expected
+        self._silence = silence
         self._step = 1.0 / rate
         self._timeliness = None if tolerance is None else Timeliness(tolerance, 1.0 / rate)
         self.end = end
@@ -274,6 +281,11 @@ class Judge:
         if verdict.verdict not in (PASS, FAIL):
             return verdict
         end = float(progress.decided_at if progress.is_decided else min(progress.end, self._last))
+        so_far = timeliness.worst(0.0, end)
+        if so_far.seconds > self._silence + SLACK:
+            why = f": from {1e3 * self._silence:.3g} ms on an ECU may take messages for lost"
+            why = so_far.told + ("" if math.isinf(so_far.seconds) else why)
+            return Verdict(verdict.name, INCONCLUSIVE, reason=why)
         if verdict.verdict == FAIL and before:
             verdict = _with_reason(verdict, f"before its window {before}")
         late, force = timeliness.worst(begin, end), 0.0

@@ -52,6 +52,7 @@ CONTROL = np.dtype(
         ("line_late_ns", "i8"),  # the same: the longest that a frame of the gate waited on its way
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
         ("beats", "i8"),  # signs of life of the thread that looks after the run
+        ("pulse", "i8"),  # of a thread that needs nothing but the interpreter lock, see `worker`
     ]
 )
 

@@ -92,7 +92,10 @@ def _supervise(
     is_there = False
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     if told is not None:
-        os.write(told, struct.pack("i", status))
+        with contextlib.suppress(
+            OSError
+        ):  # nobody is left who listens: its children are ended all the same
+            os.write(told, struct.pack("i", status))
         os.close(told)
     _end_descendants()
     _exit_as(status, allowed)

@@ -17,7 +17,7 @@ from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.ecu.events import Event
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.sketch import Sketch, Sketcher
-from liftgate_hil.judging.stepped_again import StepAgain
+from liftgate_hil.judging.stepped_again import LONGEST, StepAgain
 from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, worst
 from liftgate_hil.loop.closed_loop import Extremes, Trace
 from liftgate_hil.loop.recorder import Taker
@@ -137,13 +137,23 @@ def _judge_of(parts: Parts) -> Judge | None:
     duration = scenario.duration if options.duration is None else options.duration
     end = math.inf if duration is None else duration
     tolerance = None if options.clock == "free" else tolerance_of(scenario, parts.rig)
-    return Judge(expected, options.rate, end, tolerance)
+    return Judge(expected, options.rate, end, tolerance, silence_of(scenario, parts.rig))
 
 
 def tolerance_of(scenario: Scenario, rig: Rig) -> float:
     """How long [s] a frame may wait until the gate picks it up."""
     given = scenario.timing_tolerance
     return 0.5e-3 * rig.command_cycle_ms() if given is None else given
+
+
+def silence_of(scenario: Scenario, rig: Rig) -> float:
+    """How long [s] the gate may be silent before an ECU may take one of its messages for lost: two cycles of the
+    fastest, as an ECU that bears a lost frame does not miss one before (with E2E a `max_delta_counter` of 2 or
+    more); the tolerance at least.
+    """
+    cycles = [rig.cycle_ms(wire.message) for wire in rig.outputs]
+    fastest = min((each for each in cycles if each > 0.0), default=math.inf)
+    return max(tolerance_of(scenario, rig), min(2e-3 * fastest, LONGEST))
 
 
 def _lateness(summary: Summary, extremes: Extremes) -> str:

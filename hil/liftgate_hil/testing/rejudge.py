@@ -25,7 +25,7 @@ from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
 from liftgate_hil.measurement.recorded import holds_nothing
-from liftgate_hil.runs.result import tolerance_of
+from liftgate_hil.runs.result import silence_of, tolerance_of
 from liftgate_hil.runs.stepping import StepsAgain, heard_by
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.staging import expected_in, reset_failure, staged
@@ -151,8 +151,10 @@ def judged(
     scenario = about.setup.scenario
     end = scenario.duration if about.duration is None else about.duration
     last = float(run.times[-1])
-    tolerance = tolerance_of(scenario, about.rig) if about.rig.inputs else math.inf
-    found = Judge(about.expected, run.rate, last if end is None else end, tolerance)
+    tolerance = silence = math.inf
+    if about.rig.inputs:
+        tolerance, silence = tolerance_of(scenario, about.rig), silence_of(scenario, about.rig)
+    found = Judge(about.expected, run.rate, last if end is None else end, tolerance, silence)
     sketcher = Sketcher(found, run.rate) if is_sketched else None
     watch = None if about.resets is None else ResetWatch(about.resets)
     for rows, frames in run.blocks():

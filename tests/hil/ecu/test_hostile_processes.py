@@ -25,7 +25,7 @@ AT = "now_ns == 50000000"
 NOT_EXITED = ("the ECU's process did not exit within 0.5 s after the run, and was killed",)
 
 PYTHON = """
-import atexit, os, signal, sys, threading, time
+import atexit, os, re, signal, sys, threading, time
 def hang(*_):
     while True:
         time.sleep(1)
@@ -79,6 +79,12 @@ class Leaves(Base):
                 time.sleep(600)
             os._exit(0)
         while not (os.path.exists("child") and open("child").read()): time.sleep(0.01)
+class KeepsTheLock(Base):
+    def __init__(self):
+        def keep():
+            time.sleep(0.05)
+            re.match(r"(a+)+$", "a" * 60 + "b")
+        threading.Thread(target=keep, daemon=True).start()
 class ClosesEarly(Base):
     def __init__(self): sys.stdout.close(); sys.stderr.close(); os.closerange(0, 500)
 """
@@ -109,6 +115,7 @@ def of_python(name: str, clock: str = "free") -> lh.Result:
         ("Stops", "no answer for 0.5 s"),
         ("ClosesAndHangs", "no answer for 0.5 s"),
         ("Destroyed", "no answer for 0.5 s"),
+        ("KeepsTheLock", "0.5 s"),  # one of its threads, whatever runs
     ],
 )
 def test_a_class_that_ends_or_hangs_is_an_error_with_its_cause(

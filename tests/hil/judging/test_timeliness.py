@@ -69,10 +69,25 @@ def test_a_bench_that_was_late_in_the_window_makes_inconclusive(
     assert found.margin is None
 
 
-@pytest.mark.parametrize("name", ["ticks_missed", "frames_dropped"])
-@pytest.mark.parametrize("tick", [500, 2500])
+@pytest.mark.parametrize(
+    ("name", "tick"), [("ticks_missed", 500), ("ticks_missed", 2500), ("frames_dropped", 2500)]
+)
 def test_lateness_outside_the_window_does_not(name: str, tick: int) -> None:
     assert verdict(rows_of(**{name: {tick: 3}})).verdict == "pass"
+
+
+def test_what_an_ecu_may_take_for_messages_lost_does_so_before_the_window_too() -> None:
+    """What it did then, such as stopping, is the bench's doing for good."""
+    for columns, why in (
+        ({"frames_dropped": {500: 3}}, "frames were dropped about 0.501 s"),
+        (
+            {"command_delay_s": {500: 0.3}},
+            "a frame, or the ECU in this process, waited for 300 ms about 0.201 s: from 250 ms on an ECU may take "
+            "messages for lost",
+        ),
+    ):
+        found = verdict(rows_of(**columns))
+        assert (found.verdict, found.reason) == ("inconclusive", f"the bench was late: {why}")
 
 
 def test_lateness_before_the_window_is_told_where_it_may_have_led_to_what_came() -> None:
@@ -93,7 +108,8 @@ def test_who_has_waited_was_late_all_the_while() -> None:
     """Also where the window was over before anybody could tell."""
     delayed = rows_of(command_delay_s={2700: 1.5})  # since 1.2 s
     assert verdict(delayed).reason == (
-        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s about 1.201 s"
+        "the bench was late: a frame, or the ECU in this process, waited for 1.5 s about 1.201 s: from 250 ms on "
+        "an ECU may take messages for lost"
     )
     assert verdict(rows_of(command_delay_s={2700: 0.5})).verdict == "pass"  # the window ends at 2 s
 

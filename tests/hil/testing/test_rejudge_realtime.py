@@ -17,7 +17,7 @@ from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.recording.content import Content
 from liftgate_hil.recording.open import open_recorder
-from liftgate_hil.runs.result import tolerance_of
+from liftgate_hil.runs.result import silence_of, tolerance_of
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, columns_of
 
 FORMATS = [
@@ -101,7 +101,8 @@ def judged_live(path: Path, rows: Any, frames: Any) -> dict[str, Verdict]:
     """Judged as the loop hands on: some rows, with all frames that were noted by then."""
     scenario = load_scenario(path)
     expected = expected_of(scenario.expectations, {}, shipped_rig().messages, 2, str(path))
-    judge = Judge(expected, 1000.0, 0.6, tolerance_of(scenario, shipped_rig()))
+    rig = shipped_rig()
+    judge = Judge(expected, 1000.0, 0.6, tolerance_of(scenario, rig), silence_of(scenario, rig))
     times = np.round(rows[:, COLUMN_PLACE["time_s"]] * 1e9)
     seen = 0
     for first in range(0, len(rows), 7):
