@@ -6,41 +6,41 @@
         frames = gate.step(0.010)
     result = lh.run("demo", ecu="reference", clock="free")          # or run a scenario against an ECU
 
-What is named here is public; all else may change. Errors are those of `liftgate_hil.errors`.
+The names in `__all__` are public; all others may change. Errors are those of `liftgate_hil.errors`.
 """
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # as in `typing`, which nobody needs here
+TYPE_CHECKING = False  # as in `typing`, without its import
 if TYPE_CHECKING:
     from liftgate_hil import errors
     from liftgate_hil.config.rig import Rig
     from liftgate_hil.config.scenario import Scenario
-    from liftgate_hil.gate import Gate
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.runs.result import Result
-    from liftgate_hil.runs.run import run
-    from liftgate_hil.session import rig_from as load_rig
-    from liftgate_hil.session import scenario_from as load_scenario
-    from liftgate_hil.session import vehicle_from as load_vehicle
+    from liftgate_hil.running.gate import Gate
+    from liftgate_hil.running.result import Result
+    from liftgate_hil.running.run import run
+    from liftgate_hil.running.setup import rig_from as load_rig
+    from liftgate_hil.running.setup import scenario_from as load_scenario
+    from liftgate_hil.running.setup import vehicle_from as load_vehicle
     from liftgate_hil.testing.rejudge import judge
     from liftgate_plant.vehicle import Vehicle
 
     __version__: str
 
-# Public name: where it is. Imported when it is asked for, so that starting a command stays fast.
+# Public name: (module, attribute). Imported on first use, so that commands start fast.
 _HOMES = {
-    "Gate": ("liftgate_hil.gate", "Gate"),
-    "Result": ("liftgate_hil.runs.result", "Result"),
+    "Gate": ("liftgate_hil.running.gate", "Gate"),
+    "Result": ("liftgate_hil.running.result", "Result"),
     "Rig": ("liftgate_hil.config.rig", "Rig"),
     "Scenario": ("liftgate_hil.config.scenario", "Scenario"),
     "Vehicle": ("liftgate_plant.vehicle", "Vehicle"),
     "Verdict": ("liftgate_hil.judging.verdict", "Verdict"),
     "judge": ("liftgate_hil.testing.rejudge", "judge"),
-    "load_rig": ("liftgate_hil.session", "rig_from"),
-    "load_scenario": ("liftgate_hil.session", "scenario_from"),
-    "load_vehicle": ("liftgate_hil.session", "vehicle_from"),
-    "run": ("liftgate_hil.runs.run", "run"),
+    "load_rig": ("liftgate_hil.running.setup", "rig_from"),
+    "load_scenario": ("liftgate_hil.running.setup", "scenario_from"),
+    "load_vehicle": ("liftgate_hil.running.setup", "vehicle_from"),
+    "run": ("liftgate_hil.running.run", "run"),
 }
 
 __all__ = [
@@ -60,7 +60,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """A public name, from where it is."""
+    """Return a public name, imported from its module."""
     if name == "__version__":
         from liftgate_hil.version import version
 
@@ -74,5 +74,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """The public names."""
+    """Return the public names."""
     return [*__all__, "__version__"]

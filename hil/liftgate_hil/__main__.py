@@ -1,28 +1,30 @@
-"""`liftgate-hil` and `python -m liftgate_hil`: what has to be so before anything else is imported."""
+"""Entry point of `liftgate-hil` and `python -m liftgate_hil`: settings needed before other imports."""
 
 import gc
 import os
 import sys
 
-_OBJECTS = 100_000  # before Python looks for cycles among them; as many as a start makes, and none is garbage
+_OBJECTS = (
+    100_000  # allocations before Python searches for cycles; a start makes as many, without garbage
+)
 
 if __name__ == "__main__" and not sys.flags.safe_path:
-    # `-m` puts the working directory first: a file there that is called numpy.py would be run. Nor has pathlib
-    # been imported.
+    # `-m` puts the working directory first: a file there that is called numpy.py would be run. For the same reason
+    # pathlib is not imported yet.
     _home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     if os.path.isdir(".") and sys.path[0] == os.getcwd() != _home:
         del sys.path[0]
 
 try:
     import signal
-except KeyboardInterrupt:  # it is Python's own module that takes a while
+except KeyboardInterrupt:  # the import of Python's own module takes a while
     sys.exit(130)
 
 
 def main() -> int:
-    """The command line; returns the exit code."""
-    # Until there is something to end in order, Ctrl-C ends the process: importing takes a while, and a
-    # KeyboardInterrupt would come out of the middle of it.
+    """Run the command line; return the exit code."""
+    # Until there is something to shut down, Ctrl-C ends the process: importing takes a while, and a
+    # KeyboardInterrupt would be raised in the middle of it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.set_threshold(_OBJECTS)
     from liftgate_hil.cli.main import main as command

@@ -1,29 +1,31 @@
-"""What can go wrong, for users and for callers.
+"""Exceptions of this package, for users and for callers.
 
     LiftgateError
-    ├── ConfigError          a file, a flag or a value: all faults of one source at once, exit code 2
+    ├── ConfigError          a file, a flag or a value: all issues of one source at once, exit code 2
     ├── TransportError       a bus that cannot be opened or is lost for good
     ├── RecordingError       a recording that could not be completed
     ├── OverrunError         the loop fell further behind than allowed
-    ├── EcuError             the ECU under test did what none may, crashed or hung
+    ├── EcuError             the ECU under test did something forbidden, crashed or hung
     ├── DiagnosticsError     the ECU under test refused a diagnostic request, or did not answer it
     ├── RunGoneError         a run that was attached to has ended, or does not answer
-    ├── PreconditionError    what goes before a scenario did not come to an end
+    ├── PreconditionError    the precondition of a scenario was not reached
     └── PlantDivergedError   the plant's state is no longer finite
 
-A bad frame on the bus is none of these: it is counted and survived.
+A bad frame on the bus raises none of these: it is counted, and the run goes on.
 
-Names out of files (keys, labels of a database, paths) may hold anything; in a message whatever would not print as
-itself stands escaped, so that no terminal obeys it.
+Names from files (keys, labels of a database, paths) may contain anything; messages contain unprintable characters
+escaped, so that they cannot control a terminal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+
+MOST = 100  # lines that are reported, at most; the others are counted
 
 
 def printable(text: str) -> str:
-    """The text with control characters, line breaks and lone surrogates escaped as in Python."""
+    """Return the text with control characters, line breaks and lone surrogates escaped as in Python."""
     if text.isprintable():
         return text
     return "".join(
@@ -32,14 +34,14 @@ def printable(text: str) -> str:
 
 
 class LiftgateError(Exception):
-    """Anything this program raises on purpose."""
+    """Base class of all errors that this program raises on purpose."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__("\n".join(printable(line) for line in text.split("\n")))
 
 
 def causes(error: LiftgateError) -> list[str]:
-    """What it says, after what the one said that was on its way when it came."""
+    """Return the messages of an error and of the LiftgateErrors during which it was raised, oldest first."""
     earlier = error.__context__
     if isinstance(earlier, LiftgateError) and not error.__suppress_context__:
         return list(dict.fromkeys([*causes(earlier), str(error)]))
@@ -47,7 +49,7 @@ def causes(error: LiftgateError) -> list[str]:
 
 
 class ConfigError(LiftgateError):
-    """Faults in what the user gave; `issues` has one line for each."""
+    """Raised for issues in files, flags or values of the user; `issues` has one line for each."""
 
     def __init__(self, issues: Sequence[str] | str) -> None:
         given = [issues] if isinstance(issues, str) else issues
@@ -59,27 +61,27 @@ class ConfigError(LiftgateError):
 
 
 class PreconditionError(LiftgateError):
-    """What goes before a scenario did not come to an end: nothing can be said of the scenario."""
+    """Raised when the precondition of a scenario is not reached, so that the scenario cannot be judged."""
 
 
 class TransportError(LiftgateError):
-    """A bus that cannot be opened, or is lost."""
+    """Raised for a bus that cannot be opened, or is lost."""
 
 
 class RunGoneError(LiftgateError):
-    """A run that was attached to has ended, or does not answer."""
+    """Raised when an attached run has ended, or does not answer."""
 
 
 class RecordingError(LiftgateError):
-    """A recording ended early; the run did not."""
+    """Raised for a recording that ended before its run."""
 
 
 class OverrunError(LiftgateError):
-    """Too many periods in a row were missed."""
+    """Raised when the loop has fallen too far behind, or lockstep has waited too long for a command."""
 
 
 class EcuError(LiftgateError):
-    """The ECU under test did what none may, raised, crashed or hung; after `ticks`, where that is known."""
+    """Raised when the ECU under test did something forbidden, raised, crashed or hung; `ticks`: when, if known."""
 
     def __init__(self, text: str, ticks: int = 0) -> None:
         self.ticks = ticks
@@ -87,7 +89,7 @@ class EcuError(LiftgateError):
 
 
 class DiagnosticsError(LiftgateError):
-    """The ECU under test refused a diagnostic request, with that negative response code, or did not answer it."""
+    """Raised when the ECU refuses a diagnostic request (`nrc`: negative response code) or does not answer."""
 
     def __init__(self, text: str, nrc: int | None = None) -> None:
         self.nrc = nrc
@@ -95,11 +97,11 @@ class DiagnosticsError(LiftgateError):
 
 
 class PlantDivergedError(LiftgateError):
-    """The plant's state is not finite."""
+    """Raised when the plant's state is no longer finite."""
 
 
 def text_of(error: BaseException) -> str:
-    """What an error of foreign code says, whose own words may fail too."""
+    """Return the text of an error of foreign code, whose `__str__` may fail too."""
     try:
         return str(error)
     except Exception as other:
@@ -107,16 +109,86 @@ def text_of(error: BaseException) -> str:
 
 
 def words_of(error: BaseException) -> str:
-    """The same on one line; drivers break theirs, or say nothing at all."""
+    """Return the text of an error on one line, or its type: drivers' texts have line breaks, or are empty."""
     return " ".join(text_of(error).split()) or type(error).__name__
 
 
 def shown(value: object) -> str:
-    """A foreign object as it may stand in a message."""
+    """Return a foreign object as text for a message."""
     kind = type(value)
-    if kind.__repr__ is object.__repr__:  # which says where in memory it is
+    if kind.__repr__ is object.__repr__:  # which contains an address in memory
         return f"an object of {kind.__module__}.{kind.__qualname__}"
     try:
         return repr(value)
     except Exception as error:
         return f"a {type(value).__name__} (its repr: {type(error).__name__})"
+
+
+class ConfigIssues:
+    """Collector of the issues of one source.
+
+    `origins` maps keys that are not from that source to their names in messages.
+    """
+
+    def __init__(self, source: str, origins: Mapping[str, str] | None = None) -> None:
+        self.source = source
+        self.lines: list[str] = []
+        self.untold = 0  # number of issues beyond MOST
+        self._origins = dict(origins or {})
+        self._settled: set[str] = set()
+
+    def add(self, key: str, message: str) -> None:
+        """Add an issue of a key, unless the key is settled."""
+        if key not in self._settled:
+            self.take([f"{self.called(key)}: {message}"])
+
+    def add_of(self, source: str, key: str, message: str) -> None:
+        """Add an issue of a key of another source; "": of this one."""
+        if source in ("", self.source):
+            self.add(key, message)
+        else:
+            self.take([f"{source}: {key}: {message}"])
+
+    def take(self, lines: Iterable[str]) -> None:
+        """Add issues that are whole lines already, each of them once."""
+        for line in lines:
+            if line in self.lines:
+                continue
+            if len(self.lines) >= MOST:
+                self.untold += 1
+            else:
+                self.lines.append(line)
+
+    def settle(self, key: str) -> None:
+        """Report no more issues of a key, because those of its value are reported elsewhere."""
+        self._settled.add(key)
+
+    def originate(self, key: str, called: str) -> None:
+        """Set the name of a key in messages, because its value is not from this source."""
+        self._origins[key] = called
+
+    def unsettled(self, lines: Iterable[str]) -> list[str]:
+        """Return those of whole lines of the same source that are not about a settled key."""
+        settled = tuple(f"{self.called(key)}: " for key in self._settled)
+        return [line for line in lines if not line.startswith(settled)]
+
+    @property
+    def count(self) -> int:
+        """Number of issues."""
+        return len(self.lines) + self.untold
+
+    def raise_if_any(self) -> None:
+        """Raise ConfigError with all issues, if there are any."""
+        if self.untold:
+            raise ConfigError([*self.lines, f"{self.source}: and {self.untold} faults more"])
+        if self.lines:
+            raise ConfigError(self.lines)
+
+    def called(self, key: str) -> str:
+        """Return the name of a key in messages: with its source, or with where its value is from."""
+        for place, called in self._origins.items():
+            if key == place or key.startswith((f"{place}.", f"{place}[")):
+                return called + key[len(place) :]
+        within = [called for place, called in self._origins.items() if place.startswith(f"{key}.")]
+        also = f" (with {', '.join(within)})" if within else ""
+        return f"{self.source}: {key}{also}"

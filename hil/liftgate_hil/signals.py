@@ -1,8 +1,8 @@
-"""The catalogue: the plant's quantities, and those of bus and loop.
+"""Catalogue of signals: the plant's quantities, and those of bus and loop.
 
-A rig file wires `BUS_INPUTS` and `BUS_OUTPUTS` to signals of a database; recordings and `simulate` have `COLUMNS`;
-scenarios move `PROFILES`. All of them derive from the rows, here and in `liftgate_plant.signals`: a new sensor
-signal is a field of `Sensed`, and with that a column, and an output that a rig can wire.
+A rig file maps `BUS_INPUTS` and `BUS_OUTPUTS` to signals of a database; recordings and `simulate` have `COLUMNS`;
+scenarios change `PROFILES`. All of them are derived from the NamedTuples here and in `liftgate_plant.signals`: a
+new sensor signal is a field of `Sensed`, and thereby a column, and an output that a rig can map.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from liftgate_plant.signals import (
 DIRECTIONS = ("coast", "open", "close", "brake")
 LATCH_COMMANDS = ("hold", "release")
 CINCH_COMMANDS = ("off", "pull")
-EDGE_NUMBERS = 256  # an edge's number is told modulo this
+EDGE_NUMBERS = 256  # an edge's number is sent modulo this
 EMULATOR_STATES = ("waiting", "running", "timeout", "stopped")
 
 _DUTY = Signal("%", -100.0, 100.0, "PWM duty; signed where no direction is mapped")
@@ -37,7 +37,7 @@ _TIME = Signal("µs", 0.0, 1e12, "")
 
 
 class Command(NamedTuple):
-    """What the ECU says. NaN: not there."""
+    """Command of the ECU; NaN: not present."""
 
     left_duty: Annotated[float, _DUTY]
     right_duty: Annotated[float, _DUTY]
@@ -51,7 +51,7 @@ class Command(NamedTuple):
 
 
 class Rod(NamedTuple):
-    """The obstacle that a test bench's panel sets, met while closing."""
+    """The obstacle that a test bench's panel sets, which the gate meets while it closes."""
 
     obstacle_angle: Annotated[float, Signal("deg", -10.0, 180.0, "where the gate meets it")]
     obstacle_rate: Annotated[
@@ -78,7 +78,7 @@ _AGES = [
 
 
 class EdgeTimes(NamedTuple):
-    """The last Hall edges of each drive, for an ECU's timer; all of them are recorded beside the rows."""
+    """The last Hall edges of each drive, for an ECU's timer; all edges are recorded beside the rows."""
 
     left_edge_number: Annotated[float, _NUMBER]
     left_edge_age_1: Annotated[float, _AGES[0]]
@@ -93,7 +93,7 @@ class EdgeTimes(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What the emulator says of itself."""
+    """Status of the emulator."""
 
     tick_overruns: Annotated[float, Signal("", 0.0, 1e18, "periods skipped", is_whole=True)]
     command_timeouts: Annotated[
@@ -109,7 +109,7 @@ class Status(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """How well the loop keeps time; NaN on a clock that is not real time."""
+    """Timing of the loop; NaN on a clock that is not real time."""
 
     lateness_p50: Annotated[float, _TIME._replace(meaning="median lateness of a tick")]
     lateness_p99: Annotated[float, _TIME._replace(meaning="99 % of the ticks are not later")]
@@ -123,7 +123,7 @@ class Timing(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """Of each tick, how well the bench itself kept up; zeros on a clock that waits for nobody."""
+    """How well the bench itself kept up in each tick; zeros on the free clock."""
 
     ticks_missed: Annotated[
         float,
@@ -161,10 +161,10 @@ class Bench(NamedTuple):
 ON_TIME = Bench(0.0, 0.0, 0.0, 0.0)
 
 
-# Scenarios' profiles, and what a panel or a program may set: column of Surroundings.
+# Columns of Surroundings that scenarios' profiles, a panel or a program may set.
 PROFILES: dict[str, Signal] = signals_of(Surroundings)
 
-# What a test bench's panel moves, not the ECU: the rod, and all surroundings by their names on a bus.
+# Inputs set by a test bench's panel, not by the ECU: the rod, and all surroundings by their names on a bus.
 PANEL: dict[str, Signal] = {
     **signals_of(Rod),
     **{bus_name(name, signal): signal for name, signal in PROFILES.items()},
@@ -178,18 +178,22 @@ TRUE_PREFIX = "true_"
 
 
 def _true_name(column: str, signal: Signal) -> str:
-    """What a rig calls a quantity of the truth. Always so, whether or not a sensor gives it: a sensor that is
-    added takes a plain name that nobody has.
+    """Return the name of a true value in a rig.
+
+    True values always have the prefix, even without a sensor for them, so that a sensor added later can take the
+    plain name.
     """
     return TRUE_PREFIX + bus_name(column, signal)
 
 
-_Parts = dict[str, dict[str, Signal]]  # what a table is made of: parts with their signals
+_Parts = dict[str, dict[str, Signal]]  # the parts of a table with their signals
 
 
 def whole(parts: Mapping[str, Mapping[str, Signal]]) -> dict[str, Signal]:
-    """The signals of all parts in their order. Raises ValueError where a name stands twice: one would take the
-    other's meaning, and all behind it another's place.
+    """Return the signals of all parts in their order.
+
+    Raises ValueError for a duplicate name: one signal would replace the other, and all later ones would be
+    misplaced.
     """
     found: dict[str, Signal] = {}
     for part in parts.values():
@@ -201,7 +205,7 @@ def whole(parts: Mapping[str, Mapping[str, Signal]]) -> dict[str, Signal]:
 
 
 def _starts(name: str, parts: _Parts) -> Any:
-    """Where each part begins."""
+    """Return the index at which each part begins."""
     starts, length = [], 0
     for part in parts.values():
         starts.append(length)
@@ -213,7 +217,7 @@ def _places(name: str, signals: dict[str, Signal]) -> Any:
     return namedtuple(name, signals)(*range(len(signals)))
 
 
-# What a rig can wire to be sent.
+# Outputs that a rig can map to sent signals.
 _OUTPUTS: _Parts = {
     "sensed": {bus_name(name, signal): signal for name, signal in _SENSED.items()},
     "truth": {_true_name(name, signal): signal for name, signal in _TRUTH.items()},
@@ -225,7 +229,7 @@ BUS_OUTPUTS: dict[str, Signal] = whole(_OUTPUTS)
 
 
 def renamed_output(name: str) -> str:
-    """The name of an output that was called `name`, a quantity of the truth that no sensor gives; "": none was."""
+    """Return the present name of an output once called `name`, a true value without a sensor; "": none was."""
     is_old = name not in BUS_OUTPUTS and TRUE_PREFIX + name in BUS_OUTPUTS
     return TRUE_PREFIX + name if is_old else ""
 
@@ -233,7 +237,7 @@ def renamed_output(name: str) -> str:
 INPUT_COUNT = len(BUS_INPUTS)
 OUTPUT_COUNT = len(BUS_OUTPUTS)
 
-# Where each stands, for compiled code: `values[IN.left_duty]`; of outputs also where each row begins.
+# Index of each signal, for compiled code: `values[IN.left_duty]`; of outputs also where each part begins.
 IN: Any = _places("InputPlaces", BUS_INPUTS)
 IN_SURROUNDINGS = Surroundings(
     **{name: getattr(IN, bus_name(name, signal)) for name, signal in PROFILES.items()}
@@ -253,27 +257,27 @@ COLUMN_ROWS: Any = _starts("ColumnRows", _RECORDED)
 ROW_WIDTH = len(COLUMNS)
 COLUMN_PLACE: dict[str, int] = {name: place for place, name in enumerate(COLUMNS)}
 
-# Of what a rig can wire the column that it is in recordings; of loop and edges there is none.
+# Column in recordings of each output that a rig can map; outputs of loop and edges have none.
 OUTPUT_COLUMNS: dict[str, str] = {
     **{bus_name(name, signal): SENSED_PREFIX + name for name, signal in _SENSED.items()},
     **{_true_name(name, signal): name for name, signal in _TRUTH.items()},
 }
 
 
-# What `simulate`, measured files and identification may be given.
+# Inputs of `simulate`, measured files and identification.
 INPUT_SIGNALS: dict[str, Signal] = {
     **signals_of(Drives),
     **PROFILES,
     "latch_released": LATCH_RELEASED,
     "latch_cinched": LATCH_CINCHED,
 }
-# What says nothing new beside the inputs that a file of `simulate` was made from, and holds from its row on, where
-# a recording's led to it; and what only a bench has.
+# Columns that `simulate` leaves out: the inputs from which its file was made, which hold from their row on, while
+# those of a recording led to their row; and those that only a bench has.
 _LEFT_OUT = {*INPUT_SIGNALS, *Bench._fields} - {"left_voltage_v", "right_voltage_v"}
 
 
 def columns_of(drives: int, offline: bool = False) -> list[str]:
-    """The columns of a recording, or of `simulate`, that a gate with so many drives has."""
+    """Return the columns of a recording, or of `simulate` (`offline`), for a gate with `drives` drives."""
     return [
         name
         for name in COLUMNS

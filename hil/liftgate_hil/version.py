@@ -1,4 +1,4 @@
-"""The versions of the installed packages; the one place that looks them up."""
+"""Versions of the installed packages; all other modules take them from here."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ PACKAGES = (
     "python-can",
     "cantools",
     "pyserial",
-)  # a run rests on
+)  # packages that a run needs
 
 
 @functools.cache
 def version(package: str = "liftgate-hil") -> str:
-    """The version in an installed package's metadata; "unknown" for what was never installed."""
+    """Return the version in a package's metadata; "unknown" for a package that is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -28,7 +28,7 @@ def version(package: str = "liftgate-hil") -> str:
 
 
 def versions() -> dict[str, str]:
-    """By name: this package's, Python's, and those of `PACKAGES`."""
+    """Return the versions of this package, Python and `PACKAGES` by name."""
     return {
         "liftgate-hil": version(),
         "python": platform.python_version(),

@@ -1,4 +1,4 @@
-"""The H-bridge, averaged over one PWM period (`pwm` has what the switching adds).
+"""The H-bridge, averaged over one PWM period (`pwm` adds the effects of switching).
 
 | state | voltage on the motor |
 |---|---|
@@ -6,8 +6,8 @@
 | brake | 0, both low sides on |
 | coast | all off: the diodes carry the current against U_terminal + 2 U_diode until it is zero |
 
-A coasting winding is set-valued like dry friction: L di/dt = −R i − c2Φ n − V sgn(i) with V = U_terminal +
-2 U_diode, and at i = 0 the diodes hold anything within ±V.
+A coasting winding is set-valued like dry friction: L di/dt = −R i − c2Φ n − V sgn(i) with V = U_terminal + 2
+U_diode, and at i = 0 the diodes hold any voltage within ±V.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from liftgate_plant.quantity import Quantity, choice
 
 COAST, OPEN, CLOSE, BRAKE = 0, 1, 2, 3
 
-CUT = 2.0  # as `DriveInput.coast`: not even the diodes have a circuit
+CUT = 2.0  # value of `DriveInput.coast`: not even the diodes have a circuit
 
 
 class Bridge(NamedTuple):
-    """Table `[bridge]`."""
+    """Table `[bridge]` of the vehicle file."""
 
     diode_drop: Annotated[
         float, Quantity("U_diode", "V", 0.0, 5.0, "forward drop of one freewheeling diode")
@@ -47,11 +47,11 @@ class Bridge(NamedTuple):
 
 
 class DriveInput(NamedTuple):
-    """What drives one motor during a step.
+    """Input of one motor during a step.
 
-    `duty` is signed (−1…1, positive opens) and takes its current from the source; `voltage` [V] is applied
-    to the motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off,
-    CUT for a motor without any circuit.
+    `duty` is signed (−1…1, positive opens) and takes its current from the source; `voltage` [V] is applied to the
+    motor directly, beside the source (a measured motor voltage); `coast` is 1.0 for all switches off, CUT for a
+    motor without any circuit.
     """
 
     duty: float
@@ -61,7 +61,7 @@ class DriveInput(NamedTuple):
 
 @compilable
 def drive_input(state: int, duty: float) -> DriveInput:
-    """The input for a bridge state (COAST, OPEN, CLOSE, BRAKE) and a duty of 0…1."""
+    """Return the input for a bridge state (COAST, OPEN, CLOSE, BRAKE) and a duty of 0…1."""
     if state == OPEN:
         return DriveInput(duty, 0.0, 0.0)
     if state == CLOSE:
@@ -70,11 +70,11 @@ def drive_input(state: int, duty: float) -> DriveInput:
 
 
 class Coasting(NamedTuple):
-    """A coasting winding over a step.
+    """Behaviour of a coasting winding over a step.
 
-    Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time. Else the current ends inside
-    the step and has brought the mean `mean`; from `restart` [s] on the diodes hold `voltage`, against a back-EMF
-    beyond their limit. A restart at the end of the step is none.
+    Where `conducts` is 1.0 the diodes hold `voltage` on the motor all the time. Otherwise the current ends inside
+    the step and has contributed the mean `mean`; from `restart` [s] on the diodes hold `voltage`, against a
+    back-EMF beyond their limit. A restart at the end of the step means none.
     """
 
     conducts: float
@@ -93,8 +93,10 @@ def coasting(
     growth: float,
     step: float,
 ) -> Coasting:
-    """How a winding with all switches off spends a step: back-EMF `emf` [V], `limit` = V at its start, `growth`
-    [V] of the EMF's magnitude over that limit until its end, as long as there is no current.
+    """Return how a winding with all switches off behaves in a step.
+
+    `emf` is the back-EMF [V], `limit` is V at the step's start, and `growth` [V] is how much the EMF's magnitude
+    gains on that limit until its end, as long as there is no current.
     """
     excess = abs(emf) - limit
     beyond = math.copysign(limit, emf) if max(excess, excess + growth) > 0.0 else 0.0
@@ -118,7 +120,10 @@ def coasting(
 
 @compilable
 def restart(excess: float, growth: float, earliest: float, step: float) -> float:
-    """When [s] a back-EMF that is `excess` [V] over its limit at a step's start, and grows, drives a current."""
+    """Return when [s] a back-EMF drives a current in a step.
+
+    It is `excess` [V] over its limit at the step's start, and grows.
+    """
     if excess + growth * earliest / step > 0.0:
         return earliest
     return step * -excess / growth if excess + growth > 0.0 else step
@@ -126,5 +131,5 @@ def restart(excess: float, growth: float, earliest: float, step: float) -> float
 
 @compilable
 def blocked(current: float, direction: float) -> float:
-    """The current that diodes let through: none against `direction` (sign of the driving voltage)."""
+    """Return the current that diodes let through: none against `direction` (sign of the driving voltage)."""
     return current if current * direction > 0.0 else 0.0

@@ -1,12 +1,12 @@
-"""The drive's slip clutch, optional: it turns the motor against the spindle before anything breaks.
+"""Optional slip clutch of a drive: it lets the motor turn against the spindle before anything breaks.
 
-It is in series with the mechanism, whose force it bounds by what its torque is on the spindle:
+It is in series with the mechanism, whose force it limits to its torque converted by the spindle:
 
-    |F_d| ≤ F_c = 2π T_c/s_rev        x_d = p s_rev/r − s − l_S(φ)        s: what has slipped, along the spindle
+    |F_d| ≤ F_c = 2π T_c/s_rev        x_d = p s_rev/r − s − l_S(φ)        s: slip along the spindle
 
 While it slips, the force is F_c and the mechanism settles on it, k_m e + c_m ė = F_c with e beyond the play. It
-slips in all of a step in which its mean force would be more, did it grip. The losses of gear and spindle are on
-the motor's side of it. Without a torque in the file there is none.
+slips during a whole step if its mean force without slip would exceed F_c. The losses of gear and spindle are on
+its motor side. Without a torque in the file there is no clutch.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Clutch(NamedTuple):
-    """Table `[clutch]`."""
+    """Table `[clutch]` of the vehicle file."""
 
     torque: Annotated[
         float, Quantity("T_c", "N m", 0.0, 1e3, "on the spindle, at which it slips; 0: none")
@@ -28,7 +28,7 @@ class Clutch(NamedTuple):
 
 
 class Slips(NamedTuple):
-    """The force [N] with its sign that a drive's clutch lets through while it slips; 0: it grips."""
+    """Signed force [N] that each drive's clutch passes while it slips; 0: it grips."""
 
     left: float
     right: float
@@ -39,20 +39,20 @@ GRIP = Slips(0.0, 0.0)
 
 @compilable
 def slipping(limit: float, force: float) -> float:
-    """What a clutch lets through in a step with that mean force [N] if it gripped; 0: it grips."""
+    """Return the force [N] a clutch passes in a step with that mean force without slip; 0: it grips."""
     return math.copysign(limit, force) if limit > 0.0 and abs(force) > limit else 0.0
 
 
 @compilable
 def limited(limit: float, force: float) -> float:
-    """A force [N] that goes through a clutch of that limit; 0: there is none."""
+    """Return a force [N] behind a clutch of that limit; limit 0: there is no clutch."""
     through = slipping(limit, force)
     return force if through == 0.0 else through
 
 
 @compilable
 def push_through(slipping: float, push: LinearizedForce) -> LinearizedForce:
-    """The mechanism's mean force over a step as it comes through the clutch."""
+    """Return the mechanism's mean force over a step behind the clutch."""
     return push if slipping == 0.0 else LinearizedForce(slipping, 0.0)
 
 
@@ -66,8 +66,10 @@ def way(
     moved: float,
     step: float,
 ) -> float:
-    """How far [m] a clutch slips in a step in which it does: what the mechanism's extension [m] would have changed
-    by (`moved`), but for what it takes to settle on the clutch's force.
+    """Return how far [m] a clutch slips in a step; 0 if it grips.
+
+    It is the change of the mechanism's extension [m] without slip (`moved`), less the change with which the
+    mechanism settles on the clutch's force.
     """
     if slipping == 0.0:
         return 0.0
@@ -79,9 +81,11 @@ def way(
 
 @compilable
 def settled(force: float, stiffness: float, damping: float, bent: float, step: float) -> float:
-    """How far [m] a mechanism is bent after a step under that force [N]."""
+    """Return how far [m] a mechanism is deflected after a step under a force [N]."""
     if stiffness == 0.0:
-        return bent + step * force / damping  # no force without either
+        return (
+            bent + step * force / damping
+        )  # not 0: without stiffness and damping there is no force
     final = force / stiffness
     if damping == 0.0:
         return final

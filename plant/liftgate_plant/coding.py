@@ -1,4 +1,4 @@
-"""What the reference ECU is told of this vehicle at the end of the line; nothing physical depends on it."""
+"""End-of-line coding: what the reference ECU knows about this vehicle; nothing physical depends on it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Coding(NamedTuple):
-    """Table `[coding]`."""
+    """Table `[coding]` of the vehicle file."""
 
     closing_speed: Annotated[
         float, Quantity("", "1", 0.2, 2.0, "of the reference ECU; 1: as it is calibrated")

@@ -1,6 +1,6 @@
-"""What a fault may change while a gate runs, as one row of numbers: plant, sensors, surroundings, what is broken.
+"""Numbers that a fault may change while a gate runs, as one row: plant, sensors, load and faults.
 
-Tables of faults work on the row; compiled code makes `Constants` of it with `unflattened`.
+Tables of faults work on the row; compiled code converts it to `Constants` with `unflattened`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 
 
 class Constants(NamedTuple):
-    """All of it."""
+    """All constants of a run that faults may change."""
 
     plant: Plant
     sensors: Sensors
@@ -27,17 +27,17 @@ class Constants(NamedTuple):
 
 
 def constants_of(vehicle: Vehicle) -> Constants:
-    """Those of a vehicle without faults."""
+    """Return the constants of a vehicle without faults."""
     return Constants(plant_of(vehicle), vehicle.sensors, load_of(vehicle), SOUND)
 
 
 def numbers_of(constants: Constants) -> dict[str, float]:
-    """Every number by where it stands (`plant.left.spring.health`), in the order of the row."""
+    """Return every number by its path (`plant.left.spring.health`), in the order of the row."""
     return dict(_walk("", constants))
 
 
 def row_of(constants: Constants) -> NDArray[np.float64]:
-    """The numbers (n,)."""
+    """Return the numbers as a row (n,)."""
     return np.array(list(numbers_of(constants).values()))
 
 

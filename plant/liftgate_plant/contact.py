@@ -1,4 +1,4 @@
-"""A one-sided spring and damper: what the play's flanks, both end stops, the seal and an obstacle are.
+"""One-sided spring and damper: the model of the play's flanks, both end stops, the seal and an obstacle.
 
 F = max(0, k δ + c δ̇)   for a penetration δ > 0, else 0
 """
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from liftgate_plant.compiler import compilable
 
-# From k h²/m + c h/2m = 1.2 on a contact is too stiff to be followed through the step.
+# Above k h²/m + c h/2m = 1.2 a contact is too stiff to be resolved within the step.
 STIFF = 1.2
 
 
@@ -29,7 +29,7 @@ class LinearizedForce(NamedTuple):
 
 @compilable
 def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
-    """The contact's force [N] now: penetration `depth` [m], its `rate` [m/s]."""
+    """Return the contact's present force [N]: penetration `depth` [m], its `rate` [m/s]."""
     if depth <= 0.0:
         return 0.0
     return max(0.0, stiffness * depth + damping * rate)
@@ -37,7 +37,7 @@ def force(stiffness: float, damping: float, depth: float, rate: float) -> float:
 
 @compilable
 def positive_part(start: float, end: float) -> tuple[float, float]:
-    """Where on [0, 1] a straight line from `start` to `end` is positive: an interval."""
+    """Return the interval of [0, 1] on which a straight line from `start` to `end` is positive."""
     if start > 0.0:
         if end >= 0.0:
             return 0.0, 1.0
@@ -63,12 +63,12 @@ def window(
     mobility: float,
     step: float,
 ) -> Window:
-    """When during a step of `step` seconds the contact pushes.
+    """Return when during a step of `step` seconds the contact pushes.
 
-    Depth and force are taken as straight lines in time between their values at both ends, so the contact
-    closes where the depth crosses zero and opens where the force does (with damping: before the depth). A
-    stiff contact pushes all the time or not at all, as the step's end has it. `mobility` is 1/m [1/kg] of
-    what the contact moves.
+    Depth and force are taken as linear in time between their values at both ends, so the contact closes where the
+    depth crosses zero and opens where the force does (with damping: before the depth). A stiff contact pushes all
+    the time or not at all, depending on its state at the step's end. `mobility` is 1/m [1/kg] of what the contact
+    moves.
     """
     if is_stiff(stiffness, damping, mobility, step):
         depth_end = depth + step * rate_end
@@ -93,12 +93,12 @@ def push(
     step: float,
     when: Window,
 ) -> LinearizedForce:
-    """The mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
+    """Return the mean force over the step, pushing during `when`, as a function of the rate v1 at the end.
 
-    With a rate on a straight line the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the
-    window [a, b] weighs v1 with (a² + a b + b²)/6: Newmark's method with β = 1/6, stable while the sum of
-    k h²/m over all contacts is below 12. A stiff contact takes the force at the step's end instead, k δ1 + c v1
-    with δ1 = δ0 + h v1: first order, and stable at any stiffness.
+    With a linearly changing rate the depth is δ(s) = δ0 + h (v0 s + (v1 − v0) s²/2), and its mean over the window
+    [a, b] weights v1 with (a² + a b + b²)/6: Newmark's method with β = 1/6, stable while the sum of k h²/m over
+    all contacts is below 12. A stiff contact takes the force at the step's end instead, k δ1 + c v1 with δ1 = δ0 +
+    h v1: first order, and stable at any stiffness.
     """
     a, b = when
     if b <= a:

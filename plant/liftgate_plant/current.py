@@ -1,5 +1,6 @@
-"""A motor's current over a step, between the two states that the step joins: a straight line, over it the
-winding's transient D e^(−a t), and what a bridge that switches adds.
+"""Current of a motor over a step, between the states at its start and end.
+
+It is a straight line, plus the winding's transient D e^(−a t), plus what a switching bridge adds.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from liftgate_plant.motor import phi_functions
 
 
 class Switching(NamedTuple):
-    """What the bridge's switching does to a motor's current beside its mean."""
+    """Effect of the bridge's switching on a motor's current, beyond its mean."""
 
-    ripple: float  # A², mean square
-    above: float  # A, its highest value
-    below: float  # A, its lowest, negative
-    # The source's current, its mean and that while the PWM is on: a share of the motor's mean, and A beside that.
+    ripple: float  # A², mean square of the ripple
+    above: float  # A, its highest value, relative to the mean
+    below: float  # A, its lowest value, relative to the mean; negative
+    # Source current, its mean and that while the PWM is on: each a share of the motor's mean plus an offset in A.
     drawn: float
     drawn_beside: float
     while_on: float  # 0: never on
@@ -28,7 +29,7 @@ NO_SWITCHING = Switching(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CurrentPath(NamedTuple):
-    """A motor's current over a step, as its mean over a period of the PWM."""
+    """Current of a motor over a step, as its mean over a period of the PWM."""
 
     start: float  # A
     end: float  # A
@@ -43,20 +44,20 @@ _SEEN = 1e-3  # A; a smaller transient adds less than 1e-6 A² to a mean square
 
 @compilable
 def held(current: float) -> CurrentPath:
-    """A current that does not change."""
+    """Return a current that does not change."""
     return CurrentPath(current, current, current, 0.0, 1.0, NO_SWITCHING)
 
 
 @compilable
 def line_of(path: CurrentPath, step: float) -> tuple[float, float]:
-    """The straight line's ends [A]."""
+    """Return the straight line's ends [A]."""
     last = path.end - path.amplitude * math.exp(-path.decay * step)
     return path.start - path.amplitude, last
 
 
 @compilable
 def charge_at(path: CurrentPath, time: float, step: float) -> float:
-    """What has flowed [A s] a time [s] into the step."""
+    """Return the charge [A s] that has flowed a time [s] into the step."""
     first, last = line_of(path, step)
     line = time * (first + 0.5 * (last - first) * time / step)
     return line - path.amplitude * math.expm1(-path.decay * time) / path.decay
@@ -64,7 +65,7 @@ def charge_at(path: CurrentPath, time: float, step: float) -> float:
 
 @compilable
 def scaled(path: CurrentPath, factor: float) -> CurrentPath:
-    """That many times a current."""
+    """Return a current multiplied by a factor."""
     return CurrentPath(
         factor * path.start,
         factor * path.end,
@@ -77,7 +78,7 @@ def scaled(path: CurrentPath, factor: float) -> CurrentPath:
 
 @compilable
 def shifted(path: CurrentPath, current: float) -> CurrentPath:
-    """A current and another one [A] that does not change."""
+    """Return a current plus another one [A] that does not change."""
     return CurrentPath(
         path.start + current,
         path.end + current,
@@ -90,7 +91,7 @@ def shifted(path: CurrentPath, current: float) -> CurrentPath:
 
 @compilable
 def part_of(path: CurrentPath, begin: float, end: float, step: float) -> CurrentPath:
-    """The current between two times [s] within the step."""
+    """Return the current between two times [s] within the step."""
     first, last = line_of(path, step)
     slope = (last - first) / step
     at_begin = path.amplitude * math.exp(-path.decay * begin)
@@ -109,7 +110,7 @@ def part_of(path: CurrentPath, begin: float, end: float, step: float) -> Current
 
 @compilable
 def effective(path: CurrentPath, step: float) -> float:
-    """The current's root mean square [A] over the step.
+    """Return the current's root mean square [A] over the step.
 
     Of p + q s + D e^(−c s) over s from 0 to 1: p² + p q + q²/3 + 2 D (p φ1 + q (φ1 − φ2)) + D² φ1(−2c).
     """
@@ -122,7 +123,7 @@ def effective(path: CurrentPath, step: float) -> float:
     remains, twice, _, _ = phi_functions(-2.0 * fall)
     first = path.start - amplitude
     rise = path.end - amplitude * math.sqrt(remains) - first
-    # What neither line nor transient explains, such as a current that ends inside the step, is spread over it.
+    # What line and transient do not explain, as of a current that ends inside the step, is spread over it.
     first += path.mean - first - 0.5 * rise - amplitude * phi1
     square = first * (first + rise) + rise * rise / 3.0
     square += 2.0 * amplitude * (first * phi1 + rise * (phi1 - phi2))
@@ -132,14 +133,14 @@ def effective(path: CurrentPath, step: float) -> float:
 
 @compilable
 def peak(path: CurrentPath, step: float) -> float:
-    """The current [A] that is furthest from zero during the step, with its sign."""
+    """Return the current [A] that is furthest from zero during the step, with its sign."""
     most, least = max(path.start, path.end), min(path.start, path.end)
     if abs(path.amplitude) > _SEEN:
         fall = path.decay * step
         first, last = line_of(path, step)
         rise = last - first
         turn = fall * path.amplitude / rise if rise != 0.0 else 0.0
-        # Line and transient go against each other, and the step begins with the latter:
+        # Line and transient have opposite slopes, and the transient dominates at the start:
         if turn > 1.0:
             share = math.log(turn) / fall
             if share < 1.0:

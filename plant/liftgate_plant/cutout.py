@@ -1,11 +1,12 @@
-"""The drive's thermal cut-out, optional: a PTC thermistor in the motor's line, which a current that lasts too long
-heats until it lets next to none through.
+"""Optional thermal cut-out of a drive: a PTC thermistor in the motor's line.
+
+A current that lasts too long heats it until it lets almost none through.
 
     C dT/dt = R i² − (T − T_amb)/R_th        R = R_0 for T ≤ T_c, R_0 e^((T − T_c)/w) above
 
-It stays hot as long as the little that it lets through keeps it so. The defaults go with R_0 = 36 mΩ and are those
-of a polymer one that holds 5 A at 20 °C, trips at 8.5 A, and within 3.6 s at 25 A: the trip current gives
-R_th = (T_c − 20 °C)/(R_0 I²), the time C = R_0 I² t/(T_c − 20 °C). w is chosen: a factor of 7 every 10 K.
+It stays hot as long as the small remaining current keeps it so. The defaults go with R_0 = 36 mΩ and are those of
+a polymer PTC that holds 5 A at 20 °C, trips at 8.5 A, and within 3.6 s at 25 A: the trip current gives R_th = (T_c
+− 20 °C)/(R_0 I²), the time C = R_0 I² t/(T_c − 20 °C). w is chosen: a factor of 7 every 10 K.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from typing import Annotated, NamedTuple
 from liftgate_plant.compiler import compilable
 from liftgate_plant.quantity import Quantity
 
-_MOST = 1e6  # Ω
+_MOST = 1e6  # Ω, upper limit of R
 
 
 class Cutout(NamedTuple):
-    """Table `[cutout]`."""
+    """Table `[cutout]` of the vehicle file."""
 
     resistance: Annotated[
         float, Quantity("R_0", "Ω", 0.0, 10.0, "of the PTC thermistor when cold; 0: none")
@@ -37,7 +38,7 @@ class Cutout(NamedTuple):
 
 @compilable
 def resistance_at(cutout: Cutout, temperature: float) -> float:
-    """R [Ω] at a temperature [°C]."""
+    """Return R [Ω] at a temperature [°C]."""
     if cutout.resistance == 0.0:
         return 0.0
     above = max(0.0, temperature - cutout.temperature) / cutout.width
@@ -46,14 +47,14 @@ def resistance_at(cutout: Cutout, temperature: float) -> float:
 
 @compilable
 def soon(cutout: Cutout, temperature: float, current: float, ahead: float) -> float:
-    """R [Ω] in so many seconds, which are few, with its present current [A]."""
+    """Return R [Ω] after a short time `ahead` [s] with the present current [A]."""
     now = resistance_at(cutout, temperature)
     return resistance_at(cutout, temperature + ahead * now * current * current / cutout.capacity)
 
 
 @compilable
 def warm(cutout: Cutout, temperature: float, ambient: float, loss: float, step: float) -> float:
-    """Its temperature [°C] after a step with that mean loss [W]; implicit in what goes to the surroundings."""
+    """Return the temperature [°C] after a step with a mean loss [W]; implicit in the heat flow to ambient."""
     if cutout.resistance == 0.0:
         return temperature
     stored = cutout.capacity * temperature + step * (loss + ambient / cutout.thermal_resistance)

@@ -1,4 +1,4 @@
-"""One drive over a step: its momentum, linear in its new speed, and its state at the end."""
+"""One drive over a step: its momentum balance, linear in its new speed, and its state at the end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from liftgate_plant.gate_step import Midpoint, Motion
 
 
 class MomentumEquation(NamedTuple):
-    """One drive's momentum over the step: A n1 = R + B ω1 − τ Sgn(n1); it gives the gate C n1."""
+    """Momentum of one drive over the step: A n1 = R + B ω1 − τ Sgn(n1); it transfers C n1 to the gate."""
 
     speed: float  # A
     constant: float  # R
@@ -25,7 +25,7 @@ class MomentumEquation(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """A mechanism's extension x_d [m] at a step's start, and its rates [m/s] there and at the end."""
+    """Extension x_d [m] of a mechanism at a step's start, and its rates [m/s] there and at the end."""
 
     extension: float
     rate: float
@@ -33,19 +33,19 @@ class Stretch(NamedTuple):
 
 
 class Shaft(NamedTuple):
-    """A drive's shaft: speed [rev/s] and position [rev]."""
+    """Speed [rev/s] and position [rev] of a drive's shaft."""
 
     speed: float
     position: float
 
 
-_SOON = 0.5  # of a step, within which a shaft must stop to be taken as one that does
-_DOMINATES = 10.0  # so many times all other torque on it is the friction that stops it
+_SOON = 0.5  # share of a step within which a shaft must stop to be stopped at the step's start
+_DOMINATES = 10.0  # least ratio of the friction that stops a shaft to all other torque on it
 
 
 @compilable
 def stops_within(drive: Drive, state: DriveState, nominal: float, step: float) -> float:
-    """After which share of a step dry friction alone stops a shaft; 1: it does not, or not soon."""
+    """Return the share of a step after which dry friction alone stops a shaft; 1: it does not, or not soon."""
     momentum = 2.0 * math.pi * drive.inertia * abs(state.speed)
     impulse = nominal * friction.level(drive.friction, state.speed) * step
     if momentum == 0.0 or momentum > _SOON * impulse:
@@ -55,16 +55,17 @@ def stops_within(drive: Drive, state: DriveState, nominal: float, step: float) -
 
 @compilable
 def goes_on(drive: Drive, state: DriveState, nominal: float, step: float) -> bool:
-    """Whether a shaft rests, or even the greatest dry friction of its law does not stop it soon."""
+    """Whether a shaft rests, or even the largest dry friction of its law does not stop it soon."""
     most = nominal * drive.friction.coulomb * drive.friction.static_ratio * step
     return 2.0 * math.pi * drive.inertia * abs(state.speed) >= _SOON * most or state.speed == 0.0
 
 
 @compilable
 def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: float) -> Shaft:
-    """A shaft that a great friction stops early in the step, as a spindle that jams: at rest where it comes to,
-    in place of one whose speed goes to zero on a straight line all through the step. The EMF that it has until
-    then is left out: the winding has forgotten it at the step's end.
+    """Return the shaft, at rest where a large friction, as of a jammed spindle, stops it early in the step.
+
+    It rests where it stops, instead of losing its speed linearly over the whole step. The EMF until then is
+    neglected: the winding has forgotten it at the step's end.
     """
     share = stops_within(drive, state, nominal, step)
     other = dynamics.torque_constant(drive, state) * abs(state.current)
@@ -77,7 +78,7 @@ def slowed(drive: Drive, state: DriveState, place: Place, nominal: float, step: 
 
 @compilable
 def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> tuple[Shaft, Shaft]:
-    """Both shafts at a step's start, `slowed` where they stop early in it."""
+    """Return both shafts at a step's start, `slowed` where they stop early in it."""
     left, right = state.left, state.right
     if goes_on(plant.left, left, frictions.left, step) and goes_on(
         plant.right, right, frictions.right, step
@@ -92,7 +93,7 @@ def shafts_at(plant: Plant, state: State, frictions: Frictions, step: float) -> 
 
 @compilable
 def with_shaft(state: DriveState, shaft: Shaft) -> DriveState:
-    """A drive with that speed and position of its shaft."""
+    """Return a drive's state with the speed and position of `shaft`."""
     return DriveState(
         state.current,
         shaft.speed,
@@ -106,7 +107,7 @@ def with_shaft(state: DriveState, shaft: Shaft) -> DriveState:
 
 @compilable
 def stopping(plant: Plant, state: State, frictions: Frictions, step: float) -> State:
-    """The state at a step's start, with shafts at rest that stop early in it."""
+    """Return the state at a step's start, with shafts that stop early in the step already at rest."""
     left, right = shafts_at(plant, state, frictions, step)
     return State(
         with_shaft(state.left, left),
@@ -133,9 +134,10 @@ def balance(
     nominal: float,
     step: float,
 ) -> MomentumEquation:
-    """One drive's momentum balance (3.2, 4.2, 4.5), for a guess of its own, the other drive's and the gate's
-    speed; `nominal` is its friction by that of the law. The gate has a speed of its own, where (4.7) gives it the
-    drive's.
+    """Return one drive's momentum balance (3.2, 4.2, 4.5), for guessed speeds of both drives and the gate.
+
+    `nominal` is its friction relative to that of the law. The gate has a speed of its own, where (4.7) gives it
+    the drive's.
     """
     response, torque_constant = electric.response, electric.torque_constant
     kappa, rho = drive.torque_per_force, drive.travel
@@ -168,7 +170,10 @@ def balance(
 
 @compilable
 def sliding(drive: MomentumEquation, rate: float) -> float:
-    """What moves a drive's shaft against its friction, at a rate of its side of the gate; 0: it is held."""
+    """Return the torque that moves a drive's shaft against its friction; 0: the shaft is held.
+
+    `rate` is that of the drive's side of the gate.
+    """
     return friction.soft_threshold(drive.constant + drive.rate * rate, drive.limit)
 
 
@@ -176,8 +181,9 @@ def sliding(drive: MomentumEquation, rate: float) -> float:
 def stretch_in(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, speed: float
 ) -> Stretch:
-    """What the mechanism's extension does in a step at whose end the motor has that speed; the gate's goes along
-    the actuator with dl_S/dt = r_AP ω (3.42).
+    """Return how the mechanism's extension changes in a step at whose end the motor has `speed`.
+
+    The gate's side moves along the actuator with dl_S/dt = r_AP ω (3.42).
     """
     return Stretch(
         state.position * drive.travel - state.slip - middle.extension,
@@ -190,7 +196,7 @@ def stretch_in(
 def drive_push(
     drive: Drive, state: DriveState, middle: Midpoint, side: Motion, guess: float, step: float
 ) -> LinearizedForce:
-    """The mechanism's mean force on the gate."""
+    """Return the mechanism's mean force on the gate."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     stretch = stretch_in(drive, state, middle, side, guess)
@@ -216,7 +222,7 @@ def slip_way(
     slipping: float,
     step: float,
 ) -> float:
-    """How far [m] the drive's clutch slips in a step at whose end the motor has that speed."""
+    """Return how far [m] the drive's clutch slips in a step at whose end the motor has `speed`."""
     stretch = stretch_in(drive, state, middle, side, speed)
     return clutch.way(
         slipping,
@@ -233,7 +239,7 @@ def slip_way(
 def would_slip(
     drive: Drive, grip: LinearizedForce, speed: float, middle: Midpoint, rate: float
 ) -> float:
-    """What a drive's clutch lets through with these new speeds of motor and gate; 0: it grips."""
+    """Return the force that a slipping clutch passes at these new speeds of motor and gate; 0: it grips."""
     if drive.clutch_force == 0.0:
         return 0.0
     force = grip.constant + grip.slope * (drive.travel * speed - middle.lever * rate)
@@ -250,7 +256,7 @@ def path_in(
     other: float,
     step: float,
 ) -> CurrentPath:
-    """What one drive's current does during the step, for its own and the other's final speed [rev/s]."""
+    """Return the course of one drive's current in the step, for its own and the other's final speed [rev/s]."""
     if drive.active == 0.0:
         return held(0.0)
     final = electrics.final_current(electric, coast, speed, other)
@@ -268,8 +274,9 @@ def next_drive(
     ambient: float,
     step: float,
 ) -> DriveState:
-    """One drive's state at the end of a step with that current, in which its clutch has slipped so far; its
-    position by (4.3).
+    """Return one drive's state at the end of a step with that current and that slip of its clutch.
+
+    The position follows (4.3).
     """
     if drive.active == 0.0:
         return state
@@ -286,7 +293,7 @@ def next_drive(
 def warmed(
     drive: Drive, state: DriveState, path: CurrentPath, ambient: float, step: float
 ) -> tuple[float, float, float]:
-    """The temperatures [°C] of winding, housing and cut-out after a step with that current."""
+    """Return the temperatures [°C] of winding, housing and cut-out after a step with that current."""
     if drive.thermal.enabled == 0.0 and drive.cutout.resistance == 0.0:
         return state.winding_temperature, state.housing_temperature, state.cutout_temperature
     current = effective(path, step)

@@ -1,4 +1,4 @@
-"""The whole plant on one page: what its state is, what drives it, and its equations of motion.
+"""The whole plant on one page: its state, its inputs, and its equations of motion.
 
 For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_d ρ − l_S(φ):
 
@@ -10,11 +10,11 @@ For each drive d, with the travel per motor revolution ρ = s_rev/r and x_d = p_
                  + F_o r_o − τ_hinge + τ_external                          obstacle, environment
     J_t ψ̈      = M_left − M_right + Σ_j (y_j/w) M_j − d_t ψ̇ − k_t ψ         torsion: where the gate twists
 
-A drive sees the gate at φ ± ψ, what acts at y at φ + ψ y/w; M_left and M_right are the drives' terms of the sum,
-M_j obstacle, hand and snow.
+A drive acts on the gate at φ ± ψ, anything at the lateral position y at φ + ψ y/w; M_left and M_right are the
+drives' terms of the sum, M_j those of obstacle, hand and snow.
 
-Departure: (4.13) as printed mixes its units. Here drive and gate are bodies of their own; rigidly joined they
-have the inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.
+Departure: (4.13) as printed mixes its units. Here drive and gate are separate bodies; rigidly joined they have the
+inertia 2πJ_d + (J_L/4π)(ρ/r_AP)² per drive, referred to the motor.
 
 `integrate.step` solves them over a fixed step.
 """
@@ -58,7 +58,7 @@ from liftgate_plant.transmission import Mechanism
 
 
 class Drive(NamedTuple):
-    """One drive's constants, ready for use (`vehicle.plant_of` makes them from the file's tables)."""
+    """Constants of one drive, ready for use (`vehicle.plant_of` derives them from the file's tables)."""
 
     active: float  # 0.0: this gate has no such drive
     motor: Motor
@@ -66,7 +66,7 @@ class Drive(NamedTuple):
     cutout: Cutout
     diode_drop: float
     line: Line
-    pwm_period: float  # s; 0: the mean of the PWM alone
+    pwm_period: float  # s; 0: only the mean of the PWM is modelled
     freewheeling: float  # one of pwm.SLOW, DIODE, FAST
     inertia: float  # J_d, kg m²
     friction: DryFriction  # on the motor shaft, at 20 °C
@@ -94,14 +94,16 @@ class Plant(NamedTuple):
     latch: Claw
     environment: Environment
     source_resistance: float  # Ω
-    lines_broken: float  # 0.0: the source's line and the motors' are sound
+    lines_broken: float  # 0.0: the lines of source and motors have no fault
     source_open: float  # 1.0: nothing can be drawn from the source, or fed into it
     pinch_limit: float  # N
 
 
 class DriveState(NamedTuple):
-    """One drive: current [A], motor speed [rev/s] and position [rev], temperatures [°C], and what its clutch has
-    slipped along the spindle [m].
+    """State of one drive.
+
+    It has the current [A], motor speed [rev/s] and position [rev], temperatures [°C], and the clutch's slip along
+    the spindle [m].
     """
 
     current: float
@@ -114,7 +116,10 @@ class DriveState(NamedTuple):
 
 
 class State(NamedTuple):
-    """The plant's state; gate angle [rad] and rate [rad/s], fully latched 1.0 or 0.0, twist ψ [rad], its rate."""
+    """State of the plant.
+
+    It has the gate's angle [rad] and rate [rad/s], fully latched 1.0 or 0.0, twist ψ [rad] and its rate [rad/s].
+    """
 
     left: DriveState
     right: DriveState
@@ -127,10 +132,12 @@ class State(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What the surroundings do during a step, its mean, SI; temperature in °C."""
+    """Effects of the surroundings during a step, as means over it, in SI units; temperature in °C."""
 
     supply_voltage: float
-    supply_rise: float  # from the step's start to its end; the winding follows within microseconds
+    supply_rise: (
+        float  # V, from the step's start to its end; the winding follows within microseconds
+    )
     road_slope: float
     ambient_temperature: float
     wind_pressure: float
@@ -145,7 +152,7 @@ class Load(NamedTuple):
 
 
 class Frictions(NamedTuple):
-    """Both drives' friction during a step, by its nominal."""
+    """Friction of both drives during a step, relative to its nominal value."""
 
     left: float
     right: float
@@ -155,7 +162,7 @@ NOMINAL = Frictions(1.0, 1.0)
 
 
 class Inputs(NamedTuple):
-    """All that acts on the plant during a step."""
+    """All inputs that act on the plant during a step."""
 
     left: DriveInput
     right: DriveInput
@@ -164,7 +171,7 @@ class Inputs(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The linkage at one of the gate's sides or in its middle: rate ω [rad/s], l_S [m] and r_AP [m] there."""
+    """Linkage at one of the gate's sides or in its middle: rate ω [rad/s], l_S [m] and r_AP [m] there."""
 
     rate: float
     extension: float
@@ -172,7 +179,7 @@ class Place(NamedTuple):
 
 
 class Places(NamedTuple):
-    """All three; of a rigid gate they are one."""
+    """Linkage in the gate's middle and at both sides; for a rigid gate they are equal."""
 
     middle: Place
     left: Place
@@ -180,7 +187,7 @@ class Places(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """What can be read off a state without being one: forces [N], voltages [V], φ̈ [rad/s²]."""
+    """Quantities derived from a state: forces [N], voltages [V], φ̈ [rad/s²]."""
 
     left_force: float
     right_force: float
@@ -194,7 +201,7 @@ class Outputs(NamedTuple):
 
 @compilable
 def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
-    """The inputs with another source: its mean voltage [V] and its rise over the step [V]."""
+    """Return the inputs with another source: its mean voltage [V] and its rise over the step [V]."""
     load = inputs.load
     return Inputs(
         inputs.left,
@@ -220,17 +227,17 @@ def supplied(inputs: Inputs, voltage: float, rise: float) -> Inputs:
 
 @compilable
 def at(inputs: Inputs, share: float) -> Inputs:
-    """The inputs of a step as they are at a share of it: 0 its start, 1 its end."""
+    """Return the inputs of a step at a share of it: 0 its start, 1 its end."""
     load = inputs.load
     return supplied(inputs, load.supply_voltage + (share - 0.5) * load.supply_rise, 0.0)
 
 
 @compilable
 def reaching(plant: Plant, drive: Drive, given: DriveInput) -> DriveInput:
-    """What of a bridge's state reaches its motor, past what is broken in its line and in the source's.
+    """Return what of a bridge's state reaches its motor, given the faults of its line and the source's.
 
-    A bridge that may not draw from the source drives no current in its mean, nor do its diodes return any: what
-    they would charge is its capacitor alone. What both motors exchange through their common supply is neglected.
+    A bridge that cannot draw from the source drives no current in its mean, and its diodes return none: they would
+    charge its capacitor alone. The exchange between both motors through their common supply is neglected.
     """
     if drive.line.is_shorted != 0.0:
         return DriveInput(0.0, 0.0, 0.0)
@@ -242,7 +249,7 @@ def reaching(plant: Plant, drive: Drive, given: DriveInput) -> DriveInput:
 
 @compilable
 def past_the_lines(plant: Plant, inputs: Inputs) -> Inputs:
-    """The inputs as they reach both motors."""
+    """Return the inputs as they reach both motors."""
     if plant.lines_broken == 0.0:
         return inputs
     return Inputs(
@@ -255,7 +262,7 @@ def past_the_lines(plant: Plant, inputs: Inputs) -> Inputs:
 
 @compilable
 def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
-    """Both drives' friction by that at 20 °C."""
+    """Return both drives' friction at the ambient temperature, relative to the nominal one at 20 °C."""
     ambient, given = inputs.load.ambient_temperature, inputs.frictions
     cold_l = transmission.temperature_factor(plant.left.friction_temperature, ambient)
     cold_r = transmission.temperature_factor(plant.right.friction_temperature, ambient)
@@ -264,13 +271,16 @@ def frictions_at(plant: Plant, inputs: Inputs) -> Frictions:
 
 @compilable
 def place_at(link: Linkage, angle: float, rate: float) -> Place:
-    """The linkage at an angle [rad] that changes at that rate; its lever stands for the direction of (3.43)."""
+    """Return the linkage at an angle [rad] that changes at `rate` [rad/s].
+
+    Its lever stands for the direction of (3.43).
+    """
     return Place(rate, gate.extension(link, angle), gate.lever(link, angle))
 
 
 @compilable
 def places_of(plant: Plant, state: State) -> Places:
-    """The linkage on both sides and in the middle."""
+    """Return the linkage in the gate's middle and at both sides."""
     link, angle, rate = plant.link, state.gate_angle, state.gate_rate
     middle = place_at(link, angle, rate)
     if is_rigid(plant.torsion):
@@ -284,8 +294,10 @@ def places_of(plant: Plant, state: State) -> Places:
 
 @compilable
 def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
-    """F_d [N], the drive's force on the gate, from the spindle's way p ρ (3.13) and its speed along the actuator,
-    less those of the gate, where (3.41) hands over an acceleration.
+    """Return F_d [N], the drive's force on the gate.
+
+    It follows from the spindle's travel p ρ (3.13) and its speed along the actuator, minus those of the gate,
+    where (3.41) passes on an acceleration.
     """
     if drive.active == 0.0:
         return 0.0
@@ -301,13 +313,13 @@ def drive_force(drive: Drive, state: DriveState, place: Place) -> float:
 
 @compilable
 def total_inertia(plant: Plant, load: Load) -> float:
-    """The gate's inertia with the snow on it [kg m²]; rigidly joined with the drives it is that of (4.13)."""
+    """Return the gate's inertia with snow [kg m²]; rigidly joined with the drives it is that of (4.13)."""
     return plant.gate_inertia + environment.snow_inertia(plant.environment, load.snow_mass)
 
 
 @compilable
 def spring_force(drive: Drive, link: Linkage, extended: float, ambient: float) -> float:
-    """F_F [N] of one drive at l_S = `extended`, without stops."""
+    """Return F_F [N] of one drive at l_S = `extended`, without stops."""
     if drive.active == 0.0:
         return 0.0
     return spring.force(drive.spring, extended, link.stroke, ambient)
@@ -315,7 +327,7 @@ def spring_force(drive: Drive, link: Linkage, extended: float, ambient: float) -
 
 @compilable
 def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
-    """Torque [N m] on the gate from weight (4.10), snow, wind, hand."""
+    """Return the torque [N m] on the gate from weight (4.10), snow, wind, hand and external torque."""
     link, around = plant.link, plant.environment
     torque = environment.steady_torque(
         around, load.wind_pressure, load.hand_force, load.external_torque
@@ -328,7 +340,7 @@ def body_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
 
 @compilable
 def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> float:
-    """Torque [N m] on the twist from snow and hand."""
+    """Return the torque [N m] on the twist from snow and hand."""
     around = plant.environment
     snow = share_at(plant.torsion, around.snow_lateral)
     hand = share_at(plant.torsion, around.hand_lateral)
@@ -340,8 +352,9 @@ def twisting_torque(plant: Plant, load: Load, angle: float, twist: float) -> flo
 
 @compilable
 def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
-    """Torque [N m] on a gate without twist from springs (3.36, 4.8), weight, snow, wind, hand: all that has no
-    kink in φ.
+    """Return the torque [N m] on an untwisted gate that has no kink in φ.
+
+    It is the sum of springs (3.36, 4.8), weight, snow, wind, hand and external torque.
     """
     link, ambient = plant.link, load.ambient_temperature
     extended = gate.extension(link, angle)
@@ -352,7 +365,7 @@ def smooth_torque(plant: Plant, load: Load, angle: float) -> float:
 
 @compilable
 def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
-    """Torque [N m] of one drive's end stops on the gate (3.14)."""
+    """Return the torque [N m] of one drive's end stops on the gate (3.14)."""
     if drive.active == 0.0:
         return 0.0
     k, c = drive.spring.stop_stiffness, drive.spring.stop_damping
@@ -366,7 +379,7 @@ def stop_torque(drive: Drive, link: Linkage, place: Place) -> float:
 def side_torque(
     drive: Drive, link: Linkage, state: DriveState, place: Place, ambient: float
 ) -> float:
-    """Torque [N m] of one drive (3.16), its spring (3.31) and its stops on its side of the gate."""
+    """Return the torque [N m] of one drive (3.16), its spring (3.31) and its stops on its side of the gate."""
     force = drive_force(drive, state, place)
     force += spring_force(drive, link, place.extension, ambient)
     return force * place.lever + stop_torque(drive, link, place)
@@ -374,32 +387,32 @@ def side_torque(
 
 @compilable
 def angle_at(plant: Plant, state: State, lateral: float) -> float:
-    """The gate's angle [rad] at a lateral position [m]."""
+    """Return the gate's angle [rad] at a lateral position [m]."""
     return state.gate_angle + share_at(plant.torsion, lateral) * state.twist
 
 
 @compilable
 def rate_at(plant: Plant, state: State, lateral: float) -> float:
-    """The gate's rate [rad/s] at a lateral position [m]."""
+    """Return the gate's rate [rad/s] at a lateral position [m]."""
     return state.gate_rate + share_at(plant.torsion, lateral) * state.twist_rate
 
 
 @compilable
 def pinch_of(plant: Plant, state: State, load: Load) -> float:
-    """F_o [N], where the obstacle is."""
+    """Return the pinch force F_o [N] at the obstacle's lateral position."""
     y = load.obstacle.lateral
     return obstacle.pinch_force(load.obstacle, angle_at(plant, state, y), rate_at(plant, state, y))
 
 
 @compilable
 def gate_torque(plant: Plant, state: State, load: Load) -> float:
-    """All torque [N m] on the gate but the hinge's friction: the right side of (3.15)."""
+    """Return the torque [N m] on the gate without hinge friction: the right side of (3.15)."""
     return torque_at(plant, state, load, places_of(plant, state))
 
 
 @compilable
 def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
-    """The right side of (3.15), with the linkage at hand."""
+    """Return the right side of (3.15) [N m] for a linkage that is already computed."""
     ambient = load.ambient_temperature
     rubber = seal.depth(plant.seal, places.middle.extension)
     return (
@@ -416,14 +429,14 @@ def torque_at(plant: Plant, state: State, load: Load, places: Places) -> float:
 
 @compilable
 def is_chopped(drive: Drive, given: DriveInput) -> bool:
-    """Whether a drive's bridge switches, so that its PWM is taken by more than its mean."""
+    """Whether a drive's bridge switches, so that more than the mean of its PWM is modelled."""
     draws = drive.active != 0.0 and given.coast == 0.0
     return draws and drive.pwm_period > 0.0 and 0.0 < abs(given.duty) < 1.0
 
 
 @compilable
 def winding_resistance(drive: Drive, state: DriveState) -> float:
-    """R [Ω] at the winding's present temperature."""
+    """Return R [Ω] at the winding's present temperature."""
     return drive.motor.resistance * thermal.resistance_factor(
         drive.thermal, state.winding_temperature
     )
@@ -431,8 +444,9 @@ def winding_resistance(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def line_resistance(drive: Drive, state: DriveState) -> float:
-    """R [Ω] of all that the motor's current goes through, winding, cut-out and contacts, at their present
-    temperatures.
+    """Return R [Ω] of the motor's whole current path, at present temperatures.
+
+    It is the sum of winding, cut-out and contacts.
     """
     fuse = cutout.resistance_at(drive.cutout, state.cutout_temperature)
     return winding_resistance(drive, state) + fuse + drive.line.resistance
@@ -440,8 +454,9 @@ def line_resistance(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[float, float]:
-    """R [Ω] of the winding, and of cut-out and contacts, in so many seconds, which are few: a motor that stalls
-    warms up by a tenth of a kelvin in a millisecond.
+    """Return R [Ω] of the winding, and of cut-out and contacts, after a short time `ahead` [s].
+
+    A motor that stalls warms up by a tenth of a kelvin in a millisecond.
     """
     winding = thermal.winding_soon(
         drive.thermal,
@@ -459,7 +474,7 @@ def resistances_soon(drive: Drive, state: DriveState, ahead: float) -> tuple[flo
 
 @compilable
 def emf_constant(drive: Drive, state: DriveState) -> float:
-    """c2Φ [V/rps] at the housing's present temperature."""
+    """Return c2Φ [V/rps] at the housing's present temperature."""
     return drive.motor.speed_constant * thermal.flux_factor(
         drive.thermal, state.housing_temperature
     )
@@ -467,7 +482,7 @@ def emf_constant(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def torque_constant(drive: Drive, state: DriveState) -> float:
-    """c1Φ [N m/A] at the housing's present temperature."""
+    """Return c1Φ [N m/A] at the housing's present temperature."""
     return drive.motor.torque_constant * thermal.flux_factor(
         drive.thermal, state.housing_temperature
     )
@@ -475,13 +490,13 @@ def torque_constant(drive: Drive, state: DriveState) -> float:
 
 @compilable
 def shaft_mobility(drive: Drive) -> float:
-    """What a force along the spindle makes of its speed [m/s per N s]: κρ/2πJ_d."""
+    """Return the speed along the spindle per impulse of a force on it [m/s per N s]: κρ/2πJ_d."""
     return drive.torque_per_force * drive.travel / (2.0 * math.pi * drive.inertia)
 
 
 @compilable
 def chopper_of(drive: Drive, resistance: float) -> Chopper:
-    """A drive's bridge on its winding of that resistance [Ω]."""
+    """Return a drive's switching bridge with its winding of that resistance [Ω]."""
     return Chopper(
         drive.freewheeling,
         drive.pwm_period,
@@ -493,7 +508,10 @@ def chopper_of(drive: Drive, resistance: float) -> Chopper:
 
 @compilable
 def fed_of(drive: Drive, state: DriveState, given: DriveInput, resistance: float) -> Fed:
-    """A drive's bridge on the source, with that resistance [Ω] in the motor's line; none that coasts."""
+    """Return a drive's bridge on the source, with that resistance [Ω] in the motor's line.
+
+    The duty of a coasting motor is 0.
+    """
     draws = drive.active != 0.0 and given.coast == 0.0
     emf = emf_constant(drive, state) * state.speed - given.voltage
     duty = given.duty if draws else 0.0
@@ -502,8 +520,10 @@ def fed_of(drive: Drive, state: DriveState, given: DriveInput, resistance: float
 
 @compilable
 def drawn_now(drive: Drive, state: DriveState, given: DriveInput, now: Course) -> float:
-    """What a drive takes from the source [A] in the mean of a period. A current that is not yet that of its course
-    is beside it by the same all through the period.
+    """Return the current [A] that a drive draws from the source, as the mean of a PWM period.
+
+    A current that has not yet reached its periodic waveform is offset from it by the same amount throughout the
+    period.
     """
     if given.duty == 0.0 or given.coast != 0.0 or drive.active == 0.0:
         return 0.0
@@ -522,8 +542,9 @@ def motor_voltage(
     source_resistance: float,
     now: Course,
 ) -> float:
-    """What is on the motor's terminals [V], its mean over a period of the PWM; a coasting motor without current
-    shows its back-EMF.
+    """Return the voltage [V] on the motor's terminals, as the mean of a PWM period.
+
+    A coasting motor without current shows its back-EMF.
     """
     if drive.active == 0.0:
         return 0.0
@@ -547,7 +568,7 @@ def motor_voltage(
 
 @compilable
 def time_on_source(drive: Drive, duty: float) -> float:
-    """For which share of its period a bridge's current goes through the source, if it flows on."""
+    """Return the share of the PWM period in which a current along the duty flows through the source."""
     if drive.pwm_period > 0.0 and drive.freewheeling == FAST:
         return 1.0
     return abs(duty)
@@ -555,7 +576,10 @@ def time_on_source(drive: Drive, duty: float) -> float:
 
 @compilable
 def courses_of(plant: Plant, state: State, inputs: Inputs) -> tuple[Course, Course]:
-    """Both currents' courses, as long as speeds and source stay as they are; nothing where no bridge switches."""
+    """Return both currents' periodic waveforms for constant speeds and source.
+
+    They are NO_COURSE where no bridge switches.
+    """
     if not (is_chopped(plant.left, inputs.left) or is_chopped(plant.right, inputs.right)):
         return NO_COURSE, NO_COURSE
     ohms_l = line_resistance(plant.left, state.left)
@@ -567,7 +591,10 @@ def courses_of(plant: Plant, state: State, inputs: Inputs) -> tuple[Course, Cour
 
 @compilable
 def outputs(plant: Plant, state: State, given: Inputs) -> Outputs:
-    """What the state shows under these inputs; φ̈ is that of (3.15), where (3.44) takes it from the spindle's."""
+    """Return what the state shows under these inputs.
+
+    φ̈ is that of (3.15), where (3.44) derives it from the spindle's.
+    """
     places, rate = places_of(plant, state), state.gate_rate
     inputs = past_the_lines(plant, given)
     now_l, now_r = courses_of(plant, state, inputs)

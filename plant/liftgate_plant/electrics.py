@@ -1,4 +1,4 @@
-"""Source, bridges and windings together: both motors' currents over a step, before the speeds are known."""
+"""Source, bridges and windings together: both motor currents over a step, before the speeds are known."""
 
 from __future__ import annotations
 
@@ -41,18 +41,20 @@ from liftgate_plant.switching import courses, drawn_share
 
 
 class Electric(NamedTuple):
-    """One drive's electrical side during a step."""
+    """Electrical side of one drive during a step."""
 
     response: Response
     transient: Transient
     torque_constant: float  # N m/A, at the present temperature
-    diodes: float  # V, what those of a coasting motor hold on it
+    diodes: float  # V, voltage that the diodes hold on a coasting motor
     switching: Switching
 
 
 class Around(NamedTuple):
-    """What a coasting motor has around it in a step, V: what the other one takes off its terminal voltage at the
-    start, by how much that rises, and its own back-EMF without a current.
+    """Voltages [V] around a coasting motor during a step.
+
+    These are the drop of its terminal voltage by the other motor at the start, the rise of that drop over the
+    step, and the rise of its own back-EMF without a current.
     """
 
     drop: float
@@ -60,7 +62,7 @@ class Around(NamedTuple):
     free: float
 
 
-_LASTING = 0.1  # of a step's change of speed, what the mechanism's force may change by it
+_LASTING = 0.1  # largest share of a step's change of speed that the mechanism's force may undo
 ALONE = Around(0.0, 0.0, 0.0)
 NO_TRANSIENT = Transient(0.0, 1.0, 0.0, 0.0)
 NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -68,7 +70,7 @@ NO_RESPONSE = Response(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def resistance_soon(drive: Drive, state: DriveState, step: float) -> float:
-    """R [Ω] of all that the motor's current goes through, at its temperatures in the middle of the step."""
+    """Return R [Ω] of the motor's whole current path, at its temperatures in the middle of the step."""
     by_winding, by_fuse = resistances_soon(drive, state, 0.5 * step)
     return by_winding + by_fuse
 
@@ -84,9 +86,11 @@ def winding_of(
     resistance: float,
     step: float,
 ) -> tuple[Winding, Coasting, Switching]:
-    """The winding of (4.1) of that resistance [Ω] with what is applied to it, how it coasts, and how it is
-    switched, if by the mean of its PWM; `terminal` voltage of the step's start, its `rise` over the step by source
-    and other motor, and that of the back-EMF without current.
+    """Return the winding of (4.1) with what is applied to it, how it coasts, and how it is switched.
+
+    The switching covers a bridge that is taken as the mean of its PWM. `resistance` is that of the winding [Ω],
+    `terminal` the voltage at the step's start, `rise` its change over the step by source and other motor, and
+    `free_rise` the change of the back-EMF without current.
     """
     motor, by_speed = drive.motor, emf_constant(drive, state)
     if drive.active == 0.0:  # no winding there, so nothing that could load the source
@@ -115,8 +119,9 @@ def winding_of(
 def emf_rise(
     drive: Drive, state: DriveState, place: Place, friction: float, current: float, step: float
 ) -> float:
-    """By how much [V] a motor's back-EMF rises over a step with that current, by the forces at its start; 0 where
-    these do not last for a step, as of a very stiff mechanism.
+    """Return the rise [V] of a motor's back-EMF over a step with a given current, by the forces at its start.
+
+    Returns 0 where these forces do not last for a step, as with a very stiff mechanism.
     """
     yielding = drive.mechanism.stiffness * step + drive.mechanism.damping
     if dynamics.shaft_mobility(drive) * yielding * step > _LASTING:
@@ -132,7 +137,7 @@ def emf_rise(
     torque -= math.copysign(loss, state.speed if state.speed != 0.0 else torque)
     constant = emf_constant(drive, state)
     rise, emf = constant * torque / (2.0 * math.pi * drive.inertia) * step, constant * state.speed
-    # Friction, of a jammed spindle perhaps, stops a shaft and turns none.
+    # Friction, such as that of a jammed spindle, stops a shaft but never reverses it.
     return -emf if rise * emf < 0.0 and abs(rise) > abs(emf) else rise
 
 
@@ -148,8 +153,10 @@ def drop_beside(
     now: Course,
     step: float,
 ) -> tuple[float, float]:
-    """What one motor's current takes off the terminal voltage [V] beside it, once its winding has followed a
-    switch of its bridge, and by how much that rises over the step as the motor turns faster.
+    """Return how much [V] one motor's current lowers the other's terminal voltage, and the rise of that drop.
+
+    The drop holds once its winding has followed a switch of its bridge; the rise over the step is due to the motor
+    turning faster.
     """
     duty = drive_input.duty
     if source_resistance == 0.0 or duty == 0.0 or drive_input.coast != 0.0 or drive.active == 0.0:
@@ -176,7 +183,7 @@ def around(
     now_r: Course,
     step: float,
 ) -> tuple[Around, Around]:
-    """What both motors have around them, as far as they coast."""
+    """Return the voltages around both motors, as far as they coast."""
     if inputs.left.coast == 0.0 and inputs.right.coast == 0.0:
         return ALONE, ALONE
     places, frictions = dynamics.places_of(plant, state), dynamics.frictions_at(plant, inputs)
@@ -196,7 +203,10 @@ def around(
 
 @compilable
 def directly_on(drive_input: DriveInput) -> Switching:
-    """Of a bridge that is taken as its mean, or of a voltage that is applied without one: all of it is seen."""
+    """Return the switching of a bridge taken as its mean, or of a voltage applied without a bridge.
+
+    A measurement while the PWM is on sees all of the current.
+    """
     duty, voltage = drive_input.duty, drive_input.voltage
     if duty != 0.0:
         return Switching(0.0, 0.0, 0.0, duty, 0.0, math.copysign(1.0, duty), 0.0)
@@ -208,13 +218,16 @@ def directly_on(drive_input: DriveInput) -> Switching:
 
 @compilable
 def coasting_share(coast: Coasting) -> float:
-    """Of a coasting motor's current, what the source gives: none of it, all comes back."""
+    """Return the share of a coasting motor's current that flows through the source, signed.
+
+    The source supplies none of it: all of the current flows back.
+    """
     return 0.0 if coast.voltage == 0.0 else math.copysign(1.0, coast.voltage)
 
 
 @compilable
 def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
-    """What a bridge that switches does to its motor's current beside its mean."""
+    """Return what a switching bridge adds to the mean of its motor's current."""
     along = math.copysign(1.0, duty)
     above, below = now.high - now.mean, now.low - now.mean
     if along < 0.0:
@@ -226,8 +239,10 @@ def switching_of(drive: Drive, duty: float, now: Course) -> Switching:
 
 @compilable
 def on_source(drive: Drive, drive_input: DriveInput) -> float:
-    """The factor with which a motor's current goes through the source's resistance, which acts on it with its
-    square. Of a bridge that switches, which draws for a part of the period, the square is that share.
+    """Return the factor with which a motor's current flows through the source's resistance.
+
+    The resistance acts on the motor with the factor's square. For a bridge that switches, and so draws for a part
+    of the period, the square is that share.
     """
     if not is_chopped(drive, drive_input):
         return drive_input.duty
@@ -245,11 +260,14 @@ def followed(
     load: Load,
     sag: float,
 ) -> Winding:
-    """A winding whose current goes to its course in place of what a mean voltage drives, from the speed [rev/s]
-    at the step's start on; `sag` [V] is what its equation takes off the source with both on their courses.
+    """Return a winding whose current tends to its periodic waveform instead of what a mean voltage drives.
 
-    What diodes let through is not linear in EMF and source, so that the mean is that of the course there and of
-    its slopes. From one course to another it goes with the winding's L/R, as where the current does not end.
+    It holds from the speed [rev/s] at the step's start on; `sag` [V] is what its equation takes off the source
+    with both currents on their waveforms.
+
+    What diodes let through is not linear in EMF and source voltage, so the mean is that of the waveform there,
+    with its slopes. The transition from one waveform to another has the winding's L/R, as where the current does
+    not end.
     """
     along, factor = math.copysign(1.0, drive_input.duty), on_source(drive, drive_input)
     constant = -winding.resistance * now.by_emf * winding.speed_constant
@@ -261,7 +279,10 @@ def followed(
 
 @compilable
 def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> float:
-    """What both windings' equations take off the source [V] with both currents on their courses."""
+    """Return the sag [V] of the source in both windings' equations.
+
+    Both currents are taken on their periodic waveforms.
+    """
     drawn = along_duty(inputs.left, now_l) * on_source(plant.left, inputs.left)
     drawn += along_duty(inputs.right, now_r) * on_source(plant.right, inputs.right)
     return plant.source_resistance * drawn
@@ -269,7 +290,7 @@ def shared_sag(plant: Plant, inputs: Inputs, now_l: Course, now_r: Course) -> fl
 
 @compilable
 def along_duty(drive_input: DriveInput, now: Course) -> float:
-    """A course's mean current [A] with its sign; 0 of a bridge that is not on the source."""
+    """Return the signed mean current [A] of a periodic waveform; 0 for a bridge that is not on the source."""
     if drive_input.duty == 0.0 or drive_input.coast != 0.0:
         return 0.0
     return math.copysign(1.0, drive_input.duty) * now.mean
@@ -277,8 +298,10 @@ def along_duty(drive_input: DriveInput, now: Course) -> float:
 
 @compilable
 def follows(drive: Drive, drive_input: DriveInput, source_resistance: float) -> bool:
-    """Whether a winding's current follows its course, and not the mean voltage, where a bridge switches. On a
-    source without resistance the mean of what is applied is all that counts where the motor is shorted between.
+    """Whether a winding's current follows its periodic waveform, not the mean voltage, where a bridge switches.
+
+    On a source without resistance, the mean of the applied voltage is all that counts if the motor is shorted in
+    between.
     """
     if source_resistance == 0.0:
         return drive.freewheeling != SLOW and is_chopped(drive, drive_input)
@@ -297,8 +320,10 @@ def electric_of(
     phi: Phi,
     step: float,
 ) -> Electric:
-    """One drive's side of the solved windings; a coasting motor whose current ends is switched off until its
-    back-EMF drives one the other way.
+    """Return one drive's side of the solved windings.
+
+    A coasting motor whose current ends is treated as switched off until its back-EMF drives a current the other
+    way.
     """
     torque_constant = dynamics.torque_constant(drive, state)
     if drive.active == 0.0:
@@ -309,7 +334,9 @@ def electric_of(
             idle = restarted(winding, coast.mean, coast.restart, state.speed, step)
         return Electric(idle, NO_TRANSIENT, torque_constant, coast.voltage, switching)
     fall = state.current - end_current(response, state.speed, other.speed)
-    fall += winding.rise / winding.resistance  # which does not die away
+    fall += (
+        winding.rise / winding.resistance
+    )  # the part due to the voltage's rise does not die away
     per_inertia = torque_constant / (2.0 * math.pi * drive.inertia)
     transient = transient_of(per_inertia, winding, phi, fall, step)
     lagging = Response(
@@ -327,7 +354,7 @@ def electric_of(
 def electrics_of(
     plant: Plant, state: State, inputs: Inputs, step: float
 ) -> tuple[Electric, Electric]:
-    """Both drives' electrical sides during a step of `step` seconds."""
+    """Return both drives' electrical sides during a step of `step` seconds."""
     load = inputs.load
     rise = load.supply_rise
     source = load.supply_voltage - 0.5 * rise
@@ -378,7 +405,7 @@ def electrics_of(
         plant.source_resistance,
         step,
     )
-    if plant.source_resistance > 0.0:  # else the modes are the windings
+    if plant.source_resistance > 0.0:  # otherwise the modes are those of the windings already
         phi_l = phi_functions(-winding_l.resistance / winding_l.inductance * step)
         phi_r = phi_functions(-winding_r.resistance / winding_r.inductance * step)
     return (
@@ -411,11 +438,11 @@ def electrics_of(
 def path_of(
     electric: Electric, begin: float, end: float, own: float, other: float, step: float
 ) -> CurrentPath:
-    """What a current that goes from one value [A] to another does meanwhile, for the final speeds [rev/s]."""
+    """Return the course of a current from `begin` to `end` [A] over a step, for the final speeds [rev/s]."""
     mean = mean_current(electric.response, own, other)
     amplitude, decay = electric.transient.amplitude, electric.transient.decay
     if amplitude == 0.0 and (begin - end) * (mean - end) > 0.0:
-        # It ended inside the step: shown as one that dies away, with the same start and the same charge.
+        # It ended inside the step: modelled as one that decays, with the same start and the same charge.
         amplitude = begin - end
         decay = amplitude / ((mean - end) * step)
     return CurrentPath(begin, end, mean, amplitude, decay, electric.switching)
@@ -423,6 +450,6 @@ def path_of(
 
 @compilable
 def final_current(electric: Electric, coast: float, own: float, other: float) -> float:
-    """Current [A] at the end of the step; a coasting motor's diodes let none pass backwards."""
+    """Return the current [A] at the end of the step; the diodes of a coasting motor block reverse current."""
     current = end_current(electric.response, own, other)
     return current if coast == 0.0 else bridge.blocked(current, -electric.diodes)

@@ -1,9 +1,10 @@
-"""What energy a gate and its drives have, for gates that nothing drives: it can only become less.
+"""Energy of a gate and its drives, for gates that nothing drives: it can only decrease.
 
     E = ½ J_L ω² + Σ_d (½ J_d (2π n)² + ½ L i² + ½ k_m e² + ½ k_3 d²) + V(φ)
 
-with what the mechanism is bent e, what a stop is pressed in d, and V of springs, weight, snow and seal; a rigid
-gate without obstacle. Not compiled: it is looked at beside a run, over many rows at once.
+Here e is the deflection of the mechanism, d the penetration of a stop, and V the potential of springs, weight,
+snow and seal; the gate is rigid and meets no obstacle. Not compiled: the energy is evaluated outside the run, over
+many rows at once.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from liftgate_plant.gate import Linkage
 
 Floats = NDArray[np.float64]
 
-_BEYOND = math.radians(3.0)  # beyond closed and open, where stops hold a gate
-_POINTS = 1201  # of V over the travel: a tenth of a degree
+_BEYOND = math.radians(3.0)  # margin beyond closed and open, where the stops hold the gate
+_POINTS = 1201  # samples of V over the travel, about a tenth of a degree apart
 
 
 class Potential(NamedTuple):
-    """V [J] over the gate's angle [rad]."""
+    """Potential energy V [J] over the gate's angle [rad]."""
 
-    angles: Floats  # (n,)
-    values: Floats  # (n,)
-    extensions: Floats  # (n,) l_S there, m
-    least: float  # J, between closed and open
-    most: float
+    angles: Floats  # rad, (n,)
+    values: Floats  # J, (n,)
+    extensions: Floats  # m, (n,), l_S at these angles
+    least: float  # J, smallest value between closed and open
+    most: float  # J, largest value between closed and open
 
 
 class DriveMotion(NamedTuple):
-    """A drive at n instants, arrays (n,), as in DriveState."""
+    """Motion of a drive at n instants: arrays (n,), in the units of DriveState."""
 
     current: Floats
     speed: Floats
@@ -44,7 +45,7 @@ class DriveMotion(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A gate and its drives at n instants: angle [rad] and rate [rad/s], (n,)."""
+    """Motion of the gate and its drives at n instants: angle [rad] and rate [rad/s], (n,)."""
 
     angle: Floats
     rate: Floats
@@ -53,7 +54,10 @@ class Motion(NamedTuple):
 
 
 def potential(plant: Plant, load: Load) -> Potential:
-    """V over the travel and a little beyond, by the trapezoidal rule, at the load's slope, snow, temperature."""
+    """Return V over the travel and a little beyond, at the load's slope, snow and temperature.
+
+    It is integrated by the trapezoidal rule, without hand force, wind and external torque.
+    """
     link = plant.link
     top = gate.angle_of_extension(link, link.stroke)
     angles = np.linspace(-_BEYOND, top + _BEYOND, _POINTS)
@@ -72,7 +76,7 @@ def potential(plant: Plant, load: Load) -> Potential:
 
 
 def energy(plant: Plant, load: Load, over: Potential, motion: Motion) -> Floats:
-    """E [J], (n,)."""
+    """Return the total energy E [J], (n,)."""
     extended = np.interp(motion.angle, over.angles, over.extensions)
     total: Floats = 0.5 * dynamics.total_inertia(plant, load) * motion.rate**2
     total = total + np.interp(motion.angle, over.angles, over.values)
@@ -81,7 +85,7 @@ def energy(plant: Plant, load: Load, over: Potential, motion: Motion) -> Floats:
 
 
 def _of_drive(drive: Drive, link: Linkage, extended: Floats, motion: DriveMotion) -> Floats:
-    """What a drive and its stops have [J], (n,), on a gate of these l_S [m]."""
+    """Return the energy [J] of a drive and its end stops, (n,), at the gate's extensions l_S [m]."""
     if drive.active == 0.0:
         return np.zeros_like(extended)
     turning = 0.5 * drive.inertia * (2.0 * math.pi * motion.speed) ** 2

@@ -1,4 +1,4 @@
-"""What acts on the gate from outside: slope, temperature, wind, snow, a hand, a measured torque (§4.1–4.2)."""
+"""External effects on the gate: slope, temperature, wind, snow, a hand, a measured torque (§4.1–4.2)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from liftgate_plant.quantity import Quantity
 
 
 class Environment(NamedTuple):
-    """Table `[environment]`: what holds as long as no scenario, panel or input file says otherwise."""
+    """Table `[environment]` of the vehicle file.
+
+    Its values hold unless a scenario, panel or input file overrides them.
+    """
 
     road_slope: Annotated[float, signals.ROAD_SLOPE.parameter("γ")] = 0.0
     ambient_temperature: Annotated[float, signals.AMBIENT_TEMPERATURE.parameter("T")] = 20.0
@@ -30,7 +33,7 @@ class Environment(NamedTuple):
 def steady_torque(
     environment: Environment, wind_pressure: float, hand_force: float, measured: float
 ) -> float:
-    """Torque [N m] on the gate that does not depend on its angle, positive opens."""
+    """Return the torque [N m] on the gate that does not depend on its angle; positive opens."""
     return (
         wind_pressure * environment.wind_area * environment.wind_lever
         + hand_force * environment.hand_distance
@@ -42,12 +45,15 @@ def steady_torque(
 def snow_torque(
     environment: Environment, snow_mass: float, link: Linkage, angle: float, slope: float
 ) -> float:
-    """Torque [N m] of the snow's weight against the motion; it lies on the line from hinge to GP."""
+    """Return the closing torque [N m] of the snow's weight.
+
+    The snow lies on the line from hinge to GP.
+    """
     moment = snow_mass * GRAVITY * environment.snow_distance
     return weight_torque(moment, link, angle, slope)
 
 
 @compilable
 def snow_inertia(environment: Environment, snow_mass: float) -> float:
-    """What the snow adds to J_L [kg m²]."""
+    """Return what the snow adds to J_L [kg m²]."""
     return snow_mass * environment.snow_distance * environment.snow_distance

@@ -1,10 +1,10 @@
-"""What may be broken in bridges, sensors and latch; what is broken in the mechanics is a changed constant.
+"""Faults of bridges, sensors and latch; faults of the mechanics are changed constants.
 
     shaft → Hall A, B → stuck → swapped → missing, extra → quadrature decoder
     current → gain, offset, in the order of the scenario → converter → frozen
               motor's terminals joined: the bridge drives a short circuit
 
-NaN, 0 or 1 as they stand in `SOUND` are a gate without faults.
+The values of `SOUND` (NaN, 0 or 1) are a gate without faults.
 """
 
 from __future__ import annotations
@@ -14,48 +14,52 @@ from typing import NamedTuple
 
 
 class HallFault(NamedTuple):
-    """Of one drive's Hall sensors; levels 0 or 1, NaN: as the shaft has them."""
+    """Faults of one drive's Hall sensors; levels 0 or 1, NaN: as the shaft sets them."""
 
-    is_on: float  # 0.0: none of these
+    is_on: float  # 0.0: no Hall fault is active
     level_a: float
     level_b: float
-    swapped: float  # 1.0: A and B are
+    swapped: float  # 1.0: A and B are swapped
     missing: float  # probability that neither decoder nor timer sees an edge
-    extra: float  # 1/s, edges that are none, on either sensor
-    seed: float  # of missing and extra ones, whole
+    extra: float  # 1/s, rate of spurious edges, on either sensor
+    seed: float  # of missing and extra edges, a whole number
 
 
 class CurrentFault(NamedTuple):
-    """Of the measurement of one motor's current."""
+    """Faults of the measurement of one motor's current."""
 
-    is_on: float  # 0.0: none of these
-    gain: float  # beside that of the vehicle file
-    offset: float  # A, beside that of the vehicle file
-    frozen: float  # 1.0: the last reading stays
-    shorted: float  # 1.0: the bridge drives a short circuit, which is more than the converter shows
+    is_on: float  # 0.0: no current fault is active
+    gain: float  # in addition to that of the vehicle file
+    offset: float  # A, in addition to that of the vehicle file
+    frozen: float  # 1.0: the last reading is held
+    shorted: (
+        float  # 1.0: the bridge drives a short circuit, whose current exceeds the converter's range
+    )
 
 
 class DriveFaults(NamedTuple):
-    """Of one drive's bridge and sensors."""
+    """Faults of one drive's bridge and sensors."""
 
-    bridge: float  # state that it is stuck in, one of bridge's; NaN: it obeys
+    bridge: (
+        float  # state in which it is stuck, one of those in `bridge`; NaN: it follows its commands
+    )
     hall: HallFault
     current: CurrentFault
 
 
 class Faults(NamedTuple):
-    """Of a whole gate."""
+    """All faults of one gate."""
 
-    inputs: float  # 0.0: bridges and latch do as they are told
+    inputs: float  # 0.0: bridges and latch follow their commands
     left: DriveFaults
     right: DriveFaults
-    angle_frozen: float  # 1.0: the last reading stays
-    latch_reading: float  # what the latch's switch says, 0 or 1; NaN: what is so
-    latch_held: float  # 1.0: it is not released, whatever drives it
+    angle_frozen: float  # 1.0: the last reading is held
+    latch_reading: float  # reading of the latch's switch, 0 or 1; NaN: the true value
+    latch_held: float  # 1.0: the latch is not released, whatever drives it
 
 
 class Line(NamedTuple):
-    """What lies between a bridge and its motor."""
+    """Electrical line between a bridge and its motor."""
 
     is_open: float  # 1.0: no current can flow
     is_shorted: float  # 1.0: the motor's terminals are joined

@@ -3,7 +3,7 @@
     |τ| ≤ τ_s                     at n = 0: whatever holds the shaft still
     τ = τ_k(n) sgn(n) + d n       else, with τ_k(n) = τ_C (1 + (τ_s/τ_C − 1) exp(−(n/n_S)²))
 
-There is no regularised sign function, so nothing creeps: at rest is at rest.
+There is no regularised sign function, so nothing creeps: a shaft at rest does not move at all.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from liftgate_plant.compiler import compilable
 
 
 class DryFriction(NamedTuple):
-    """One shaft's law; torques in N m, speeds in the shaft's own unit."""
+    """Friction law of one shaft; torques in N m, speeds in the shaft's own unit."""
 
     coulomb: float
     static_ratio: float
@@ -25,7 +25,7 @@ class DryFriction(NamedTuple):
 
 @compilable
 def level(law: DryFriction, speed: float) -> float:
-    """The dry part's magnitude [N m] at a speed: the static level at rest, falling to Coulomb's."""
+    """Return the dry part's magnitude [N m] at a speed: the static level at rest, falling to Coulomb's."""
     if speed == 0.0:
         return law.coulomb * law.static_ratio
     if law.static_ratio == 1.0 or law.stribeck_speed == 0.0:
@@ -36,9 +36,9 @@ def level(law: DryFriction, speed: float) -> float:
 
 @compilable
 def soft_threshold(drive: float, limit: float) -> float:
-    """What is left of a driving torque after dry friction of that limit: exactly 0 within it.
+    """Return what is left of a driving torque after dry friction of that limit: exactly 0 within it.
 
-    Departure: (3.4) has sgn(0) = 0, no friction at rest; here it is all of −1 to 1.
+    Departure: (3.4) has sgn(0) = 0, no friction at rest; here it is the whole interval from −1 to 1.
     """
     if -limit <= drive <= limit:
         return 0.0
@@ -53,17 +53,17 @@ def turns(limit: float, start: float, end: float) -> bool:
 
 @compilable
 def turning_bias(limit: float, start: float, end: float) -> float:
-    """Mean dry torque of a step in which the speed passes zero."""
+    """Return the mean dry torque of a step in which the speed passes zero."""
     before = abs(start) / (abs(start - end) + limit)
     return math.copysign(limit, start) * (2.0 * before - 1.0)
 
 
 @compilable
 def breakaway(limit: float, start: float, final: float, decay: float, step: float) -> float:
-    """Mean dry torque [N m] of a step in which a resting shaft breaks loose.
+    """Return the mean dry torque [N m] of a step in which a resting shaft breaks loose.
 
-    The driving torque goes from `start` to `final` (both along the motion) with the winding's `decay` [1/s];
-    until it exceeds `limit`, friction is only what it takes to hold.
+    The driving torque goes from `start` to `final` (both along the motion) with the winding's `decay` [1/s]; until
+    it exceeds `limit`, friction is only what it takes to hold the shaft.
     """
     if start >= limit or final <= limit:
         return limit

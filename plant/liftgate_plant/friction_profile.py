@@ -1,11 +1,11 @@
-"""Friction over the spindle's travel and over a drive's life, by its nominal (table `[friction]`).
+"""Friction over the spindle's travel and over a drive's life, relative to its nominal (table `[friction]`).
 
     r(x) = (1 + a e^(−N/N_a) + b N/1000) (1 + σ_v v) (t(x/l_max) + ε cos(2π x/s_rev + ψ) + σ g(x))
 
-x is the travel [m], t the file's table, ε a spindle out of true, g a random profile of unit variance whose
-autocorrelation is e^(−(d/ℓ)²), N the cycles that the drive has done, v one normal number a run. What is random
-depends on the number of the profile (g, ψ) or on the run's seed (v), and on the drive. The form is an assumption:
-the thesis's friction is constant (3.3, 3.8, 3.11).
+x is the travel [m], t the file's table, ε the eccentricity of the spindle, g a random profile of unit variance
+with the autocorrelation e^(−(d/ℓ)²), N the number of cycles that the drive has done, v one normal random number
+per run. The random parts depend on the number of the profile (g, ψ) or on the run's seed (v), and on the drive.
+The form is an assumption: the thesis's friction is constant (3.3, 3.8, 3.11).
 
 The factors are tabulated before a run and looked up at the middle of each step.
 """
@@ -24,29 +24,29 @@ from liftgate_plant.noise import gaussian, uniform
 from liftgate_plant.transmission import Friction
 from liftgate_plant.vehicle import DriveTables, Vehicle
 
-LEAST = 0.05  # of the nominal: the other end of the tails of what is random
+LEAST = 0.05  # of the nominal, lower limit that cuts off the tails of the random parts
 MOST_PLACES = 200_000
-_BEYOND = 0.05  # of the travel, tabulated past both of its ends
-_FINE = 32  # places in a correlation length or a turn of the spindle
-_COARSE = 1000  # places over the travel at least
-_REACH = 3  # correlation lengths that the kernel of the random profile reaches
-_KNOTS = 4  # random numbers in a correlation length
+_BEYOND = 0.05  # share of the travel that is tabulated past both of its ends
+_FINE = 32  # points per correlation length or turn of the spindle
+_COARSE = 1000  # points over the travel at least, for a table
+_REACH = 3  # reach of the random profile's kernel, in correlation lengths
+_KNOTS = 4  # random numbers per correlation length
 
 
 class FrictionProfile(NamedTuple):
-    """Both drives' friction by its nominal, at places in equal distances."""
+    """Friction of both drives relative to its nominal, at equidistant points of the travel."""
 
-    start: float  # m, the first place
+    start: float  # m, travel at the first point
     spacing: float  # m
-    factor: NDArray[np.float64]  # (2, places); one place: everywhere the same
+    factor: NDArray[np.float64]  # (2, points); one point: constant over the travel
 
 
 @compilable
 def factor_at(profile: FrictionProfile, drive: int, place: float) -> float:
-    """The friction by its nominal at a travel [m], between the places on a straight line."""
+    """Return the friction relative to its nominal at a travel [m], linearly interpolated."""
     top = profile.factor.shape[1] - 1
     along = (place - profile.start) / profile.spacing
-    if not along > 0.0:  # NaN neither
+    if not along > 0.0:  # NaN included
         return float(profile.factor[drive, 0])
     if along >= top:
         return float(profile.factor[drive, top])
@@ -57,7 +57,7 @@ def factor_at(profile: FrictionProfile, drive: int, place: float) -> float:
 
 @compilable
 def frictions_in(profile: FrictionProfile, plant: Plant, state: State, step: float) -> Frictions:
-    """Of both drives during a step: where they are in its middle."""
+    """Return the friction of both drives during a step, looked up at their position in its middle."""
     return Frictions(
         factor_at(profile, 0, plant.left.travel * _middle(state.left, step)),
         factor_at(profile, 1, plant.right.travel * _middle(state.right, step)),
@@ -70,13 +70,13 @@ def _middle(drive: DriveState, step: float) -> float:
 
 
 def places_of(vehicle: Vehicle, travel: float) -> int:
-    """How many places it takes to tell the profiles of a vehicle apart over its travel [m]; at least one."""
+    """Return the number of points that resolve a vehicle's profiles over its travel [m]; at least one."""
     spacing = min(_spacing(vehicle.left, travel), _spacing(vehicle.right, travel))
     return 1 if spacing == math.inf else math.ceil((1.0 + 2.0 * _BEYOND) * travel / spacing) + 1
 
 
 def is_the_law(vehicle: Vehicle) -> bool:
-    """Whether friction is that of the law everywhere, in every run and at every age."""
+    """Whether friction follows the nominal law everywhere, in every run and at every age."""
     laws = (vehicle.left.friction, vehicle.right.friction)
     return all(
         not each.position_table
@@ -87,7 +87,7 @@ def is_the_law(vehicle: Vehicle) -> bool:
 
 
 def friction_profile(vehicle: Vehicle, plant: Plant, seed: int) -> FrictionProfile:
-    """The profiles of both drives in the run of that seed. Pure."""
+    """Return the profiles of both drives in the run with that seed. Pure."""
     stroke = plant.link.stroke
     count = places_of(vehicle, stroke)
     start, end = -_BEYOND * stroke, (1.0 + _BEYOND) * stroke
@@ -102,7 +102,7 @@ def friction_profile(vehicle: Vehicle, plant: Plant, seed: int) -> FrictionProfi
 
 
 def _spacing(tables: DriveTables, travel: float) -> float:
-    """The distance [m] of the places that a drive's profile takes; infinite: it is the same everywhere."""
+    """Return the spacing [m] of points that a drive's profile needs; infinite: it is the same everywhere."""
     own, least = tables.friction, math.inf
     if own.position_table:
         least = travel / _COARSE
@@ -114,7 +114,7 @@ def _spacing(tables: DriveTables, travel: float) -> float:
 
 
 def _life(own: Friction) -> float:
-    """What the cycles that the drive has done make of its friction."""
+    """Return the friction factor due to the cycles that the drive has done."""
     return (
         1.0 + own.run_in * math.exp(-own.cycles / own.run_in_cycles) + own.wear * own.cycles / 1000
     )
@@ -139,10 +139,10 @@ def _over_travel(
 
 
 def _random(places: NDArray[np.float64], number: int, drive: int) -> NDArray[np.float64]:
-    """Normal, of unit variance, and the same whichever places are asked for; in correlation lengths.
+    """Return a normal random profile of unit variance, at places in correlation lengths.
 
-    Random numbers at equal distances under a Gaussian kernel e^(−2 d²), whose square is the autocorrelation
-    e^(−d²) of what it makes of them.
+    It is the same whichever places are requested: random numbers at equal distances are filtered with a Gaussian
+    kernel e^(−2 d²), so that the result has the autocorrelation e^(−d²).
     """
     first = math.floor(places[0] * _KNOTS) - _REACH * _KNOTS
     last = math.ceil(places[-1] * _KNOTS) + _REACH * _KNOTS

@@ -1,6 +1,6 @@
-"""The gate on its hinge (3.15–3.27, 3.35–3.40); how it twists stands in `torsion`.
+"""The gate on its hinge (3.15–3.27, 3.35–3.40); `torsion` describes how it twists.
 
-In the closed position: H hinge, CP actuator on the body, AP actuator on the gate, GP centre of gravity.
+Points in the closed position: H hinge, CP actuator on the body, AP actuator on the gate, GP centre of gravity.
 
     l(φ)² = s² + r_AP0² − 2 s r_AP0 cos(φ + θ)          r_AP(φ) = dl/dφ = s r_AP0 sin(φ + θ)/l(φ)
     M_W   = m g r_GP0 cos(φ + β − α_0 + γ)              J_L = m (L_L² + T²)/12 + m r_GP0²
@@ -16,14 +16,14 @@ from typing import Annotated, NamedTuple
 from liftgate_plant.compiler import compilable
 from liftgate_plant.quantity import Quantity
 
-GRAVITY = 9.81  # m/s², as in plant-model: gate
+GRAVITY = 9.81  # m/s²
 
 Point = tuple[float, float]
 _METRES = Quantity("", "m", -10.0, 10.0, "[x, y] in the closed position, x rearward, y up")
 
 
 class Gate(NamedTuple):
-    """Table `[gate]`."""
+    """Table `[gate]` of the vehicle file."""
 
     mass: Annotated[float, Quantity("m", "kg", 0.1, 1e3, "gate without the drives")]
     length: Annotated[float, Quantity("L_L", "m", 0.01, 10.0, "of the plate")]
@@ -56,7 +56,7 @@ class Gate(NamedTuple):
 
 
 class Linkage(NamedTuple):
-    """What the points say about lengths and angles (3.19–3.23, 3.29)."""
+    """Lengths and angles that follow from the points (3.19–3.23, 3.29)."""
 
     body_radius: float  # s
     gate_radius: float  # r_AP0
@@ -69,8 +69,9 @@ class Linkage(NamedTuple):
 
 @compilable
 def linkage(gate: Gate) -> Linkage:
-    """The constant geometry: lengths and angles of the vectors to AP and GP (3.22, 3.23, 3.27–3.29); the hinge is
-    the origin of the rest (3.38).
+    """Return the constant geometry: lengths and angles of the vectors to AP and GP (3.22, 3.23, 3.27–3.29).
+
+    The hinge is the origin of all other points (3.38).
     """
     hx, hy = gate.hinge
     ax, ay = gate.gate_point[0] - hx, gate.gate_point[1] - hy
@@ -78,7 +79,7 @@ def linkage(gate: Gate) -> Linkage:
     gx, gy = gate.gravity_point[0] - hx, gate.gravity_point[1] - hy
     s = math.hypot(cx, cy)
     r = math.hypot(ax, ay)
-    # From both vectors at once, so that no point may lie on a branch cut of atan2.
+    # Computed from both vectors at once, so that no point can lie on a branch cut of atan2.
     theta = math.atan2(cx * ay - cy * ax, cx * ax + cy * ay)
     closed = length(s, r, theta, 0.0)
     return Linkage(
@@ -94,26 +95,29 @@ def linkage(gate: Gate) -> Linkage:
 
 @compilable
 def length(s: float, r: float, theta: float, angle: float) -> float:
-    """l(φ) [m], hinge to hinge of the actuator, by the law of cosines (3.19) for (3.37, 3.39)."""
+    """Return the actuator's length l(φ) [m], joint to joint, by the law of cosines (3.19) for (3.37, 3.39)."""
     return math.sqrt(s * s + r * r - 2.0 * s * r * math.cos(angle + theta))
 
 
 @compilable
 def extension(link: Linkage, angle: float) -> float:
-    """l_S(φ) = l(φ) − l_0 [m]."""
+    """Return the actuator's extension l_S(φ) = l(φ) − l_0 [m]."""
     return length(link.body_radius, link.gate_radius, link.offset, angle) - link.closed_length
 
 
 @compilable
 def lever(link: Linkage, angle: float) -> float:
-    """r_AP(φ) = dl/dφ [m] (3.35, 3.40), the size of (3.33) by the spring's force: r_AP × d̂ of (3.30)."""
+    """Return the lever arm r_AP(φ) = dl/dφ [m] (3.35, 3.40).
+
+    It is the magnitude of (3.33) divided by the spring's force: r_AP × d̂ of (3.30).
+    """
     s, r = link.body_radius, link.gate_radius
     return s * r * math.sin(angle + link.offset) / length(s, r, link.offset, angle)
 
 
 @compilable
 def angle_of_extension(link: Linkage, extended: float) -> float:
-    """φ [rad] at l_S = `extended` (3.20)."""
+    """Return φ [rad] at l_S = `extended` (3.20)."""
     s, r = link.body_radius, link.gate_radius
     total = link.closed_length + extended
     return math.acos((s * s + r * r - total * total) / (2.0 * s * r)) - link.offset
@@ -121,7 +125,7 @@ def angle_of_extension(link: Linkage, extended: float) -> float:
 
 @compilable
 def inertia(gate: Gate, link: Linkage) -> float:
-    """J_L [kg m²] about the hinge (3.18), unless the file gives it."""
+    """Return J_L [kg m²] about the hinge (3.18), unless the file gives it."""
     if gate.inertia > 0.0:
         return gate.inertia
     plate = (gate.length * gate.length + gate.thickness * gate.thickness) / 12.0
@@ -130,7 +134,8 @@ def inertia(gate: Gate, link: Linkage) -> float:
 
 @compilable
 def weight_torque(moment: float, link: Linkage, angle: float, slope: float) -> float:
-    """M_W [N m], the size of (3.24): (3.26) with (3.21). `moment` = m g r_GP0, road `slope` γ positive with the
-    rear raised.
+    """Return M_W [N m], the magnitude of (3.24): (3.26) with (3.21).
+
+    `moment` is m g r_GP0, `slope` the road's slope γ, positive with the rear raised.
     """
     return moment * math.cos(angle + link.gravity_angle + slope)

@@ -1,4 +1,4 @@
-"""The gate over a step: where it goes, and the mean torques of what touches it, linear in its rate at the end."""
+"""The gate over a step: its path, and the mean torques of its contacts, linear in its rate at the end."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from liftgate_plant.torsion import Torsion
 
 
 class Midpoint(NamedTuple):
-    """The gate's path at one of its sides or in its middle: lever [m] and extension l_S [m] at half the step, and
-    the extension at its start.
+    """Path of the gate at one of its sides or in its middle.
+
+    Holds lever [m] and extension l_S [m] at half the step, and the extension at its start.
     """
 
     lever: float
@@ -25,8 +26,9 @@ class Midpoint(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The gate at one of its sides or where a contact is: angle [rad] and rate [rad/s] at the start, the rate at
-    the end, and the inertia [kg m²] that it has there.
+    """Motion of the gate at one of its sides or at a contact.
+
+    Holds angle [rad] and rate [rad/s] at the start, the rate at the end, and the effective inertia [kg m²] there.
     """
 
     angle: float
@@ -37,13 +39,13 @@ class Motion(NamedTuple):
 
 @compilable
 def halfway(start: float, rate: float, rate_end: float, step: float) -> float:
-    """Where what starts there is at half the step, its rate on a straight line."""
+    """Return the position at half the step, from that at its start and a linearly changing rate."""
     return start + 0.125 * step * (3.0 * rate + rate_end)
 
 
 @compilable
 def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
-    """Lever and extensions along the path."""
+    """Return lever and extensions along the path."""
     middle = halfway(motion.angle, motion.rate, motion.rate_end, step)
     return Midpoint(
         gate.lever(link, middle), gate.extension(link, middle), gate.extension(link, motion.angle)
@@ -54,8 +56,9 @@ def middle_of(link: Linkage, motion: Motion, step: float) -> Midpoint:
 def at_side(
     own: Motion, state: State, twist_rate_end: float, torsion: Torsion, share: float
 ) -> Motion:
-    """The gate's motion at the lateral position y, `share` = y/w; it is lighter there by what the twist gives.
-    The twist's rate [rad/s] at the end is a guess.
+    """Return the gate's motion at the lateral position y, `share` = y/w.
+
+    The twist reduces the effective inertia there. The twist's rate [rad/s] at the end is a guess.
     """
     return Motion(
         own.angle + share * state.twist,
@@ -75,7 +78,10 @@ def gate_contact(
     motion: Motion,
     step: float,
 ) -> LinearizedForce:
-    """Mean torque of a contact on the gate, linear in ω1: its depth shrinks by lever · ω, its arm is `arm`."""
+    """Return the mean torque of a contact on the gate, linear in ω1.
+
+    The contact's depth shrinks by lever · ω, and its force acts at `arm`.
+    """
     if stiffness == 0.0:
         return LinearizedForce(0.0, 0.0)
     mobility = lever * arm / motion.inertia
@@ -89,7 +95,7 @@ def gate_contact(
 def stop_contacts(
     drive: Drive, middle: Midpoint, stroke: float, side: Motion, step: float
 ) -> LinearizedForce:
-    """Mean torque of one drive's two end stops."""
+    """Return the mean torque of one drive's two end stops."""
     if drive.active == 0.0:
         return LinearizedForce(0.0, 0.0)
     k, c, r = drive.spring.stop_stiffness, drive.spring.stop_damping, middle.lever
@@ -102,8 +108,9 @@ def stop_contacts(
 def home_contacts(
     plant: Plant, state: State, middle: Midpoint, own: Motion, cinched: float, step: float
 ) -> LinearizedForce:
-    """Mean torque of what is at the closed gate: seal, and the latch's claw and hook, which a cinching motor draws
-    home.
+    """Return the mean torque of the contacts at the closed gate: seal, and the latch's claw and hook.
+
+    A cinching motor may draw the hook home.
     """
     depth = seal.depth(plant.seal, middle.extension)
     rubber = gate_contact(plant.seal.stiffness, 0.0, depth, middle.lever, plant.seal.arm, own, step)
@@ -124,8 +131,10 @@ def home_contacts(
 def hook_contact(
     claw: Claw, caught: LatchState, own: Motion, cinched: float, step: float
 ) -> LinearizedForce:
-    """Mean torque of the latch's hook. While the cinching motor pulls, and neither stalls nor goes without load,
-    motor and hook are one body that gives way; else the hook goes with the motor's mean speed.
+    """Return the mean torque of the latch's hook.
+
+    While the cinching motor pulls, neither stalled nor without load, motor and hook are one body that yields;
+    otherwise the hook moves with the motor's mean speed.
     """
     r, bent = claw.distance, latch.bent_by(claw, caught, own.angle)
     speed = 0.0
@@ -146,7 +155,7 @@ def hook_contact(
 
 @compilable
 def pinch_contact(body: Obstacle, place: Motion, step: float) -> LinearizedForce:
-    """Mean torque of an obstacle on the gate where it is."""
+    """Return the mean torque of an obstacle on the gate, with the gate's motion at the obstacle."""
     depth = obstacle.depth(body, place.angle)
     arm = body.direction * body.distance
     return gate_contact(body.stiffness, body.damping, depth, arm, arm, place, step)
@@ -161,8 +170,10 @@ def side_torque(
     stops: LinearizedForce,
     ambient: float,
 ) -> LinearizedForce:
-    """Mean torque of drive, spring and stops on one side of the gate (3.32, 3.34), linear in its rate at the end;
-    what the drive's own new speed adds is in its equation.
+    """Return the mean torque of drive, spring and stops on one side of the gate (3.32, 3.34).
+
+    It is linear in the gate's rate at the end; the contribution of the drive's own new speed is in the drive's
+    equation.
     """
     r = middle.lever
     force = push.constant + dynamics.spring_force(drive, link, middle.halfway, ambient)

@@ -1,13 +1,12 @@
-"""Hall sensors A and B on the motor's shaft, and what an ECU's timer and decoder make of their edges.
+"""Hall sensors A and B on the motor's shaft, and how an ECU's timer and decoder evaluate their edges.
 
     shaft → magnet wheel → square waves of A and B → quadrature decoder → count → speed
                                                    → capture of each edge's time → period
 
 One electrical turn, a pair of poles, is four edges: A rises, B rises, A falls, B falls while the gate opens.
-What is broken there lies between the waves and the decoder. Edges lie half a step beside whole ones, or where the
-magnet wheel and the two sensors have them. Within a tick the
-shaft moves as the solver has it, its speed on a straight line, so that an edge's time is the root of a quadratic:
-the same edges, whatever the tick.
+Faults act between the waves and the decoder. Edges lie half a step beside whole steps, or where the magnet wheel
+and the two sensors place them. Within a tick the shaft moves as in the solver, with a linearly changing speed, so
+that an edge's time is the root of a quadratic: the edges are the same, whatever the tick.
 """
 
 from __future__ import annotations
@@ -27,85 +26,87 @@ A, B = 0, 1
 
 EDGE = np.dtype(
     [
-        ("time_s", "f8"),  # model time
+        ("time_s", "f8"),  # s, model time of the edge
         ("drive", "i8"),  # LEFT, RIGHT
         ("channel", "i8"),  # A, B
-        ("level", "i8"),  # after the edge
+        ("level", "i8"),  # level after the edge, 0 or 1
     ]
 )
 
 _EDGES_OF_A_TURN = 4
-_MOST_EDGES = 2**17  # of a drive in a tick; 1e4 counts a turn at 1300 rev/s have 130,000 in 10 ms
-RING_SIZE = 4 * _MOST_EDGES  # of a ring that loses none: twice what a tick may bring
-_FARTHEST = 1e12  # steps; a count beyond it does not fit into 64 bits
-MOST_DISPLACED = 0.45  # steps; edges farther out would overtake each other
-_JITTER, _PITCH, _MISSING, _EXTRA = 8, 10, 16, 18  # channels of the noise, + drive
+_MOST_EDGES = (
+    2**17
+)  # edges of a drive in a tick; 1e4 counts a turn at 1300 rev/s make 130,000 in 10 ms
+RING_SIZE = 4 * _MOST_EDGES  # size of a ring that loses no edges: twice what a tick may add
+_FARTHEST = 1e12  # steps; positions beyond it are ignored, so that counts fit into 64 bits
+MOST_DISPLACED = 0.45  # steps; edges displaced farther would overtake each other
+_JITTER, _PITCH, _MISSING, _EXTRA = 8, 10, 16, 18  # channels of the noise, plus the drive's number
 
 
 class Encoder(NamedTuple):
     """A magnet wheel with its two sensors; lengths in steps, of which an electrical turn has four."""
 
     counts: float  # steps per motor revolution
-    pitch: float  # σ of where the boundary between two poles is
-    phase: float  # by how much B lags its place behind A
-    high: float  # by how much the high part of both waves is longer than half
-    hysteresis: float  # width between the edges of one way and of the other
+    pitch: float  # σ of the boundary between two poles
+    phase: float  # lag of B beyond its nominal place behind A
+    high: float  # excess length of the high part of both waves over half
+    hysteresis: float  # distance between the edges of both directions
     jitter: float  # σ of every single edge
-    wheel: int  # which wheel of the production: another one has other poles
+    wheel: int  # number of the individual wheel, which determines its poles
     is_ideal: bool
 
 
 class Shaft(NamedTuple):
-    """Where a motor's shaft is [rev] and how fast it turns [rev/s]."""
+    """Position [rev] and speed [rev/s] of a motor's shaft."""
 
     position: float
     speed: float
 
 
 class Tick(NamedTuple):
-    """A reading's time: the tick's begin [s] and length [s], and what its random errors are drawn from."""
+    """Time of a reading: begin [s] and length [s] of the tick, and the seed of its random errors."""
 
     begin: float
     length: float
     seed: int
-    is_sample: bool  # a sample period of the Hall speed ends with it
+    is_sample: bool  # whether a sample period of the Hall speed ends with this tick
 
 
 class EdgeRing(NamedTuple):
-    """The last edges of both drives; written in place."""
+    """Ring buffer of both drives' last edges; written in place."""
 
     rows: Any  # (n,) EDGE
-    written: NDArray[np.int64]  # (1,) edges so far
+    written: NDArray[np.int64]  # (1,), number of edges so far
 
 
-# The Hall sensors of one drive: the decoder's side, and what an ECU's timer has captured. Written in place, so
-# that a tick without an edge touches next to nothing.
+# Hall sensors of one drive: state of the decoder, and what an ECU's timer has captured. Written in place, so
+# that a tick without an edge touches almost nothing.
 HALL = np.dtype(
     [
-        ("position", "f8"),  # of the shaft at the last reading, rev
-        ("motor_speed", "f8"),  # then, rev/s
-        ("step", "i8"),  # where the magnet wheel is, in steps of the square waves
+        ("position", "f8"),  # rev, of the shaft at the last reading
+        ("motor_speed", "f8"),  # rev/s, at the last reading
+        ("step", "i8"),  # position of the magnet wheel, in steps of the square waves
         ("a", "i8"),  # the levels that the decoder saw last
         ("b", "i8"),
-        ("count", "i8"),  # what it has counted
+        ("count", "i8"),  # count of the decoder
         ("sampled", "i8"),  # the count at the start of the present sample period
         ("speed", "i8"),  # counts in the last sample period
-        ("edges", "i8"),  # so far
-        ("run", "i8"),  # edges in a row in one direction, with the direction's sign
-        ("last", "f8"),  # times of the last four edges, the newest first, s of the model
+        ("edges", "i8"),  # number of edges so far
+        ("run", "i8"),  # number of consecutive edges in one direction, with its sign
+        ("last", "f8"),  # s, model times of the last four edges, the newest first
         ("second", "f8"),
         ("third", "f8"),
         ("fourth", "f8"),
-        ("period", "f8"),  # of the last full electrical turn, s; 0: none yet
-        ("period_speed", "f8"),  # by it, rev/s
-        ("wiring", "i8"),  # what sticks or is swapped; 0: nothing
-        ("drawn", "i8"),  # random numbers drawn for what was
+        ("period", "f8"),  # s, of the last full electrical turn; 0: none yet
+        ("period_speed", "f8"),  # rev/s, by this period
+        ("wiring", "i8"),  # code of stuck and swapped sensors; 0: none
+        ("drawn", "i8"),  # number of random numbers drawn for missing and extra edges
     ]
 )
 
 
 class Leg(NamedTuple):
-    """A part of a tick in which the shaft turns one way; positions in steps, times in s since the tick's begin."""
+    """Part of a tick in which the shaft turns one way; positions in steps, times in s since the tick's begin."""
 
     start: float
     end: float
@@ -114,7 +115,7 @@ class Leg(NamedTuple):
 
 
 class Path(NamedTuple):
-    """The shaft's way over a tick: start + speed t + ½ acceleration t²; in steps and s."""
+    """Motion of the shaft over a tick: start + speed t + ½ acceleration t²; in steps and s."""
 
     start: float
     speed: float
@@ -123,20 +124,23 @@ class Path(NamedTuple):
 
 @compilable
 def ideal_count(counts: float, position: float) -> int:
-    """A perfect encoder's count at a motor position [rev]; its edges lie half a count beside whole positions."""
+    """Return a perfect encoder's count at a motor position [rev].
+
+    Its edges lie half a count beside whole positions.
+    """
     return math.floor(position * counts + 0.5)
 
 
 @compilable
 def hall_levels(step: int) -> tuple[int, int]:
-    """Hall A and B (0 or 1) at a step of the shaft: Gray code, A leads B while opening."""
+    """Return Hall A and B (0 or 1) at a step of the shaft: Gray code, A leads B while opening."""
     phase = step % _EDGES_OF_A_TURN
     return (1 if 1 <= phase <= 2 else 0), (1 if phase >= 2 else 0)
 
 
 @compilable
 def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
-    """What a quadrature decoder counts for a change of levels: 1 up, −1 down, 0 for none or both at once."""
+    """Return what a quadrature decoder counts for a change of levels: 1, −1, or 0 for none or both at once."""
     phase_before = 2 * before_b + (before_a ^ before_b)
     phase = 2 * b + (a ^ b)
     way = (phase - phase_before) % 4
@@ -147,8 +151,9 @@ def decoded(before_a: int, before_b: int, a: int, b: int) -> int:
 
 @compilable
 def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, edges: int) -> float:
-    """How far [steps] the edge between step `edge` and the next lies beside its place, for a shaft that turns that
-    way (1 opens, −1).
+    """Return how far [steps] the edge between step `edge` and the next lies from its nominal place.
+
+    `way` is the direction in which the shaft turns (1 opens, −1 closes).
     """
     if encoder.is_ideal:
         return 0.0
@@ -159,7 +164,9 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
         moved += encoder.pitch * gaussian(encoder.wheel, boundary % poles, _PITCH + drive)
     if channel == B:
         moved += encoder.phase
-    moved += 0.5 * encoder.high if boundary % 2 == 1 else -0.5 * encoder.high  # falls later
+    moved += (
+        0.5 * encoder.high if boundary % 2 == 1 else -0.5 * encoder.high
+    )  # rises earlier, falls later
     moved += 0.5 * encoder.hysteresis * way
     if encoder.jitter > 0.0:
         moved += encoder.jitter * gaussian(seed, edges, _JITTER + drive)
@@ -167,15 +174,16 @@ def displacement(encoder: Encoder, edge: int, way: int, drive: int, seed: int, e
 
 
 def farthest(encoder: Encoder) -> float:
-    """How far [steps] an edge may lie beside its place, random parts with 3 σ of them."""
+    """Return how far [steps] an edge may lie from its nominal place, with random parts taken at 3 σ."""
     fixed = abs(encoder.phase) + 0.5 * abs(encoder.high) + 0.5 * encoder.hysteresis
     return fixed + 3.0 * math.hypot(encoder.pitch, encoder.jitter)
 
 
 @compilable
 def capture(hall: Any, counts: float, way: int, time: float) -> None:
-    """Take an edge at a time [s], of so many a revolution, into the timer of a HALL row. A period is told once
-    five edges came in one direction.
+    """Capture an edge at `time` [s] in the timer of a HALL row; `counts` edges make a revolution.
+
+    A period is reported once five edges came in one direction.
     """
     hall.edges += 1
     hall.run = hall.run + way if hall.run * way > 0 else way
@@ -189,8 +197,9 @@ def capture(hall: Any, counts: float, way: int, time: float) -> None:
 
 @compilable
 def period_speed(hall: Any, now: float) -> float:
-    """The shaft's speed [rev/s] by the last full electrical turn; at a time [s] that is farther from the last edge
-    than that turn took, by the time since then.
+    """Return the shaft's speed [rev/s] by the last full electrical turn.
+
+    If at `now` [s] more time than that turn took has passed since the last edge, this time replaces the turn's.
     """
     age = now - hall.last
     if age <= hall.period or hall.period == 0.0:
@@ -200,7 +209,7 @@ def period_speed(hall: Any, now: float) -> float:
 
 @compilable
 def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int) -> None:
-    """Write an edge into the ring."""
+    """Write an edge into the ring buffer."""
     row = ring.rows[ring.written[0] % len(ring.rows)]
     row.time_s = time
     row.drive = drive
@@ -211,14 +220,14 @@ def write_edge(ring: EdgeRing, time: float, drive: int, channel: int, level: int
 
 @compilable
 def note_edge(ring: EdgeRing, time: float, drive: int, edge: int, way: int) -> None:
-    """Write an edge of the magnet wheel into the ring."""
+    """Write an edge of the magnet wheel into the ring buffer."""
     rises = 1 if edge % _EDGES_OF_A_TURN < 2 else 0
     write_edge(ring, time, drive, edge % 2, rises if way > 0 else 1 - rises)
 
 
 @compilable
 def wire_levels(fault: HallFault, step: int) -> tuple[int, int]:
-    """The levels on the wires of A and B at a step of the shaft."""
+    """Return the levels on the wires of A and B at a step of the shaft, under the fault."""
     a, b = hall_levels(step)
     if not np.isnan(fault.level_a):
         a = int(fault.level_a)
@@ -229,7 +238,7 @@ def wire_levels(fault: HallFault, step: int) -> tuple[int, int]:
 
 @compilable
 def wiring_of(fault: HallFault) -> int:
-    """What of a fault the levels on the wires depend on, as a number; 0: nothing is wrong with them."""
+    """Return a number for the part of a fault that changes the levels on the wires; 0: none."""
     wiring = 0 if np.isnan(fault.level_a) else 1 + int(fault.level_a)
     wiring += 0 if np.isnan(fault.level_b) else 3 + 3 * int(fault.level_b)
     return wiring + (9 if fault.swapped != 0.0 else 0)
@@ -239,8 +248,9 @@ def wiring_of(fault: HallFault) -> int:
 def see(
     hall: Any, counts: float, channel: int, a: int, b: int, time: float, drive: int, ring: EdgeRing
 ) -> None:
-    """What decoder and timer make of an edge on a wire at a time [s], after which the levels are these: where both
-    have changed since they last saw one, the decoder counts none.
+    """Process an edge on a wire at `time` [s], after which the levels are `a` and `b`, in decoder and timer.
+
+    Where both levels have changed since the last edge, the decoder counts none.
     """
     if a == hall.a and b == hall.b:
         return
@@ -258,7 +268,7 @@ def see(
 def extra_edges(
     fault: HallFault, hall: Any, counts: float, tick: Tick, drive: int, ring: EdgeRing
 ) -> None:
-    """Edges that no shaft makes; their mean is the fault's rate."""
+    """Generate spurious edges, whose mean rate is that of the fault."""
     count = fault.extra * tick.length
     drawn = uniform(tick.seed ^ int(fault.seed), hall.drawn, _EXTRA + drive)
     edges = int(count + drawn)
@@ -269,7 +279,7 @@ def extra_edges(
             a = 1 - a
         else:
             b, channel = 1 - b, B
-        # Spread over what is left of the tick behind the shaft's own.
+        # Spread over the rest of the tick after the shaft's own edges.
         last, end = max(float(hall.last), tick.begin), tick.begin + tick.length
         see(hall, counts, channel, a, b, last + (end - last) / (edges - k + 1), drive, ring)
     hall.drawn += 1
@@ -277,8 +287,10 @@ def extra_edges(
 
 @compilable
 def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
-    """The way from one reading to the next, with the positions of both and the change of speed between them; even
-    where these would make a shaft turn back that does not, as one that stops early in the tick.
+    """Return the shaft's motion between two readings, from both positions and the change of speed.
+
+    The speed is constant where the shaft would otherwise turn back although it does not, such as one that stops
+    early in the tick.
     """
     start, end = before.position * encoder.counts + 0.5, now.position * encoder.counts + 0.5
     per_length = 1.0 / length
@@ -292,11 +304,11 @@ def path_of(encoder: Encoder, before: Shaft, now: Shaft, length: float) -> Path:
 
 @compilable
 def crossing(path: Path, leg: Leg, place: float) -> float:
-    """When the shaft passes a place within a leg [s since the tick's begin]."""
+    """Return when [s since the tick's begin] the shaft passes a place within a leg."""
     way = place - path.start
     root = math.sqrt(max(0.0, path.speed * path.speed + 2.0 * path.acceleration * way))
     final = root if leg.end > leg.start else -root
-    # Of the two forms the one that does not cancel.
+    # Of the two forms of the root, the one without cancellation.
     if path.speed * final >= 0.0:
         below = path.speed + final
         time = 2.0 * way / below if below != 0.0 else leg.start_time
@@ -316,7 +328,7 @@ def along(
     drive: int,
     ring: EdgeRing,
 ) -> None:
-    """Take the Hall sensors to the end of a leg: decoder and timer see every edge, one after the other."""
+    """Advance the Hall sensors to the end of a leg; decoder and timer process its edges one after the other."""
     way = 1 if leg.end > leg.start else -1
     while True:
         edge = int(hall.step) if way > 0 else int(hall.step) - 1
@@ -351,7 +363,7 @@ def move(
     drive: int,
     ring: EdgeRing,
 ) -> None:
-    """Take the Hall sensors along the shaft's way over a tick, which may turn round once."""
+    """Advance the Hall sensors along the shaft's motion over a tick, which may reverse once."""
     end = now.position * encoder.counts + 0.5
     if (
         encoder.is_ideal
@@ -360,7 +372,9 @@ def move(
     ):
         return
     path = path_of(encoder, Shaft(hall.position, hall.motor_speed), now, tick.length)
-    if abs(end - path.start) > _MOST_EDGES:  # no motor: a state that was set, or has diverged
+    if (
+        abs(end - path.start) > _MOST_EDGES
+    ):  # too far for a motor: the state was set, or has diverged
         step = math.floor(end)
         hall.count += step - hall.step
         hall.edges += abs(step - hall.step)
@@ -392,13 +406,14 @@ def read_hall(
     drive: int,
     ring: EdgeRing,
 ) -> None:
-    """Take a drive's Hall sensors, of (2,) HALL, to the end of a tick; at the end of a sample period the speed is
-    the counts during it.
+    """Advance the Hall sensors of one drive, out of (2,) HALL, to the end of a tick.
+
+    At the end of a sample period the speed is the number of counts during it.
     """
     hall = halls[drive]
     if fault.is_on != 0.0 or hall.wiring != 0:
         wiring = wiring_of(fault)
-        if wiring != hall.wiring:  # what sticks, and what is mended, changes the level on the wire
+        if wiring != hall.wiring:  # a fault that begins or ends changes the levels on the wires
             hall.wiring = wiring
             a, b = wire_levels(fault, hall.step)
             see(hall, encoder.counts, A, a, hall.b, tick.begin, drive, ring)
@@ -414,7 +429,7 @@ def read_hall(
 
 
 def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
-    """Hall sensors (2,) HALL before the first tick; the decoders have counted from position 0."""
+    """Return Hall sensors (2,) HALL before the first tick; the decoders have counted from position 0."""
     halls = np.zeros(2, dtype=HALL).view(np.recarray)
     for drive, (hall, shaft) in enumerate(zip(halls, (left, right), strict=True)):
         count = _first_step(encoder, shaft.position, drive)
@@ -425,8 +440,10 @@ def initial_halls(encoder: Encoder, left: Shaft, right: Shaft) -> Any:
 
 
 def _first_step(encoder: Encoder, position: float, drive: int) -> int:
-    """The step that a shaft [rev] is on between the edges as they lie; between those of both ways it was opened
-    last. Jitter is of edges that come.
+    """Return the step on which a shaft [rev] stands between the displaced edges.
+
+    Where the edges of both directions differ, it is taken to have opened last. Jitter is left out, as it belongs
+    to edges still to come.
     """
     still = encoder._replace(jitter=0.0)
     step, place = ideal_count(encoder.counts, position), position * encoder.counts + 0.5
@@ -436,17 +453,20 @@ def _first_step(encoder: Encoder, position: float, drive: int) -> int:
 
 
 def edge_ring(size: int) -> EdgeRing:
-    """An empty ring for the last so many edges."""
+    """Return an empty ring buffer for the last `size` edges."""
     return EdgeRing(np.zeros(size, dtype=EDGE).view(np.recarray), np.zeros(1, dtype=np.int64))
 
 
 def edges_after(ring: EdgeRing, seen: int) -> Any:
-    """The edges (n,) EDGE of the ticks after so many edges, in the order of time, a copy. Raises ValueError where
-    the ring has lost some.
+    """Return the edges (n,) EDGE of the ticks after the first `seen` edges, in the order of time, as a copy.
+
+    Raises ValueError where the ring has lost some.
     """
     written = int(ring.written[0])
     if written - seen > len(ring.rows):
         raise ValueError(f"{written - seen} edges in a ring of {len(ring.rows)}")
     places = np.arange(seen, written) % len(ring.rows)
     rows = ring.rows[places]
-    return rows[np.argsort(rows.time_s, kind="stable")]  # a tick has one drive's after the other's
+    return rows[
+        np.argsort(rows.time_s, kind="stable")
+    ]  # within a tick, one drive's edges come after the other's

@@ -1,4 +1,4 @@
-"""The states in which a run begins."""
+"""Initial conditions: the states in which a run begins."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import DriveState, Load, Plant, State, gate_torque
 from liftgate_plant.latch import at_first
 
-_REACH = 0.02  # m about home in which hook and seal are in balance
+_REACH = (
+    0.02  # m, margin beyond the full position in which the equilibrium of hook and seal is searched
+)
 
 
 @compilable
 def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> State:
-    """At rest at `angle` [rad], each drive in the middle of its play, warm as the surroundings."""
+    """Return the state at rest at `angle` [rad]: drives in the middle of their play, all at ambient."""
     ambient = plant.environment.ambient_temperature
     extended = gate.extension(plant.link, angle)
     left = plant.left.active * extended / plant.left.travel
@@ -30,7 +32,10 @@ def initial_state(plant: Plant, angle: float = 0.0, latched: float = 0.0) -> Sta
 
 
 def closed_state(plant: Plant, load: Load) -> State:
-    """Fully latched and at rest: at φ = 0, or where a latch as built has seal, weight and hook in balance."""
+    """Return the fully latched state at rest.
+
+    It is at φ = 0, or, for a latch with positions, where seal, weight and hook are in balance.
+    """
     if plant.latch.half == 0.0:
         return initial_state(plant, 0.0, 1.0)
     reach = (plant.latch.full + _REACH) / plant.latch.distance

@@ -1,17 +1,17 @@
-"""The fixed-step solver: one step, no substeps, stable from 10 µs to 5 ms.
+"""Fixed-step solver: one step, no substeps, stable from 10 µs to 5 ms.
 
-The winding (62 µs) is solved in closed form for a speed that changes on a straight line; its mean torque is
-then linear in the drive's new speed n1. Every contact's mean force over the step is linear in n1 and in the
-gate's new rate ω1 (`contact.push`, over the part of the step in which the contact is closed). So momentum
-over the step reads, for each drive and for the gate,
+The winding (62 µs) is solved in closed form for a speed that changes linearly; its mean torque is then linear in
+the drive's new speed n1. Every contact's mean force over the step is linear in n1 and in the gate's new rate ω1
+(`contact.push`, over the part of the step in which the contact is closed). So the momentum balances over the step
+read, for each drive and for the gate,
 
     A_d n1 = R_d + B_d (ω1 ± ψ̇1) − τ_d Sgn(n1)
     P ω1 + M ψ̇1 = Q + Σ_d C_d n1_d − τ_h Sgn(ω1)
-    M ω1 + N ψ̇1 = T + C_l n1_l − C_r n1_r                    of a gate that twists
+    M ω1 + N ψ̇1 = T + C_l n1_l − C_r n1_r                    for a gate that twists
 
-with set-valued friction: `solve_speeds` finds its one solution, in which a held shaft has exactly n1 = 0.
-When a contact closes inside the step and the middle of the path follow from a guess of the new speeds: a
-first pass with the old speeds as the guess, a second with the first's result. Second order in the step.
+with set-valued friction: `solve_speeds` finds the unique solution, in which a held shaft has exactly n1 = 0. The
+instant at which a contact closes inside the step, and the midpoint of the path, follow from a guess of the new
+speeds: the first pass uses the old speeds, the second the first's result. Second order in the step.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ from liftgate_plant.gate_step import (
 from liftgate_plant.torsion import is_rigid, share_at, twist_momentum
 
 PASSES = 2
-_PASSES_SLIPPING = 3  # of a step in which a clutch slips
-_MOST_PASSES = 5  # of one in which the latch catches the gate
+_PASSES_SLIPPING = 3  # passes of a step in which a clutch slips
+_MOST_PASSES = 5  # passes of a step in which the latch catches the gate, the most of any step
 
 
 class Speeds(NamedTuple):
-    """The unknowns of a step."""
+    """Unknowns of a step: the new speeds of both drives, and the new rates of gate and twist."""
 
     left: float
     right: float
@@ -63,14 +63,14 @@ class Speeds(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """What both currents did during a step."""
+    """Course of both motor currents during a step."""
 
     left: CurrentPath
     right: CurrentPath
 
 
 class GateMomentum(NamedTuple):
-    """What the gate's momentum over the step says of ω1 and ψ̇1, without the drives' new speeds:
+    """Momentum balance of the gate over the step in ω1 and ψ̇1, without the drives' new speeds.
 
     rate ω1 + cross ψ̇1 = constant − τ_h Sgn(ω1),    cross ω1 + twist ψ̇1 = twist_constant;    twist 0: rigid
     """
@@ -91,12 +91,12 @@ def solve_speeds(
     held: bool,
     guess: Speeds,
 ) -> Speeds:
-    """The new speeds under set-valued friction.
+    """Return the new speeds under set-valued friction.
 
-    Eliminating the drives and the twist leaves one monotone, piecewise linear equation in ω1; which drives slide
-    is updated until it no longer changes. A drive that would slide the other way is tried at rest first, as the
-    solution of a monotone equation lies between: sliding one way and the other would follow each other for ever
-    where a great friction holds it. A held gate's rate is that of the guess.
+    Eliminating the drives and the twist leaves one monotone, piecewise linear equation in ω1; the set of sliding
+    drives is updated until it no longer changes. A drive that would slide the other way is tried at rest first,
+    since the solution of a monotone equation lies in between: otherwise both directions would alternate forever
+    where a large friction holds it. The rate of a held gate is that of the guess.
     """
     rate, twist = guess.rate, guess.twist_rate
     rigid = body.twist == 0.0
@@ -147,9 +147,9 @@ def new_speeds(
     held: bool,
     step: float,
 ) -> tuple[Speeds, Slips]:
-    """One pass: linearise about the guess, solve. Also which clutches would have slipped with these speeds.
+    """Run one pass: linearise about the guess and solve; also find which clutches would slip at these speeds.
 
-    The gate takes each drive's own force, where (4.6) and (4.11) halve one and the same for both.
+    Each drive acts on the gate with its own force, whereas (4.6) and (4.11) halve a common force for both.
     """
     link, torsion, ambient = plant.link, plant.torsion, load.ambient_temperature
     electric_l, electric_r = windings
@@ -216,7 +216,7 @@ def new_speeds(
 def slipped_in(
     plant: Plant, state: State, load: Load, new: Speeds, slips: Slips, step: float
 ) -> tuple[float, float]:
-    """How far [m] both clutches slip in a step with these new speeds."""
+    """Return how far [m] both clutches slip in a step with these new speeds."""
     if slips.left == 0.0 and slips.right == 0.0:
         return 0.0, 0.0
     inertia = dynamics.total_inertia(plant, load)
@@ -234,7 +234,7 @@ def slipped_in(
 
 @compilable
 def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[State, Flow]:
-    """The state `step` seconds later, and what the currents did meanwhile; the inputs hold during the step."""
+    """Return the state `step` seconds later, and both currents' course; the inputs hold during the step."""
     inputs = dynamics.past_the_lines(plant, given)
     load = inputs.load
     frictions = dynamics.frictions_at(plant, inputs)
@@ -252,7 +252,7 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
             comes_home = latch.is_reached(state.gate_angle, state.gate_rate, new.rate, step)
             if latched or not is_simple or load.latch_released != 0.0 or not comes_home:
                 break
-            # Once more with a gate that comes home within the step and stays there.
+            # Repeat with a gate that reaches home within the step and stays there.
             latched, count = True, _MOST_PASSES
             rate = latch.rate_home(state.gate_angle, state.gate_rate, step)
             new = Speeds(new.left, new.right, rate, new.twist_rate)
@@ -265,7 +265,9 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
     if not latched:
         rate = new.rate
         angle = state.gate_angle + 0.5 * step * (state.gate_rate + rate)
-        if is_simple and latch.takes_up(angle, load.latch_released):  # it was beyond all along
+        if is_simple and latch.takes_up(
+            angle, load.latch_released
+        ):  # it was not above home at the start
             angle, rate, latched = 0.0, 0.0, True
     elif held:
         angle = state.gate_angle
@@ -301,12 +303,12 @@ def advance(plant: Plant, before: State, given: Inputs, step: float) -> tuple[St
 
 @compilable
 def step(plant: Plant, state: State, inputs: Inputs, step: float) -> State:
-    """The state `step` seconds later; the inputs hold during the step."""
+    """Return the state `step` seconds later; the inputs hold during the step."""
     after, _ = advance(plant, state, inputs, step)
     return after
 
 
 @compilable
 def resting(state: State) -> Flow:
-    """Before the first step."""
+    """Return the flow before the first step: both currents are constant."""
     return Flow(held(state.left.current), held(state.right.current))

@@ -1,15 +1,16 @@
-"""The latch: without positions it holds φ = 0 until released, and takes up again when the gate comes home.
+"""The latch: without positions it holds φ = 0 until released, and engages again when the gate comes home.
 
-As built (`[latch] half` in the file) it is a claw in which a striker on the gate lies, s = r_l φ from home:
+A latch with positions (`[latch] half` in the file) is a claw that holds a striker on the gate, s = r_l φ from
+home:
 
     claw's spring    M_claw = r_l F_claw (1 − s/s_entry)        for s < s_entry; opens
     hook             M_hook = −r_l (k_l (s − q) + c_l (ṡ − q̇))   for s > q, closes; never positive
 
 The pawl holds the claw in its half position, q = s_half, once the striker has come as far as s_half, and in its
-full one, q = s_full, once it has come home. Released, it is lifted after some time and stays so for some more;
-where it falls, the claw is caught as far as the striker is in. A cinching motor draws a half closed claw home by
-itself or on command, q = s_half − p, as fast as the hook's spring leaves it, and goes back to its own home after,
-with the hook, if the claw is still half closed:
+full one, q = s_full, once it has come home. After a release the pawl is lifted with a delay and stays lifted for
+some time; when it falls, it catches the claw in the position that the striker has reached. A cinching motor draws
+a half closed claw home, automatically or on command, q = s_half − p, at a speed that the hook's spring limits.
+Afterwards it returns to its own home, together with the hook if the claw is still half closed:
 
     ṗ = v_c (1 − k_l (s − q)/F_c) ≥ 0 while it pulls (a stalled gear does not let go),    ṗ = −v_c else, to p = 0
 
@@ -29,12 +30,15 @@ from liftgate_plant.quantity import Quantity, choice
 CINCHES = ("none", "automatic", "commanded")
 NO_CINCH, AUTOMATIC, COMMANDED = range(3)
 
-# Where the pawl holds the claw.
+# Positions in which the pawl holds the claw.
 OPEN, HALF, FULL = 0.0, 1.0, 2.0
 
 
 class Latch(NamedTuple):
-    """Table `[latch]`; the defaults beside `half` are assumptions of a size that such latches have."""
+    """Table `[latch]` of the vehicle file.
+
+    The defaults, apart from that of `half`, are assumptions of a size that such latches have.
+    """
 
     half: Annotated[
         float,
@@ -72,7 +76,7 @@ class Latch(NamedTuple):
 
 
 class Claw(NamedTuple):
-    """The constants of a latch, ready for use."""
+    """Constants of a latch, ready for use."""
 
     half: float  # m; 0: a latch without positions
     full: float
@@ -89,19 +93,19 @@ class Claw(NamedTuple):
 
 
 class LatchState(NamedTuple):
-    """Of a latch with positions."""
+    """State of a latch with positions."""
 
     claw: float  # OPEN, HALF, FULL
-    pull: float  # p, of the cinching motor from its home, m
-    driven: float  # how long the release has been driven, s
-    lifted: float  # how long the pawl still stays lifted, s
+    pull: float  # m, p, travel of the cinching motor from its home
+    driven: float  # s, how long the release has been driven
+    lifted: float  # s, how long the pawl still stays lifted
 
 
 NOT_LATCHED = LatchState(OPEN, 0.0, 0.0, 0.0)
 
 
 def claw_of(latch: Latch) -> Claw:
-    """The constants that follow from the table."""
+    """Return the constants that follow from the table."""
     return Claw(
         half=latch.half,
         full=latch.full,
@@ -118,7 +122,7 @@ def claw_of(latch: Latch) -> Claw:
     )
 
 
-# Without positions.
+# Latch without positions.
 
 
 @compilable
@@ -129,68 +133,69 @@ def takes_up(angle: float, released: float) -> bool:
 
 @compilable
 def is_reached(angle: float, rate: float, rate_end: float, step: float) -> bool:
-    """Whether a gate comes home within a step, from an angle [rad] at which it is not yet."""
+    """Whether a gate comes home within a step, from an angle [rad] above home."""
     return angle > 0.0 >= angle + 0.5 * step * (rate + rate_end)
 
 
 @compilable
 def rate_home(angle: float, rate: float, step: float) -> float:
-    """The rate [rad/s] at the end of a step in which a gate comes to φ = 0, if it goes on a straight line."""
+    """Return the rate [rad/s] at the end of a step in which a gate reaches φ = 0 with a linearly changing rate."""
     return -2.0 * angle / step - rate
 
 
 @compilable
 def held_home(latched: bool) -> LatchState:
-    """The state of a latch without positions."""
+    """Return the state of a latch without positions."""
     return LatchState(FULL if latched else OPEN, 0.0, 0.0, 0.0)
 
 
 @compilable
 def at_first(claw: Claw, latched: bool) -> LatchState:
-    """In which a run begins: fully closed, or as if it had been released for long."""
+    """Return the latch's initial state: fully closed, or as if it had been released long ago."""
     driven = 0.0 if latched else claw.release_time
     return LatchState(FULL if latched else OPEN, 0.0, driven, 0.0)
 
 
-# With positions.
+# Latch with positions.
 
 
 @compilable
 def hook_place(claw: Claw, state: LatchState) -> float:
-    """How far from home the striker may go, q [m], where the claw is held."""
+    """Return q [m], how far from home the striker may go while the claw is held."""
     return claw.full if state.claw == FULL else claw.half - state.pull
 
 
 @compilable
 def is_to_pull(claw: Claw, state: LatchState, cinched: float) -> bool:
-    """Whether the cinching motor is to draw the claw home."""
+    """Whether the cinching motor shall draw the claw home."""
     wanted = claw.cinch == AUTOMATIC or (claw.cinch == COMMANDED and cinched > 0.0)
     return state.claw == HALF and wanted
 
 
 @compilable
 def yielding_of(claw: Claw) -> float:
-    """By how much the cinching motor's speed [m/s] falls with the way [m] that the hook is bent, v_c k_l/F_c."""
+    """Return the drop of the cinching motor's speed [m/s] per deflection [m] of the hook, v_c k_l/F_c."""
     return claw.cinch_speed * claw.stiffness / claw.cinch_force
 
 
 @compilable
 def bent_by(claw: Claw, state: LatchState, angle: float) -> float:
-    """How far [m] a gate at an angle [rad] has bent the hook, s − q; negative: it does not touch it."""
+    """Return the hook's deflection s − q [m] with the gate at an angle [rad]; negative: no contact."""
     return claw.distance * angle - hook_place(claw, state)
 
 
 @compilable
 def loaded_speed(claw: Claw, bent: float) -> float:
-    """The speed [m/s] of a cinching motor that pulls, with the hook bent so far [m]."""
+    """Return the speed [m/s] of a pulling cinching motor with the hook deflected by `bent` [m]."""
     free = claw.cinch_speed
     return min(free, max(0.0, free - yielding_of(claw) * bent))
 
 
 @compilable
 def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """The cinching motor's speed dp/dt [m/s] now, with the gate at that angle [rad]; it goes back where it is not
-    to pull.
+    """Return the cinching motor's present speed dp/dt [m/s], with the gate at an angle [rad].
+
+    The motor returns, with a negative speed, where it shall not pull.
     """
     if not is_to_pull(claw, state, cinched):
         return -claw.cinch_speed if state.pull > 0.0 else 0.0
@@ -199,7 +204,7 @@ def pull_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> f
 
 @compilable
 def hook_speed(claw: Claw, state: LatchState, angle: float, cinched: float) -> float:
-    """How fast [m/s] the cinching motor draws the hook home now; away from there where it goes back."""
+    """Return how fast [m/s] the cinching motor draws the hook home; negative: it returns with the hook."""
     return pull_speed(claw, state, angle, cinched) if state.claw == HALF else 0.0
 
 
@@ -213,10 +218,10 @@ def mean_pull(
     cinched: float,
     step: float,
 ) -> float:
-    """The mean of dp/dt [m/s] over a step from that angle [rad], whose rate [rad/s] goes on a straight line.
+    """Return the mean of dp/dt [m/s] over a step from an angle [rad], whose rate [rad/s] changes linearly.
 
-    While the motor pulls, the hook is bent by b, db/dt = ṡ + v_c − y b with y = v_c k_l/F_c, which is solved for
-    the mean of ṡ: the hook gives way to the motor, and the gate follows it.
+    While the motor pulls, the hook is deflected by b, db/dt = ṡ + v_c − y b with y = v_c k_l/F_c, which is solved
+    for the mean of ṡ: the hook yields to the motor, and the gate follows it.
     """
     free = claw.cinch_speed
     if not is_to_pull(claw, state, cinched):
@@ -224,7 +229,7 @@ def mean_pull(
     bent, yielding = bent_by(claw, state, angle), yielding_of(claw)
     way = step * (0.5 * claw.distance * (rate + rate_end) + free)
     share = 1.0
-    if bent < 0.0:  # until it touches
+    if bent < 0.0:  # no contact at the start: pulls freely until it touches
         share = max(0.0, 1.0 + bent / way) if way > 0.0 else 0.0
         bent = 0.0
     _, phi1, phi2, _ = phi_functions(-yielding * share * step)
@@ -236,11 +241,11 @@ def mean_pull(
 def pulled_force(
     claw: Claw, bent: float, rate: float, stiff: bool, step: float
 ) -> tuple[LinearizedForce, LinearizedForce]:
-    """The hook's mean force [N] over a step in which the cinching motor draws it and gives way to it, and how far
-    [m] the hook is bent at its end, both linear in the striker's rate [m/s] at the end.
+    """Return the hook's mean force [N] over a step with a pulling cinching motor, and its final deflection [m].
 
-    b as in `mean_pull`, for a rate on a straight line; as in `contact.push` a stiff hook takes its force at the
-    step's end, where it has come with the rate there.
+    The hook yields to the motor; both results are linear in the striker's rate [m/s] at the end. The deflection b
+    is that of `mean_pull`, for a linearly changing rate; as in `contact.push`, a stiff hook takes its force at the
+    step's end, with the deflection that it has reached at the rate there.
     """
     free, yielding = claw.cinch_speed, yielding_of(claw)
     k, c = claw.stiffness, claw.damping
@@ -259,8 +264,9 @@ def pulled_force(
 
 @compilable
 def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
-    """What the hook pulls the striker home with [N], at an angle [rad] and a rate [rad/s] of the gate; a cinching
-    motor draws it meanwhile, or lets it go.
+    """Return the force [N] with which the hook pulls the striker home.
+
+    The gate is at `angle` [rad] with `rate` [rad/s], while a cinching motor may draw the hook or let it go.
     """
     if claw.half == 0.0 or state.claw == OPEN:
         return 0.0
@@ -271,13 +277,13 @@ def hook_force(claw: Claw, state: LatchState, angle: float, rate: float, cinched
 
 @compilable
 def claw_depth(claw: Claw, angle: float) -> float:
-    """How far [m] the striker has turned the claw against its spring."""
+    """Return how far [m] the striker has turned the claw against its spring."""
     return claw.entry - claw.distance * angle
 
 
 @compilable
 def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: float) -> float:
-    """Torque [N m] of hook and claw on the gate."""
+    """Return the torque [N m] of hook and claw on the gate."""
     if claw.half == 0.0:
         return 0.0
     spring = contact.force(claw.spring, 0.0, claw_depth(claw, angle), 0.0)
@@ -288,8 +294,9 @@ def torque(claw: Claw, state: LatchState, angle: float, rate: float, cinched: fl
 def drawn_since(
     claw: Claw, state: LatchState, before: float, place: float, cinched: float, step: float
 ) -> float:
-    """Way [m] that the cinching motor draws a claw which the pawl catches within a step, from then to the end of
-    the step. The striker goes from `before` to `place` [m] on a straight line, beyond the hook: no load.
+    """Return how far [m] the cinching motor draws a claw from its catch within a step to the step's end.
+
+    The striker moves linearly from `before` to `place` [m], without touching the hook: there is no load.
     """
     caught = LatchState(HALF, state.pull, state.driven, state.lifted)
     if before <= place or not is_to_pull(claw, caught, cinched):
@@ -309,8 +316,9 @@ def next_latch(
     released: float,
     step: float,
 ) -> LatchState:
-    """The latch after a step in which the gate goes from an angle [rad] to another, and the cinching motor pulls
-    at a speed [m/s].
+    """Return the latch after a step in which the gate moves from `before` to `angle` [rad].
+
+    `pulling` is the cinching motor's speed [m/s] in that step.
     """
     place = claw.distance * angle
     driven, lifted, is_driven = 0.0, max(0.0, state.lifted - step), False
@@ -325,7 +333,9 @@ def next_latch(
         held = OPEN
     elif place <= 0.0:
         held = FULL
-    elif held == OPEN and place <= claw.half - pull:  # not behind a hook that is drawn home
+    elif (
+        held == OPEN and place <= claw.half - pull
+    ):  # a striker outside a hook that is drawn home is not caught
         held = HALF
         drawn = drawn_since(claw, state, claw.distance * before, place, cinched, step)
         pull = min(pull + drawn, claw.entry)

@@ -1,8 +1,8 @@
 """The DC motor (3.1–3.4): L di/dt = u − R i − c2Φ n,  torque c1Φ i.
 
-The winding is solved exactly over a step in which the speed changes on a straight line. Two motors on one
-source resistance are coupled, L di/dt = d U − (R + R_s d dᵀ) i − c2Φ n with the signed duties d, and
-are solved as the two modes of that symmetric system.
+The winding is solved exactly over a step in which the speed changes linearly. Two motors on one source resistance
+are coupled, L di/dt = d U − (R + R_s d dᵀ) i − c2Φ n with the signed duties d, and are solved as the two modes of
+that symmetric system.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Motor(NamedTuple):
-    """Table `[motor]`."""
+    """Table `[motor]` of the vehicle file."""
 
     resistance: Annotated[float, Quantity("R", "Ω", 1e-3, 1e3, "winding and leads at 20 °C")]
     inductance: Annotated[float, Quantity("L", "H", 1e-7, 1.0, "winding")]
@@ -27,18 +27,18 @@ class Motor(NamedTuple):
 
 
 class Winding(NamedTuple):
-    """One motor's winding during one step, at its present temperature."""
+    """Winding of one motor during one step, at its present temperature."""
 
     resistance: float
     inductance: float
     speed_constant: float
     duty: float  # signed share of the terminal voltage, −1…1
-    voltage: float  # V, applied directly; its mean
-    rise: float  # V, by how much all that is applied rises over the step
+    voltage: float  # V, applied directly, mean over the step
+    rise: float  # V, rise of the total applied voltage over the step
 
 
 class Response(NamedTuple):
-    """One motor's current over a step, linear in its own and in the other motor's final speed.
+    """Current of one motor over a step, linear in its own and in the other motor's final speed.
 
     Mean current [A] = mean + mean_own n_own + mean_other n_other; likewise the current at the end.
     """
@@ -53,18 +53,18 @@ class Response(NamedTuple):
 
 @compilable
 def mean_current(response: Response, own: float, other: float) -> float:
-    """Mean current [A] of the step for the final speeds [rev/s]."""
+    """Return the mean current [A] of the step for the final speeds [rev/s]."""
     return response.mean + response.mean_own * own + response.mean_other * other
 
 
 @compilable
 def end_current(response: Response, own: float, other: float) -> float:
-    """Current [A] at the end of the step for the final speeds [rev/s]."""
+    """Return the current [A] at the end of the step for the final speeds [rev/s]."""
     return response.end + response.end_own * own + response.end_other * other
 
 
 class Phi(NamedTuple):
-    """exp(z) and φ_k(z) for k = 1, 2, 3."""
+    """Values of exp(z) and φ_k(z) for k = 1, 2, 3."""
 
     exp: float
     phi1: float
@@ -74,7 +74,7 @@ class Phi(NamedTuple):
 
 @compilable
 def phi_functions(z: float) -> Phi:
-    """exp(z) and φ_k(z) = Σ_j z^j / (j + k)! for k = 1, 2, 3: the integrals of an exponential.
+    """Return exp(z) and φ_k(z) = Σ_j z^j / (j + k)! for k = 1, 2, 3: the integrals of an exponential.
 
     Below |z| = 0.5 the closed forms cancel, so their series is summed there (error under 1e-16).
     """
@@ -96,7 +96,7 @@ def phi_functions(z: float) -> Phi:
 def modes(
     left: Winding, right: Winding, source_resistance: float
 ) -> tuple[float, float, float, float]:
-    """Rates of decay [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
+    """Return the decay rates [1/s] and the rotation (cos, sin) of the two windings' modes in √L i."""
     return rotation(
         (left.resistance + source_resistance * left.duty * left.duty) / left.inductance,
         (right.resistance + source_resistance * right.duty * right.duty) / right.inductance,
@@ -106,7 +106,10 @@ def modes(
 
 @compilable
 def rotation(a: float, d: float, b: float) -> tuple[float, float, float, float]:
-    """The eigenvalues of [[a, b], [b, d]] and the rotation (cos, sin) to its eigenvectors (c, −s) and (s, c)."""
+    """Return the eigenvalues of [[a, b], [b, d]] and the rotation (cos, sin) to its eigenvectors.
+
+    These are (c, −s) and (s, c).
+    """
     if b == 0.0:
         return a, d, 1.0, 0.0
     half = (d - a) / (2.0 * b)
@@ -129,11 +132,12 @@ def solve_windings(
     source_resistance: float,
     step: float,
 ) -> tuple[Response, Response, Phi, Phi]:
-    """Both currents over a step (3.1), exact for speeds and voltages that change linearly in time, and the φ
-    functions of both modes; `supply_voltage` is the source's mean.
+    """Solve both currents over a step (3.1), exactly for speeds and voltages that change linearly in time.
 
-    With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h:
-    y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean of y is φ1 y0 + h φ2 g0 + h φ3 g1.
+    Also returns the φ functions of both modes; `supply_voltage` is the source's mean.
+
+    With g(t) = g0 + g1 t/h in a mode of decay rate λ and z = −λ h: y(h) = e^z y0 + h φ1 g0 + h φ2 g1 and the mean
+    of y is φ1 y0 + h φ2 g0 + h φ3 g1.
     """
     rate_1, rate_2, c, s = modes(left, right, source_resistance)
     first, second = phi_functions(-rate_1 * step), phi_functions(-rate_2 * step)
@@ -158,7 +162,7 @@ def solve_windings(
     w1 = step * (c * w_l - s * w_r)
     w2 = step * (s * w_l + c * w_r)
 
-    # Slope of the forcing per unit of final speed; the part of the initial speed is taken off below.
+    # Slope of the forcing per unit of final speed; the part of the initial speed is subtracted below.
     k_l = -left.speed_constant / root_l * step
     k_r = -right.speed_constant / root_r * step
     mean_1 = p1 * y1 + q1 * f1 + r1 * w1
@@ -188,8 +192,9 @@ def solve_windings(
 
 @compilable
 def restarted(winding: Winding, mean: float, restart: float, speed: float, step: float) -> Response:
-    """The current of a winding that has none at `restart` [s] of a step, and `winding.voltage` on it from then on;
-    before that it brought the mean `mean` [A]. For speeds and voltages that change linearly over the step.
+    """Return the current of a winding that has none at `restart` [s] of a step, then `winding.voltage` on it.
+
+    Before that its current contributed the mean `mean` [A]. Speeds and voltages change linearly over the step.
     """
     left = step - restart
     before, after = restart / step, left / step
@@ -210,23 +215,23 @@ def restarted(winding: Winding, mean: float, restart: float, speed: float, step:
 
 
 class Transient(NamedTuple):
-    """The winding's own transient D exp(−a t) inside a step, as left by a switch of the bridge."""
+    """Transient D exp(−a t) of a winding inside a step, as left by a switch of the bridge."""
 
     amplitude: float  # D, A
     decay: float  # a, 1/s
-    lag: float  # what it adds to the step's mean current, A
-    drift: float  # what it adds to the step's mean speed, rev/s
+    lag: float  # A, what it adds to the step's mean current
+    drift: float  # rev/s, what it adds to the step's mean speed
 
 
 @compilable
 def transient_of(
     torque_per_inertia: float, winding: Winding, phi: Phi, fall: float, step: float
 ) -> Transient:
-    """The transient in a step, whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
+    """Return the transient in a step whose current would fall by `fall` = D (1 − e^(−a h)) at constant speed.
 
-    While it dies away (a = R/L) the speed leaves its straight line by
-    δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a h)) t/h). Its mean is the drift, what its EMF does the lag.
-    `torque_per_inertia` is c1Φ/2πJ, `phi` the φ functions of −a h.
+    While it decays (a = R/L) the speed leaves its straight line by δn = c1Φ D/(2πJ a) (1 − e^(−a t) − (1 − e^(−a
+    h)) t/h). The mean of δn is the drift, the effect of its EMF the lag. `torque_per_inertia` is c1Φ/2πJ, `phi`
+    the φ functions of −a h.
     """
     decay = winding.resistance / winding.inductance
     z = -decay * step

@@ -1,6 +1,6 @@
-"""An obstacle in the gate's way: a compliant body, as the regulators' test rods of 10, 20 and 65 N/mm.
+"""An obstacle in the gate's way: a compliant body, like the regulators' test rods of 10, 20 and 65 N/mm.
 
-Met at the angle φ_o and the distance r_o from the hinge, after a gap, while closing or opening. Its force
+It is met at the angle φ_o and the distance r_o from the hinge, after a gap, while closing or opening. Its force
 F_o ≥ 0 is the pinch force by which an anti-trap function is judged.
 """
 
@@ -13,7 +13,10 @@ from liftgate_plant.compiler import compilable
 
 
 class Obstacle(NamedTuple):
-    """SI; stiffness 0 is no obstacle. `direction` is +1 met while closing, −1 met while opening."""
+    """Parameters of an obstacle in SI units; with stiffness 0 there is none.
+
+    `direction` is +1 met while closing, −1 met while opening.
+    """
 
     angle: float
     distance: float
@@ -21,24 +24,24 @@ class Obstacle(NamedTuple):
     damping: float
     gap: float
     direction: float
-    lateral: float = 0.0  # from the gate's middle, positive to the left
+    lateral: float = 0.0  # m, from the gate's middle, positive to the left
 
 
 @compilable
 def depth(obstacle: Obstacle, angle: float) -> float:
-    """How deep [m] the gate is in the obstacle, along the arc at its distance."""
+    """Return how deep [m] the gate is in the obstacle, along the arc at its distance."""
     return obstacle.direction * (obstacle.angle - angle) * obstacle.distance - obstacle.gap
 
 
 @compilable
 def rate(obstacle: Obstacle, gate_rate: float) -> float:
-    """How fast [m/s] the gate goes deeper."""
+    """Return how fast [m/s] the gate goes deeper."""
     return -obstacle.direction * gate_rate * obstacle.distance
 
 
 @compilable
 def pinch_force(obstacle: Obstacle, angle: float, gate_rate: float) -> float:
-    """F_o [N]."""
+    """Return the pinch force F_o [N]."""
     return contact.force(
         obstacle.stiffness,
         obstacle.damping,

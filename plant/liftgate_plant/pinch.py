@@ -1,8 +1,9 @@
-"""What a contact with an obstacle has done so far: largest force, impulse, time over a limit, its begin and place.
+"""Last contact with an obstacle so far: largest force, impulse, time over a limit, its begin and place.
 
-A reading looks at the ends of ticks. Between them the force is a straight line, from the instant at which the gate
-touched, where damping makes it c v at once: over a millisecond of a rod's 10 N/mm and a gate's 10 rad/s² that is
-0.01 N. Of a body so stiff that the gate turns round within a tick the peak is that of the ends.
+The force is evaluated at the ends of ticks. Between them it is taken as a straight line, from the instant at which
+the gate touched, where damping makes it c v at once: over a millisecond, with a rod of 10 N/mm and a gate at 10
+rad/s², the error is 0.01 N. For a body so stiff that the gate reverses within a tick, the peak is that of the
+ends.
 """
 
 from __future__ import annotations
@@ -14,20 +15,20 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.dynamics import Plant, State, angle_at, rate_at
 from liftgate_plant.obstacle import Obstacle
 
-APART = 0.1  # s; a gate that bounces off the obstacle for less has not let go of it
+APART = 0.1  # s; a shorter separation, as of a gate that bounces, does not end the contact
 
 
 class Pinch(NamedTuple):
-    """The last contact; all 0 before the first."""
+    """The last contact; before the first, all 0 but `free`."""
 
     force: float  # N, at the last reading
-    speed: float  # m/s, into the obstacle then
-    free: float  # s, since the gate let go of it
-    peak: float  # N
+    speed: float  # m/s, into the obstacle at the last reading
+    free: float  # s, since the gate left the obstacle
+    peak: float  # N, largest force
     impulse: float  # N s
-    over: float  # s, over the limit
-    begin: float  # s, model time
-    angle: float  # rad, where the gate touched
+    over: float  # s, time with the force over the limit
+    begin: float  # s, model time at which the contact began
+    angle: float  # rad, gate angle at which the contact began
 
 
 NOT_PINCHED = Pinch(0.0, 0.0, APART, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -35,7 +36,7 @@ NOT_PINCHED = Pinch(0.0, 0.0, APART, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def time_over(before: float, after: float, limit: float, step: float) -> float:
-    """How long [s] of a step a force that goes on a straight line is over a limit."""
+    """Return how long [s] in a step a linearly changing force is over a limit."""
     if before > limit and after > limit:
         return step
     if before <= limit and after <= limit:
@@ -48,7 +49,7 @@ def time_over(before: float, after: float, limit: float, step: float) -> float:
 def pinched(
     last: Pinch, plant: Plant, body: Obstacle, state: State, force: float, now: float, step: float
 ) -> Pinch:
-    """The contact after a step that ended `now` [s] with that force [N]."""
+    """Return the contact after a step that ended at `now` [s] with that force [N]."""
     turn = rate_at(plant, state, body.lateral)
     speed = obstacle.rate(body, turn)
     if force <= 0.0 and last.force <= 0.0:
@@ -67,7 +68,7 @@ def pinched(
     angle = angle_at(plant, state, body.lateral)
     deep, mean = obstacle.depth(body, angle), 0.5 * (last.speed + speed)
     since = min(deep / mean, step) if mean * step > deep else step
-    touch = max(0.0, body.damping * last.speed)  # the force of damping is there at once
+    touch = max(0.0, body.damping * last.speed)  # the damping force acts at once
     before = last
     if last.free >= APART:
         before = Pinch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, now - since, angle - turn * since)
@@ -78,7 +79,7 @@ def pinched(
 def pressed(
     last: Pinch, begin: float, end: float, speed: float, length: float, limit: float
 ) -> Pinch:
-    """A contact that goes on for a length [s] with a force from `begin` to `end` [N]."""
+    """Return a contact that continues for `length` [s] with a force from `begin` to `end` [N]."""
     return Pinch(
         force=end,
         speed=speed,

@@ -1,16 +1,16 @@
-"""A bridge that switches: what pulse-width modulation does to the current beyond its mean voltage.
+"""A bridge that switches: what pulse-width modulation adds to the current beyond its mean voltage.
 
 One period T = 1/f of a motor at the back-EMF e, in the direction of the duty d:
 
     on, for d T     L di/dt = U − R i − e
     off             L di/dt = V − R i − e
       slow          V = 0: shorted by a transistor, whichever way the current flows
-      diode         V = −U_d while it flows on, U + U_d where it flows back (e > U)
+      diode         V = −U_d for a current along the duty, U + U_d for one against it (e > U)
       fast          V = −(U + 2 U_d) and U + 2 U_d: all switches off
-    no current      where a diode has let it die: until the next period
+    no current      where a diode has blocked: until the next period
 
-The EMF is slow beside the period, so that the current settles to one periodic course. Its mean, mean square and
-peak have closed forms, also where it does not last through the period.
+The EMF is slow compared with the period, so that the current settles to one periodic waveform. Its mean, mean
+square and peak have closed forms, also where it ends within the period.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FREEWHEELING = ("slow", "diode", "fast")
 
 
 class Chopper(NamedTuple):
-    """A switching bridge and what it drives."""
+    """A switching bridge and the motor that it drives."""
 
     freewheeling: float  # SLOW, DIODE, FAST
     period: float  # s
@@ -35,11 +35,11 @@ class Chopper(NamedTuple):
 
 
 class Course(NamedTuple):
-    """The periodic course of a motor's current; positive along the duty."""
+    """Periodic waveform of a motor's current; positive along the duty."""
 
     mean: float  # A
-    by_emf: float  # how the mean changes with the back-EMF, A/V
-    by_supply: float  # and with the supply's voltage
+    by_emf: float  # A/V, sensitivity of the mean to the back-EMF
+    by_supply: float  # A/V, sensitivity of the mean to the supply's voltage
     ripple: float  # A², mean square about the mean
     high: float  # A
     low: float  # A
@@ -52,7 +52,7 @@ NO_COURSE = Course(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @outlined
 def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
-    """The course at a duty between 0 and 1, for a supply and a back-EMF [V] along it."""
+    """Return the waveform at a duty between 0 and 1, for a supply and a back-EMF [V] along it."""
     resistance, period = chopper.resistance, chopper.period
     tau = chopper.inductance / resistance
     on, off = duty * period, (1.0 - duty) * period
@@ -75,7 +75,7 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
     by_emf, by_supply = -1.0 / resistance, (duty + follows * (1.0 - duty)) / resistance
     dies = falling * rising < 0.0 or (rising == 0.0 and falling != 0.0)
     if chopper.freewheeling != SLOW and dies and low * rising <= 0.0:
-        # It dies after `off`: high − falling of it is left by e^(−off/τ) = 1/(1 − high/falling).
+        # The current ends after `off`, where high − falling has decayed by e^(−off/τ) = 1/(1 − high/falling).
         low, high = 0.0, rising * gone
         fraction = -high / falling
         off = tau * math.log1p(fraction)
@@ -104,7 +104,7 @@ def course(chopper: Chopper, duty: float, supply: float, emf: float) -> Course:
 
 @outlined
 def _square(final: float, rest: float, time: float, left: float, tau: float) -> float:
-    """∫ i² dt [A² s] of i = final + rest e^(−t/τ), of which `left` = e^(−time/τ) is left."""
+    """Return ∫ i² dt [A² s] of i = final + rest e^(−t/τ), where `left` = e^(−time/τ)."""
     return (
         final * final * time
         + 2.0 * final * rest * tau * (1.0 - left)

@@ -1,11 +1,11 @@
-"""What a parameter is: symbol, unit, allowed range and meaning, written beside its field."""
+"""Description of a parameter: symbol, unit, allowed range and meaning, written beside its field."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
-# Values at shares (0 to 1, rising) of something, on straight lines between them; none: 1 everywhere.
+# (share, value) pairs, shares from 0 to 1 in ascending order, interpolated linearly; empty: 1 everywhere.
 Points = tuple[tuple[float, float], ...]
 
 
@@ -22,17 +22,17 @@ class Quantity(NamedTuple):
     low: float
     high: float
     meaning: str
-    options: tuple[str, ...] = ()  # the words that it may be, where it is no number
-    least: float = 0.0  # beside 0, which is then allowed: nothing between
+    options: tuple[str, ...] = ()  # the allowed words, if it is not a number
+    least: float = 0.0  # smallest allowed value apart from 0, which is then allowed too
 
     @property
     def suffix(self) -> str:
-        """What the file's key adds to the field's name."""
+        """Suffix that the file's key adds to the field's name."""
         return {"deg": "_deg", "°C": "_degc"}.get(self.unit, "")
 
     @property
     def range(self) -> str:
-        """The numbers that are allowed, as a person reads them, without the unit."""
+        """The allowed numbers as readable text, without the unit."""
         low, high = (f"{value:.6g}" for value in (self.least or self.low, self.high))
         return f"{'0, or ' if self.least else ''}{low} to {high}"
 
@@ -42,10 +42,10 @@ class Quantity(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Value in memory per value in the file."""
+        """Factor from the value in the file to the value in memory."""
         return math.pi / 180.0 if self.unit == "deg" else 1.0
 
 
 def choice(options: tuple[str, ...], meaning: str) -> Quantity:
-    """Annotation of a parameter that is one of some words."""
+    """Return the annotation of a parameter that is one of several words."""
     return Quantity("", "", 0.0, 0.0, meaning, options)

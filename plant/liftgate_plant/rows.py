@@ -1,4 +1,4 @@
-"""Between rows of the catalogue (`signals`, in the units of files) and the plant's own values (SI, radians)."""
+"""Conversion between rows of the catalogue (`signals`, in units of files) and plant values (SI, radians)."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _DEGREES = 180.0 / math.pi
 
 @compilable
 def value_or(value: float, default: float) -> float:
-    """The value, or the default where it is NaN."""
+    """Return the value, or the default where it is NaN."""
     return default if np.isnan(value) else float(value)
 
 
 @compilable
 def rise_under(rise: float, said: Surroundings) -> float:
-    """How much the supply's voltage rises over a step: what is laid over it is held."""
+    """Return the rise of the supply's voltage over a step; 0 where `said` overrides the voltage."""
     return rise if np.isnan(said.supply_voltage_v) else 0.0
 
 
@@ -45,7 +45,7 @@ def overlaid(
     latch_cinched: float,
     obstacle: Obstacle,
 ) -> Load:
-    """What acts on the gate: `base` where `said` is silent (NaN), and what it says elsewhere."""
+    """Return the load on the gate: `base`, overridden by `said` where that is not NaN."""
     return Load(
         supply_voltage=value_or(said.supply_voltage_v, base.supply_voltage),
         supply_rise=supply_rise,
@@ -63,7 +63,7 @@ def overlaid(
     )
 
 
-# The columns of offline inputs, and where each stands in a row.
+# Columns of offline inputs, and the index of each in a row.
 INPUT_COLUMNS: tuple[str, ...] = (
     *Drives._fields, *Surroundings._fields, "latch_released", "latch_cinched",
 )  # fmt: skip
@@ -74,7 +74,10 @@ _SURROUNDINGS = Surroundings(**{name: getattr(AT, name) for name in Surroundings
 
 @compilable
 def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inputs:
-    """What a row of INPUT_COLUMNS does; where it is silent (NaN), `base` holds and motors are shorted."""
+    """Return the inputs of a row of INPUT_COLUMNS.
+
+    Where the row is NaN, `base` holds and motors are shorted.
+    """
     drives, said = picked(row, _DRIVES), picked(row, _SURROUNDINGS)
     released = value_or(row[AT.latch_released], base.latch_released)
     cinched = value_or(row[AT.latch_cinched], base.latch_cinched)
@@ -96,13 +99,13 @@ def inputs_of(row: NDArray[np.float64], base: Load, frictions: Frictions) -> Inp
 
 @compilable
 def bridge_under(fault: DriveFaults, given: DriveInput) -> DriveInput:
-    """What a motor gets of its bridge: of one that is stuck, that state with all of the voltage."""
+    """Return a motor's input under a fault: a stuck bridge is in its state with full voltage."""
     return given if np.isnan(fault.bridge) else drive_input(int(fault.bridge), 1.0)
 
 
 @compilable
 def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
-    """The inputs with bridges that are stuck and a latch that is not released."""
+    """Return the inputs with stuck bridges and a latch that is not released."""
     if faults.inputs == 0.0:
         return inputs
     load = inputs.load
@@ -130,7 +133,7 @@ def disturbed(inputs: Inputs, faults: Faults) -> Inputs:
 
 @compilable
 def surroundings_of(load: Load) -> Surroundings:
-    """A load in the units of files."""
+    """Return a load in the units of files."""
     return Surroundings(
         supply_voltage_v=load.supply_voltage,
         road_slope_deg=load.road_slope * _DEGREES,
@@ -155,8 +158,10 @@ def truth_of(
     flow: Flow,
     step: float,
 ) -> Truth:
-    """The row of a state, of the inputs that led to it, of what it shows under them, of the last contact and of
-    what the currents did during the step [s] before.
+    """Return the row of true values of a state.
+
+    It has the inputs that led to the state, its outputs under them, the last contact, and the currents during the
+    step [s] before.
     """
     left, right, around = state.left, state.right, surroundings_of(inputs.load)
     return Truth(

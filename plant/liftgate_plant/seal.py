@@ -9,7 +9,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Seal(NamedTuple):
-    """Table `[seal]`."""
+    """Table `[seal]` of the vehicle file."""
 
     force: Annotated[float, Quantity("F_20", "N", 0.0, 1e5, "when closed")]
     stiffness: Annotated[float, Quantity("k_2", "N/m", 0.0, 1e9, "over the spindle's stroke")]
@@ -18,7 +18,10 @@ class Seal(NamedTuple):
 
 @compilable
 def depth(seal: Seal, extension: float) -> float:
-    """How far [m of spindle stroke] the seal is compressed at l_S = `extension` (3.17); 0 or less is free."""
+    """Return how far [m of spindle stroke] the seal is compressed at l_S = `extension` (3.17).
+
+    At 0 or less it is free.
+    """
     if seal.stiffness == 0.0:
         return 0.0
     return seal.force / seal.stiffness - extension

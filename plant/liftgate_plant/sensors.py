@@ -1,12 +1,12 @@
-"""What the ECU's sensors make of the state (§4.1–4.2), in the order of the real chain.
+"""Sensor models: what the ECU's sensors report of the state (§4.1–4.2), in the order of the real chain.
 
     shaft → edges of Hall A and B → quadrature decoder → count → speed       hall
     current → commutation ripple → low-pass of its amplifier → gain, offset, noise → converter      shunt
 
-Faults lie where they do there, between sensor and decoder, and before the converter.
+Faults act where they do in reality, between sensor and decoder, and before the converter.
 
-The decoder gives `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
-period (§4.6.1), period speed what the time of the last electrical turn says.
+The decoder counts `hall_counts` per motor revolution; Hall speed is the integer number of counts in one sample
+period (§4.6.1), period speed follows from the time of the last electrical turn.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ from liftgate_plant.shunt import (
 )
 from liftgate_plant.signals import Sensed, switched
 
-_LEAST_FILTER = 1e-9  # s; a quicker low-pass is none
+_LEAST_FILTER = 1e-9  # s; a shorter time constant means no low-pass
 
 
 class Sensors(NamedTuple):
-    """Table `[sensors]`; noise is a standard deviation, resolution 0 is none."""
+    """Table `[sensors]` of the vehicle file; noise is a standard deviation, resolution 0: not quantised."""
 
     hall_counts: Annotated[float, Quantity("", "1/rev", 1.0, 1e4, "counts per revolution")] = 4.0
     hall_sample_period: Annotated[float, Quantity("", "s", 1e-4, 1.0, "of the Hall speed")] = 0.005
@@ -124,18 +124,18 @@ class Sensors(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """What the sensors remember, by drive; written in place."""
+    """Memory of the sensors, by drive; written in place."""
 
-    currents: NDArray[np.float64]  # (2, 3): behind low-pass or window, as the converter gave it, A;
-    # what the open window has gathered, A s
+    currents: NDArray[np.float64]  # (2, 3): current behind low-pass or window and last reading, A;
+    # charge in the open window, A s
     halls: Any  # (2,) hall.HALL
     edges: EdgeRing
-    angle: NDArray[np.float64]  # (1,) the last reading, deg
+    angle: NDArray[np.float64]  # deg, (1,), the last reading
 
 
 @compilable
 def quantised(value: float, resolution: float) -> float:
-    """The nearest multiple of the resolution."""
+    """Return the nearest multiple of the resolution; with resolution 0 the value itself."""
     if resolution == 0.0:
         return value
     return math.floor(value / resolution + 0.5) * resolution
@@ -143,14 +143,14 @@ def quantised(value: float, resolution: float) -> float:
 
 @compilable
 def hall_count(sensors: Sensors, position: float) -> int:
-    """A perfect encoder's count at a motor position [rev]."""
+    """Return a perfect encoder's count at a motor position [rev]."""
     return ideal_count(sensors.hall_counts, position)
 
 
 @compilable
 def encoder_of(sensors: Sensors) -> Encoder:
-    """The encoders on both shafts."""
-    steps = 4.0 / (2.0 * math.pi)  # of an electrical angle
+    """Return the encoder model of both shafts."""
+    steps = 4.0 / (2.0 * math.pi)  # steps per radian of the electrical angle
     return Encoder(
         counts=sensors.hall_counts,
         pitch=2.0 * sensors.hall_pitch_error,
@@ -179,8 +179,9 @@ def sensed_current(
     noise: float,
     when: Tick,
 ) -> tuple[Window, float]:
-    """The current [A] behind low-pass or window and what the converter makes of it, after a tick in which the
-    shaft turned from `before` to `now`.
+    """Return the current [A] behind low-pass or window, and the converter's reading of it [A].
+
+    During the tick the shaft turned from `before` to `now`.
     """
     step, gathered = when.length, 0.0
     order = amplitude = 0.0
@@ -224,8 +225,10 @@ def sensed_current(
 def broken_reading(
     sensors: Sensors, fault: CurrentFault, duty: float, reading: float, last: float
 ) -> float:
-    """What the converter gives [A] in place of a reading: the last one, or its limit where a bridge drives a short
-    circuit with that duty.
+    """Return the converter's reading [A] under a fault.
+
+    It is the last reading if frozen, the converter's limit if a bridge drives a short circuit with that duty, else
+    `reading`.
     """
     if fault.frozen != 0.0:
         return last
@@ -243,7 +246,7 @@ def strip_closes(sensors: Sensors, side: float, rod: Obstacle, force: float) -> 
 
 
 def initial_sensors(sensors: Sensors, state: State, edges: int = 1024) -> SensorState:
-    """Sensors before the first tick, and a ring for the last so many Hall edges."""
+    """Return the sensors before the first tick, with a ring buffer for the last `edges` Hall edges."""
     encoder, left, right = encoder_of(sensors), state.left, state.right
     return SensorState(
         currents=np.array([[each.current, each.current, 0.0] for each in (left, right)]),
@@ -269,7 +272,7 @@ def sense(
     tick: int,
     step: float,
 ) -> tuple[SensorState, Sensed]:
-    """One reading of all sensors at the end of tick number `tick`."""
+    """Read all sensors at the end of tick number `tick`."""
     load = inputs.load
     degrees = 180.0 / math.pi
     now = tick * step
@@ -277,7 +280,7 @@ def sense(
     period = max(1, round(sensors.hall_sample_period / step))
     when = Tick((tick - 1) * step, step, seed, tick % period == 0)
     currents, halls = memory.currents, memory.halls
-    for drive in range(len(halls)):  # not unrolled, as each would be compiled anew
+    for drive in range(len(halls)):  # not unrolled, as the body would be compiled once per drive
         motor, fault = plant.left.motor, faults.left
         shaft, path = state.left, flow.left
         if drive == RIGHT:

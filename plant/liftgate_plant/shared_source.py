@@ -1,19 +1,20 @@
-"""Two bridges that switch on one source with resistance: both currents over a period of the PWM, when they repeat.
+"""Steady-state currents of two bridges that switch on one source with resistance, over a PWM period.
 
-`pwm` has one bridge on a source without resistance. Here the terminal voltage sags by what both draw at that
+`pwm` treats one bridge on a source without resistance. Here the terminal voltage sags with what both draw at that
 moment, U = U_source − R_source Σ s i with the current along the duty, and
 
     L di/dt = s U + v − R i − e
 
     on       s = 1, v = 0                       both bridges are switched on at the same instant
     slow     s = 0, v = 0
-    diode    s = 0, v = −U_d while it flows on; s = 1, v = U_d where it flows back
-    fast     s = −1, v = −2 U_d while it flows on; s = 1, v = 2 U_d where it flows back
-    none     where a diode has let it die, while s U + v of neither line is beyond e
+    diode    s = 0, v = −U_d for a current along the duty; s = 1, v = U_d for one against it
+    fast     s = −1, v = −2 U_d for a current along the duty; s = 1, v = 2 U_d for one against it
+    none     i = 0 once a diode has blocked, while e lies between the values s U + v of both directions
 
-Between two switches, or ends of a diode's current, both are two exponentials (the two modes of the symmetric
-system in √L i). The currents at the period's start are those that come back at its end, found by Newton's method
-on the map from one to the other, which is affine where no diode's current ends.
+Between two switching instants or zero crossings of a diode current, both currents are sums of two exponentials
+(the two modes of the symmetric system in √L i). In the steady state the currents at the period's start equal those
+at its end. They are found by Newton's method on the map from one to the other, which is affine where no diode
+current reaches zero.
 """
 
 from __future__ import annotations
@@ -25,28 +26,32 @@ from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.motor import rotation
 from liftgate_plant.pwm import DIODE, SLOW, Chopper
 
-_MOST_PERIODS = 6  # two are enough where the currents last, or end, all through
-_MOST_PARTS = 10  # of a period: three switches, two ends, and what begins again
-_CLOSED = 1e-9  # A, by which a current at the end may miss that at the start
-_SETTLED = 1e-14  # of a part's length, to which a current's end is found
-_MOST_TRIES = 40  # to find it
-_TOUCHES = 1e-9  # V, by which an EMF may be below its line and drive a current through a diode
+_MOST_PERIODS = (
+    6  # iterations at most; two suffice if the currents are continuous, or end, in all of them
+)
+_MOST_PARTS = 10  # parts of a period at most: three switches, two ends of currents, and restarts
+_CLOSED = 1e-9  # A, tolerated difference between the currents at the period's end and start
+_SETTLED = 1e-14  # of a part's length, accuracy with which a current's end is found
+_MOST_TRIES = 40  # iterations at most to find it
+_TOUCHES = (
+    1e-9  # V, by which an EMF may be below its limit and still drive a current through a diode
+)
 
 
 class Branch(NamedTuple):
     """A bridge and its motor."""
 
     chopper: Chopper
-    duty: float  # 0…1; 0: takes no part
-    emf: float  # V, along the duty
+    duty: float  # 0…1; 0: the branch carries no current
+    emf: float  # V, back-EMF, positive along the duty
 
 
 class Way(NamedTuple):
-    """Which way a branch's current goes during a part of the period."""
+    """Path of a branch's current during a part of the period."""
 
-    share: float  # s
+    share: float  # s, part of the current that flows through the source, signed
     offset: float  # v, V
-    flows: float  # 0.0: diodes hold the motor without current
+    flows: float  # 0.0: the diodes block, the motor carries no current
 
 
 class Wave(NamedTuple):
@@ -58,7 +63,7 @@ class Wave(NamedTuple):
 
 
 class Decay(NamedTuple):
-    """Both modes after a time: it [s], λ1 and λ2 [1/s], e^(−λ t)."""
+    """Decay of both modes after a time: the time [s], λ1 and λ2 [1/s], and e^(−λ t)."""
 
     time: float
     rate_1: float
@@ -68,25 +73,28 @@ class Decay(NamedTuple):
 
 
 class Sag(NamedTuple):
-    """A source [V] behind a resistance [Ω]."""
+    """Voltage source [V] behind a resistance [Ω]."""
 
     source: float
     resistance: float
 
 
 class Sums(NamedTuple):
-    """A current's integrals over a period so far, and its extremes."""
+    """Integrals of a current over the period so far, and its extremes."""
 
     charge: float  # A s
     square: float  # A² s
-    drawn: float  # A s, from the source
+    drawn: float  # A s, drawn from the source
     on: float  # A s, while the PWM is on
     high: float  # A
     low: float
 
 
 class Part(NamedTuple):
-    """Both currents in a part of the period without a switch: the modes' rates [1/s] and their rotation."""
+    """Both currents in a part of the period without a switching instant.
+
+    Holds the rates [1/s] of the modes and their rotation, too.
+    """
 
     left: Wave
     right: Wave
@@ -98,7 +106,10 @@ class Part(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """How both currents change with those at the period's start: `left_right` is the left one by the right one."""
+    """Sensitivities of both currents to those at the period's start.
+
+    `left_right` is that of the left current to the right one at the start.
+    """
 
     left_left: float
     left_right: float
@@ -107,8 +118,9 @@ class Slopes(NamedTuple):
 
 
 class Period(NamedTuple):
-    """Both currents over a period that begins with given ones: at its end [A], how these change with those at its
-    start, and sums.
+    """Both currents over a period that begins with given ones.
+
+    Holds the currents at its end [A], their sensitivities to those at its start, and the sums.
     """
 
     left_end: float
@@ -125,7 +137,7 @@ SAME = Slopes(1.0, 0.0, 0.0, 1.0)
 
 @compilable
 def freewheel(chopper: Chopper, along: float) -> Way:
-    """The way of a current that flows on (1.0) or back (−1.0) while the PWM is off."""
+    """Return the path of a current that flows along the duty (1.0) or against it (−1.0) while the PWM is off."""
     if chopper.freewheeling == SLOW:
         return Way(0.0, 0.0, 1.0)
     if along < 0.0:
@@ -137,7 +149,10 @@ def freewheel(chopper: Chopper, along: float) -> Way:
 
 @compilable
 def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Way:
-    """The way of a branch with a current [A] at a terminal voltage [V] that is there without its own current."""
+    """Return the path of a branch's current [A].
+
+    `terminal` is the terminal voltage [V] without the branch's own current.
+    """
     chopper = branch.chopper
     if branch.duty == 0.0:
         return IDLE
@@ -153,19 +168,22 @@ def way_of(branch: Branch, is_on: bool, current: float, terminal: float) -> Way:
 
 @compilable
 def drawn_by(branch: Branch, is_on: bool, current: float) -> float:
-    """What a branch with a current [A] takes from the source [A]."""
+    """Return the current [A] that a branch with `current` [A] draws from the source."""
     return way_of(branch, is_on, current, 0.0).share * current if current != 0.0 else 0.0
 
 
 @compilable
 def value_after(wave: Wave, decay: Decay) -> float:
-    """A current [A] at the end of a part."""
+    """Return a current [A] at the end of a part."""
     return wave.final + wave.first * decay.left_1 + wave.second * decay.left_2
 
 
 @compilable
 def ends_at(wave: Wave, start: float, modes: Decay) -> float:
-    """When [s] a current that starts with `start` [A] comes to zero within a part; its length: it doesn't."""
+    """Return when [s] a current that starts with `start` [A] reaches zero within a part.
+
+    Returns the part's length if it does not.
+    """
     length = modes.time
     final = value_after(wave, modes)
     if start * final >= 0.0:
@@ -199,8 +217,10 @@ def ends_at(wave: Wave, start: float, modes: Decay) -> float:
 def begins_at(
     branch: Branch, way: Way, wave: Wave, start: float, share: float, decay: Decay, sag: Sag
 ) -> float:
-    """When [s] within a part the other's current, of which the source gives that share, pulls the source so far
-    down that an idle motor's EMF drives a current back; the part's length: it doesn't.
+    """Return when [s] within a part an idle motor's EMF starts to drive a current against the duty.
+
+    This happens if the other branch's current, of which the source supplies `share`, pulls the source down far
+    enough. Returns the part's length if it does not happen.
     """
     if way.flows != 0.0 or branch.duty == 0.0 or sag.resistance * share <= 0.0:
         return decay.time
@@ -214,7 +234,7 @@ def begins_at(
 
 @compilable
 def added(sums: Sums, wave: Wave, decay: Decay, share: float, is_on: bool) -> Sums:
-    """The sums with a part of the period more, in which the source gives that share of the current."""
+    """Return the sums with one more part of the period, in which the source supplies `share` of the current."""
     f, a, b, time = wave.final, wave.first, wave.second, decay.time
     gone_1, gone_2 = (1.0 - decay.left_1) / decay.rate_1, (1.0 - decay.left_2) / decay.rate_2
     charge = f * time + a * gone_1 + b * gone_2
@@ -245,7 +265,10 @@ def part_of(
     source: float,
     resistance: float,
 ) -> Part:
-    """Both currents of a part that begins with `i_l` and `i_r` [A]: x = √L i in its modes, solved, and back."""
+    """Solve both currents of a part that begins with `i_l` and `i_r` [A].
+
+    The currents x = √L i are transformed to modes, solved there, and transformed back.
+    """
     chopper_l, chopper_r = left.chopper, right.chopper
     root_l, root_r = math.sqrt(chopper_l.inductance), math.sqrt(chopper_r.inductance)
     rate_1, rate_2, c, s = rotation(
@@ -271,14 +294,17 @@ def part_of(
 
 @compilable
 def decay_of(part: Part, time: float) -> Decay:
-    """Both modes of a part after a time [s]."""
+    """Return the decay of both modes of a part after a time [s]."""
     left_1, left_2 = math.exp(-part.rate_1 * time), math.exp(-part.rate_2 * time)
     return Decay(time, part.rate_1, part.rate_2, left_1, left_2)
 
 
 @compilable
 def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
-    """How the currents at a part's end change with those at the period's start; `by` of those at its own start."""
+    """Return the sensitivities of the currents at a part's end to those at the period's start.
+
+    `by` are the sensitivities at the part's start.
+    """
     c, s, e_1, e_2 = part.cosine, part.sine, decay.left_1, decay.left_2
     own_l, own_r = c * c * e_1 + s * s * e_2, s * s * e_1 + c * c * e_2
     across = c * s * (e_2 - e_1)
@@ -293,7 +319,7 @@ def followed(by: Slopes, part: Part, decay: Decay) -> Slopes:
 
 @compilable
 def next_switch(now: float, period: float, on_left: float, on_right: float) -> float:
-    """When [s] the next switch of a period is, of which the bridges are on until these times."""
+    """Return when [s] the bridges switch next in a period; they are on until `on_left` and `on_right` [s]."""
     end = period
     if now < on_left:
         end = min(end, on_left)
@@ -306,7 +332,7 @@ def next_switch(now: float, period: float, on_left: float, on_right: float) -> f
 def over_a_period(
     left: Branch, right: Branch, start_l: float, start_r: float, source: float, resistance: float
 ) -> Period:
-    """Both currents over a period that they begin with `start_l` and `start_r` [A]."""
+    """Compute both currents over a period that begins with `start_l` and `start_r` [A]."""
     period = left.chopper.period if left.duty > 0.0 else right.chopper.period
     on_l, on_r = left.duty * period, right.duty * period
     i_l, i_r, now, by, sag = start_l, start_r, 0.0, SAME, Sag(source, resistance)
@@ -350,16 +376,19 @@ def over_a_period(
 
 @compilable
 def has_ended(way: Way, before: float, after: float) -> bool:
-    """Whether a diode's current has come to zero, but for rounding; what flows back comes through the source."""
+    """Whether a diode's current has reached zero, up to rounding.
+
+    A current against the duty flows through the source, so `way.share` tells its direction.
+    """
     along = -1.0 if way.share > 0.0 else 1.0
     return along * after <= 0.0 or abs(after) < _SETTLED * abs(before)
 
 
 @outlined
 def repeating(left: Branch, right: Branch, source: float, resistance: float) -> Period:
-    """Both currents over the period after which they repeat; `source` [V] behind its resistance [Ω].
+    """Return the period after which both currents repeat; `source` [V] is behind `resistance` [Ω].
 
-    A branch of duty 0 takes no part. Both have one period, but where one is of duty 1, which does not switch.
+    A branch of duty 0 carries no current. Both have the same period, unless one has duty 1 and does not switch.
     """
     i_l, i_r = 0.0, 0.0
     run = over_a_period(left, right, i_l, i_r, source, resistance)

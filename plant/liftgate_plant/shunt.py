@@ -1,8 +1,8 @@
-"""The current on its way to the converter: what it did during a step, the commutation ripple on it, a low-pass.
+"""Current ahead of the converter: its course over a step, the commutation ripple on it, a low-pass.
 
-The winding's current is over a step a straight line and a transient D e^(−a t), as the solver has it. The ripple
-is a share of the mean current, with the commutations' angle on a straight line too. A first-order low-pass
-T y' = x − y passes all of them in closed form, so that the reading does not depend on the tick.
+Over a step the winding's current is a straight line and a transient D e^(−a t), as in the solver. The ripple is a
+share of the mean current, and the angle of the commutations changes linearly too. A first-order low-pass T y' = x
+− y has a closed-form response to all of them, so that the reading does not depend on the tick.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from liftgate_plant.motor import Motor, phi_functions
 
 
 class Ripple(NamedTuple):
-    """A commutation ripple over a step: `amplitude` [A] times the cosine of an angle, `start` to `end` [rad]."""
+    """Commutation ripple over a step: `amplitude` [A] times the cosine of an angle, `start` to `end` [rad]."""
 
     amplitude: float
     start: float
@@ -25,12 +25,15 @@ class Ripple(NamedTuple):
 
 @compilable
 def low_passed(filtered: float, path: CurrentPath, constant: float, step: float) -> float:
-    """The current behind a low-pass of the time constant T [s] at the end of the step; `filtered` at its start."""
+    """Return the current behind a low-pass of the time constant T [s] at the end of the step.
+
+    `filtered` is its value at the step's start.
+    """
     share, fall = step / constant, path.decay * step
     e, phi1, phi2, _ = phi_functions(-share)
     remains, fallen, _, _ = phi_functions(-fall)
     first, last = path.start - path.amplitude, path.end - path.amplitude * remains
-    # What neither line nor transient explains, such as a current that ends inside the step, is spread over it.
+    # What line and transient do not explain, as of a current that ends inside the step, is spread over it.
     rest = path.mean - 0.5 * (first + last) - path.amplitude * fallen
     if fall > share:
         _, apart, _, _ = phi_functions(share - fall)
@@ -44,8 +47,9 @@ def low_passed(filtered: float, path: CurrentPath, constant: float, step: float)
 
 @compilable
 def rippled(ripple: Ripple, constant: float, step: float) -> float:
-    """What a ripple adds at the end of the step behind a low-pass of the time constant T [s]; without one (T = 0)
-    its mean over the step.
+    """Return what a ripple adds at the end of the step behind a low-pass of the time constant T [s].
+
+    Without a low-pass (T = 0) it is the ripple's mean over the step.
     """
     way = ripple.end - ripple.start
     if constant > 0.0:
@@ -59,7 +63,7 @@ def rippled(ripple: Ripple, constant: float, step: float) -> float:
 
 
 class Commutation(NamedTuple):
-    """How far a commutation ripple goes up and down: a share of the current and an amplitude [A]."""
+    """Amplitude of a commutation ripple: a share of the current, and an amplitude [A]."""
 
     share: float
     amplitude: float
@@ -67,8 +71,9 @@ class Commutation(NamedTuple):
 
 @compilable
 def commutations(segments: float, brushes: float) -> float:
-    """How often a turn a brush passes from one segment to the next: the least common multiple of both, as brushes
-    that pass at once count once.
+    """Return how often per turn a brush passes from one segment to the next.
+
+    It is the least common multiple of both, as brushes that pass at once count once.
     """
     least, rest = math.floor(segments), math.floor(brushes)
     product = float(least * rest)
@@ -79,16 +84,18 @@ def commutations(segments: float, brushes: float) -> float:
 
 @compilable
 def ideal_ripple(order: float) -> float:
-    """The amplitude of an ideal commutator's EMF by its mean, for so many commutations a turn: the first harmonic
-    of N rectified half waves, 2/(N² − 1).
+    """Return the ripple amplitude of an ideal commutator's EMF, relative to its mean.
+
+    For N = `order` commutations per turn it is the first harmonic of N rectified half waves, 2/(N² − 1).
     """
     return 2.0 / (order * order - 1.0)
 
 
 @compilable
 def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
-    """The current [A] that a ripple of a share of the EMF drives through the winding, for `order` commutations a
-    turn: share c2Φ n / √(R² + (2π order n L)²).
+    """Return the current [A] that a ripple of a share of the EMF drives through the winding.
+
+    For `order` commutations per turn it is share c2Φ n / √(R² + (2π order n L)²).
     """
     reactance = 2.0 * math.pi * order * speed * motor.inductance
     impedance = math.sqrt(motor.resistance * motor.resistance + reactance * reactance)
@@ -96,7 +103,7 @@ def emf_ripple(share: float, motor: Motor, order: float, speed: float) -> float:
 
 
 class Turning(NamedTuple):
-    """The commutations' angle [rad] and its rate [rad/s] at both ends of a step."""
+    """Angle of the commutations [rad] and its rate [rad/s] at both ends of a step."""
 
     start: float
     end: float
@@ -104,18 +111,18 @@ class Turning(NamedTuple):
     end_rate: float
 
 
-_BEND = 2e-3  # rad; by so much a piece's angle may leave its straight line
-_CHANGE = 0.1  # of a ripple's amplitude within a piece
-_PIECES = 8  # at most
+_BEND = 2e-3  # rad, largest deviation of a piece's angle from its straight line
+_CHANGE = 0.1  # largest relative change of a ripple's amplitude within a piece
+_PIECES = 8  # largest number of pieces
 
 
 @compilable
 def commutated(
     ripple: Commutation, path: CurrentPath, turning: Turning, constant: float, step: float
 ) -> float:
-    """What a commutation ripple adds to the reading at the end of the step.
+    """Return what a commutation ripple adds to the reading at the end of the step.
 
-    Where current or speed change much within the step it is taken in pieces.
+    Where current or speed change much within the step, it is divided into pieces.
     """
     gain = turning.end_rate - turning.start_rate
     bend = abs(gain) * step / 8.0
@@ -147,7 +154,7 @@ def commutated(
 
 @compilable
 def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
-    """The commutations between two times [s] within the step."""
+    """Return the angle of the commutations between two times [s] within the step."""
     gain = (turning.end_rate - turning.start_rate) / step
     drift = turning.end - turning.start - 0.5 * (turning.start_rate + turning.end_rate) * step
     rate = turning.start_rate + drift / step
@@ -163,7 +170,7 @@ def turned(turning: Turning, begin: float, end: float, step: float) -> Turning:
 def gathered_between(
     ripple: Commutation, path: CurrentPath, turning: Turning, begin: float, end: float, step: float
 ) -> float:
-    """What flows [A s] between two times of the step, commutation ripple included."""
+    """Return the charge [A s] that flows between two times of the step, commutation ripple included."""
     if end <= begin:
         return 0.0
     part = part_of(path, begin, end, step)
@@ -173,14 +180,14 @@ def gathered_between(
     return (end - begin) * mean
 
 
-_SLACK = 1e-9  # of a window, by which its end and a tick's may differ and be one
+_SLACK = 1e-9  # of a window, by which its end and a tick's may differ and still coincide
 
 
 class Window(NamedTuple):
-    """A mean over windows of one length that follow one another from time 0 on."""
+    """Mean over windows of one length that follow one another from time 0 on."""
 
-    mean: float  # A, of the last that has ended
-    gathered: float  # A s, of the one that is open
+    mean: float  # A, of the last window that has ended
+    gathered: float  # A s, charge in the window that is open
 
 
 @compilable
@@ -193,7 +200,7 @@ def windowed(
     now: float,
     step: float,
 ) -> Window:
-    """The windows of `length` [s] after a step that ends `now` [s]."""
+    """Return the windows of `length` [s] after a step that ends at `now` [s]."""
     ended = math.floor(now / length + _SLACK)
     if ended == math.floor((now - step) / length + _SLACK):
         more = gathered_between(ripple, path, turning, 0.0, step, step)

@@ -1,8 +1,8 @@
-"""Every physical quantity once: unit, range, meaning, and the rows that hold them.
+"""Catalogue of the physical quantities: unit, range, meaning, and the rows that hold them.
 
-A row is a NamedTuple whose fields are the columns of files: name and unit (`left_current_a`). Each field says
-which `Signal` it is, so that whatever reads or writes rows (recordings, `simulate`, measured files, profiles,
-signals on a bus) takes names, units and ranges from here. Code fills rows by keyword and never by position.
+A row is a NamedTuple whose fields are the columns of files: name and unit (`left_current_a`). Each field names its
+`Signal`, so that everything that reads or writes rows (recordings, `simulate`, measured files, profiles, signals
+on a bus) takes names, units and ranges from here. Code fills rows by keyword and never by position.
 
 Positive opens: voltage, current, speed, position, force and torque alike.
 """
@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 from liftgate_plant.compiler import compilable
 from liftgate_plant.quantity import Quantity
 
-# What a unit adds to a column's name.
+# Suffix that a unit adds to a column's name.
 SUFFIXES: Mapping[str, str] = {
     "s": "_s",
     "V": "_v",
@@ -45,16 +45,16 @@ class Signal(NamedTuple):
     high: float
     meaning: str
     values: tuple[str, ...] = ()
-    bus_name: str = ""  # in a rig file, where it is not the column's name without its unit
+    bus_name: str = ""  # name in a rig file, if not the column's name without its unit
     is_whole: bool = False  # a count or a state: written without a decimal point
 
     @property
     def suffix(self) -> str:
-        """What a column's name ends in."""
+        """Suffix of a column's name."""
         return SUFFIXES[self.unit]
 
     def parameter(self, symbol: str) -> Quantity:
-        """The same as a key of the vehicle file, which holds it as long as nothing else is said."""
+        """Return the signal as a key of the vehicle file, whose value holds unless something overrides it."""
         return Quantity(symbol, self.unit, self.low, self.high, self.meaning)
 
 
@@ -119,7 +119,7 @@ LATCH_HOME = Signal("", 0.0, 1.0, "switch of the cinching motor: at home", SWITC
 PINCH_STRIP = Signal("", 0.0, 1.0, "contact strip on this side of the gate", SWITCH, is_whole=True)
 HANDLE = Signal("", 0.0, 1.0, "the gate's outer handle is pulled", SWITCH, is_whole=True)
 BUTTON = Signal("", 0.0, 1.0, "the gate's button is pressed", SWITCH, is_whole=True)
-# 60 V: above that no road vehicle's low-voltage supply goes (voltage class A of ISO 6469-3).
+# 60 V: no low-voltage supply of a road vehicle exceeds it (voltage class A of ISO 6469-3).
 SUPPLY_VOLTAGE = Signal("V", 0.0, 60.0, "of the source, open-circuit")
 ROAD_SLOPE = Signal("deg", -45.0, 45.0, "positive with the rear of the car raised")
 AMBIENT_TEMPERATURE = Signal("°C", -55.0, 130.0, "of the surroundings")
@@ -134,7 +134,7 @@ EXTERNAL_TORQUE = Signal("N m", -5e3, 5e3, "on the gate, positive opens")
 
 
 class Drives(NamedTuple):
-    """What drives the motors offline: `simulate`'s inputs, measured ones, those of identification."""
+    """Motor inputs of offline runs: `simulate`'s inputs, measured ones, those of identification."""
 
     left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
     right_voltage_v: Annotated[float, MOTOR_VOLTAGE]
@@ -145,7 +145,10 @@ class Drives(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What the surroundings do to the gate; each may be a profile, a panel's, an input file's. NaN: not said."""
+    """Effects of the surroundings on the gate; NaN: not specified.
+
+    Each may come from a profile, a panel or an input file.
+    """
 
     supply_voltage_v: Annotated[float, SUPPLY_VOLTAGE]
     road_slope_deg: Annotated[float, ROAD_SLOPE]
@@ -160,7 +163,7 @@ class Surroundings(NamedTuple):
 
 @compilable
 def switched(is_on: bool) -> float:
-    """What a switch says."""
+    """Return the signal of a switch: 1.0 on, 0.0 off."""
     return 1.0 if is_on else 0.0
 
 
@@ -168,7 +171,7 @@ NOTHING_SAID = Surroundings(**dict.fromkeys(Surroundings._fields, math.nan))
 
 
 class Truth(NamedTuple):
-    """What is so at the end of a step, with the inputs that led there."""
+    """True values at the end of a step, with the inputs that led there."""
 
     time_s: Annotated[float, TIME]
     left_voltage_v: Annotated[float, MOTOR_VOLTAGE]
@@ -225,7 +228,7 @@ class Truth(NamedTuple):
 
 
 class Sensed(NamedTuple):
-    """What the sensors make of it: all that the ECU can know."""
+    """Sensor readings of the true values: all that the ECU can know."""
 
     left_current_a: Annotated[float, CURRENT]
     right_current_a: Annotated[float, CURRENT]
@@ -268,11 +271,11 @@ class Sensed(NamedTuple):
 
 
 def signals_of(row: type[Any]) -> dict[str, Signal]:
-    """Column: signal, of a row's type, in its order."""
+    """Return the signals of a row's type by column, in its order."""
     hints = get_type_hints(row, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items()}
 
 
 def bus_name(column: str, signal: Signal) -> str:
-    """What a rig file calls a column: its name without the unit, or the signal's own."""
+    """Return a column's name in a rig file: its name without the unit, or the signal's own."""
     return signal.bus_name or column.removesuffix(signal.suffix)

@@ -2,10 +2,10 @@
 
     F_F = F_F0 + k (l_max − l_S) − F_open + F_closed
 
-Departure: (3.14) as printed jumps to k_3 l_max at the stop; here the stop takes the penetration, has a
-damper and a twin at the closed end. Instead of the coil, or beside it, a gas spring of force F_1 when
-extended, with the progression X = F_2/F_1 over the whole stroke and its pressure proportional to the
-absolute temperature: F = F_1 (T/293.15 K) / (1 − (1 − 1/X) (l_max − l_S)/l_max).
+Departure: (3.14) as printed jumps to k_3 l_max at the stop; here the stop acts on the penetration, has a damper,
+and has a counterpart at the closed end. Instead of the coil spring, or in addition to it, there may be a gas
+spring of force F_1 when extended, with the progression X = F_2/F_1 over the whole stroke and its pressure
+proportional to the absolute temperature: F = F_1 (T/293.15 K) / (1 − (1 − 1/X) (l_max − l_S)/l_max).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Spring(NamedTuple):
-    """Table `[spring]`."""
+    """Table `[spring]` of the vehicle file."""
 
     stiffness: Annotated[float, Quantity("k", "N/m", 0.0, 1e6, "coil")]
     preload: Annotated[float, Quantity("F_F0", "N", 0.0, 1e5, "coil's force when extended")]
@@ -34,7 +34,10 @@ class Spring(NamedTuple):
 
 @compilable
 def force(spring: Spring, extension: float, stroke: float, ambient: float) -> float:
-    """The spring's force [N] at l_S = `extension` (3.12, 4.9), without stops; `stroke` = l_max, `ambient` °C."""
+    """Return the spring's force [N] at l_S = `extension` (3.12, 4.9), without stops.
+
+    `stroke` is l_max, `ambient` the temperature [°C].
+    """
     compression = stroke - extension
     coil = spring.preload + spring.stiffness * compression
     if spring.gas_force == 0.0:

@@ -1,8 +1,8 @@
 """The source: U_terminal = U_source − R_source Σ_d drawn_d. The thesis has R_source = 0.
 
 A bridge that is taken as its mean draws the signed duty's share of its motor's current, as if a capacitor buffered
-its period. Of one that switches `switching` has what it draws in each part of the period; the terminal voltage is
-then the mean over the period.
+its period. For a bridge that switches, `switching` computes what it draws in each part of the period; the terminal
+voltage is then the mean over the period.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Supply(NamedTuple):
-    """Table `[supply]`."""
+    """Table `[supply]` of the vehicle file."""
 
     voltage: Annotated[float, signals.SUPPLY_VOLTAGE.parameter("U_source")]
     internal_resistance: Annotated[
@@ -27,5 +27,5 @@ class Supply(NamedTuple):
 def terminal_voltage(
     supply_voltage: float, internal_resistance: float, drawn_left: float, drawn_right: float
 ) -> float:
-    """U_terminal [V] at the bridges, for the currents [A] that they draw."""
+    """Return U_terminal [V] at the bridges, for the currents [A] that they draw."""
     return supply_voltage - internal_resistance * (drawn_left + drawn_right)

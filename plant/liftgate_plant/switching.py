@@ -1,13 +1,13 @@
-"""Both motors' currents over a period of the PWM, whatever their bridges do, on the source that they share.
+"""Periodic currents of both motors over a PWM period, for any bridges on the source that they share.
 
 | source | bridges | solution |
 |---|---|---|
-| without resistance | each for itself | `pwm.course` |
+| without resistance | each on its own | `pwm.course` |
 | with resistance | of one frequency | `shared_source`: the sag acts in each part of the period |
-| with resistance | of two frequencies, or one taken as its mean | each for itself beside the other's mean |
+| with resistance | of two frequencies, or one taken as its mean | each on its own, with the other's mean current |
 
-Bridges of two frequencies meet each other in every part of their periods for the same time, so that each sees of
-the other its mean alone.
+Bridges of two frequencies coincide in every part of their periods for the same time, so that each sees only the
+mean of the other.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.pwm import FAST, Chopper, Course, course
 from liftgate_plant.shared_source import Branch, Sums, repeating
 
-_MOST_ROUNDS = 4  # of two bridges beside each other; each brings R_source/R of the last one's error
+_MOST_ROUNDS = (
+    4  # iterations for two bridges on one source; each leaves R_source/R of the last error
+)
 
 
 class Fed(NamedTuple):
     """A bridge on the source and its motor."""
 
-    chopper: Chopper  # of period 0: the mean of its PWM alone
-    duty: float  # signed; 0: nothing comes from the source
-    emf: float  # V, less what is applied beside the source
+    chopper: Chopper  # with period 0 only the mean of the PWM is modelled
+    duty: float  # signed; 0: nothing is drawn from the source
+    emf: float  # V, back-EMF minus the voltage applied beside the source
     current: float  # A, at present
 
 
@@ -39,7 +41,7 @@ def is_chopped(fed: Fed) -> bool:
 
 @compilable
 def drawn_share(period: float, freewheeling: float, duty: float) -> float:
-    """Which share of a current along the duty comes from the source, if it does not change over the period."""
+    """Return the share of a current along the duty that the source supplies, if it is constant over the period."""
     if period > 0.0 and freewheeling == FAST:
         return 2.0 * abs(duty) - 1.0
     return abs(duty)
@@ -47,7 +49,10 @@ def drawn_share(period: float, freewheeling: float, duty: float) -> float:
 
 @compilable
 def averaged(fed: Fed, source: float, resistance: float) -> Course:
-    """The course of a bridge that does not switch, or is taken as its mean, on a source behind a resistance."""
+    """Return the waveform of a bridge that does not switch, or is taken as its mean.
+
+    The source is behind a resistance.
+    """
     duty, along = abs(fed.duty), math.copysign(1.0, fed.duty)
     if duty == 0.0:
         return Course(fed.current, 0.0, 0.0, 0.0, fed.current, fed.current, 0.0, 0.0)
@@ -59,7 +64,7 @@ def averaged(fed: Fed, source: float, resistance: float) -> Course:
 
 @compilable
 def branch_of(fed: Fed, period: float) -> Branch:
-    """A bridge that switches, or is fully on, in a period [s]."""
+    """Return the branch of a bridge that switches, or is fully on, with a period [s]."""
     chopper = fed.chopper
     return Branch(
         Chopper(chopper.freewheeling, period, chopper.drop, chopper.resistance, chopper.inductance),
@@ -70,8 +75,9 @@ def branch_of(fed: Fed, period: float) -> Branch:
 
 @compilable
 def with_sums(branch: Branch, sums: Sums, terminal: float) -> Course:
-    """The course of a branch with these integrals over its period. How its mean changes is that of a bridge on the
-    mean of the terminal voltage, without resistance.
+    """Return the waveform of a branch with these integrals over its period.
+
+    The sensitivities of its mean are those of a bridge on the mean terminal voltage, without source resistance.
     """
     period, duty, resistance = branch.chopper.period, branch.duty, branch.chopper.resistance
     mean = sums.charge / period
@@ -86,7 +92,7 @@ def with_sums(branch: Branch, sums: Sums, terminal: float) -> Course:
 
 @compilable
 def alone(fed: Fed, source: float, resistance: float) -> Course:
-    """The course of a bridge beside which nothing else is on the source."""
+    """Return the waveform of a bridge that is alone on the source."""
     if not is_chopped(fed):
         return averaged(fed, source, resistance)
     branch = branch_of(fed, fed.chopper.period)
@@ -97,7 +103,7 @@ def alone(fed: Fed, source: float, resistance: float) -> Course:
 
 @compilable
 def are_in_step(left: Fed, right: Fed) -> bool:
-    """Whether both bridges have one period, of which one may be fully on all the time."""
+    """Whether both bridges have the same period, where one of them may be fully on all the time."""
     if left.duty == 0.0 or right.duty == 0.0:
         return False
     if is_chopped(left) and is_chopped(right):
@@ -108,9 +114,9 @@ def are_in_step(left: Fed, right: Fed) -> bool:
 
 @outlined
 def courses(left: Fed, right: Fed, source: float, resistance: float) -> tuple[Course, Course]:
-    """Both currents' courses, each along its duty, on a source [V] behind a resistance [Ω].
+    """Return both currents' waveforms, each along its duty, on a source [V] behind a resistance [Ω].
 
-    Of a bridge that draws nothing it is its present current.
+    The waveform of a bridge that draws nothing is its present current.
     """
     if resistance == 0.0:
         own_l, own_r = averaged(left, source, 0.0), averaged(right, source, 0.0)

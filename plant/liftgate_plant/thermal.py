@@ -1,11 +1,11 @@
-"""Motor heating, optional: two bodies, winding and housing, and what their warmth does to the motor.
+"""Optional motor heating with two bodies, winding and housing, and its effect on the motor.
 
     C_w dT_w/dt = R i² − (T_w − T_h)/R_wh        C_h dT_h/dt = (T_w − T_h)/R_wh − (T_h − T_amb)/R_ha
     R = R_20 (1 + α_Cu (T_w − 20 °C))            c1Φ, c2Φ = (1 + α_B (T_h − 20 °C)) times those at 20 °C
 
-The form of a motor maker's data sheet (maxon: lines "thermal resistance housing–ambient, winding–housing",
-"thermal time constant winding, motor"). The thesis gives no thermal data: the defaults are of the order that
-such sheets give for 20 W motors of 25 to 30 mm; put your motor's there.
+The form is that of motor data sheets (maxon: lines "thermal resistance housing–ambient, winding–housing", "thermal
+time constant winding, motor"). The thesis gives no thermal data: the defaults have the order of magnitude of such
+sheets for 20 W motors of 25 to 30 mm; replace them by those of your motor.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from liftgate_plant.quantity import Quantity
 
 
 class Thermal(NamedTuple):
-    """Table `[thermal]`."""
+    """Table `[thermal]` of the vehicle file."""
 
     enabled: Annotated[float, Quantity("", "1", 0.0, 1.0, "1: the motor warms up")] = 0.0
     winding_resistance: Annotated[
@@ -38,7 +38,7 @@ class Thermal(NamedTuple):
 
 @compilable
 def resistance_factor(thermal: Thermal, winding: float) -> float:
-    """R over R_20 at a winding temperature [°C]."""
+    """Return R/R_20 at a winding temperature [°C]."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.copper_coefficient * (winding - 20.0))
@@ -46,7 +46,7 @@ def resistance_factor(thermal: Thermal, winding: float) -> float:
 
 @compilable
 def flux_factor(thermal: Thermal, housing: float) -> float:
-    """Φ over Φ_20 at a housing temperature [°C]."""
+    """Return Φ/Φ_20 at a housing temperature [°C]."""
     if thermal.enabled == 0.0:
         return 1.0
     return max(0.1, 1.0 + thermal.magnet_coefficient * (housing - 20.0))
@@ -56,7 +56,7 @@ def flux_factor(thermal: Thermal, housing: float) -> float:
 def winding_soon(
     thermal: Thermal, winding: float, housing: float, loss: float, ahead: float
 ) -> float:
-    """The winding's temperature [°C] in so many seconds, which are few, with its present loss [W]."""
+    """Return the winding temperature [°C] after a short time `ahead` [s] with its present loss [W]."""
     if thermal.enabled == 0.0:
         return winding
     flow = loss - (winding - housing) / thermal.winding_resistance
@@ -67,9 +67,10 @@ def winding_soon(
 def warm(
     thermal: Thermal, winding: float, housing: float, ambient: float, loss: float, step: float
 ) -> tuple[float, float]:
-    """Both temperatures [°C] after a step with the winding's mean loss [W].
+    """Return both temperatures [°C] after a step with the winding's mean loss [W].
 
-    One implicit Euler step of the linear pair: stable at any step, and steps are far below its seconds.
+    One implicit Euler step of the linear pair: stable at any step, and steps are far shorter than its time
+    constants of seconds.
     """
     if thermal.enabled == 0.0:
         return winding, housing

@@ -1,10 +1,10 @@
-"""The gate's twist about a lateral axis, by one mode: at the lateral position y it stands at φ + ψ y/w.
+"""Twist of the gate about a lateral axis, as one mode: at the lateral position y the gate is at φ + ψ y/w.
 
     J_t ψ̈ + d_t ψ̇ + k_t ψ = M_left − M_right + Σ_j (y_j/w) F_j r_j          T = ½ J_L ω² + ½ J_t ψ̇²
 
 Departure: the thesis has one rigid gate for both drives; here the left drive is at y = w, the right one at −w.
-Without a stiffness the gate is rigid, ψ = 0. Snow weighs at its place y, and its inertia is in J_L; that it is
-in J_t too, and couples ω with ψ̇, is left out.
+Without a stiffness the gate is rigid, ψ = 0. Snow acts at its place y, and its inertia is in J_L; that it is in
+J_t too, and couples ω with ψ̇, is neglected.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 from liftgate_plant.compiler import compilable
 
-# From k_t h²/J_t = 1 on the twist is too fast to be followed through the step, and Newmark's method stays stable
+# Above k_t h²/J_t = 1 the twist is too fast to be resolved within the step, and Newmark's method stays stable
 # with β = 1/4; below it β = 1/6 has half the error in the period.
 _FAST = 1.0
 
 
 class Torsion(NamedTuple):
-    """The mode; SI."""
+    """Parameters of the torsion mode, in SI units."""
 
     stiffness: float  # k_t, N m/rad; 0: rigid
     damping: float  # d_t, N m s/rad
@@ -28,7 +28,7 @@ class Torsion(NamedTuple):
 
 
 class TwistMomentum(NamedTuple):
-    """The twist's own part of its momentum over a step: own ψ̇1 = constant + all other torques."""
+    """Momentum balance of the twist alone over a step: own ψ̇1 = constant + all other torques."""
 
     own: float  # N m s/rad
     constant: float  # N m
@@ -42,13 +42,13 @@ def is_rigid(torsion: Torsion) -> bool:
 
 @compilable
 def share_at(torsion: Torsion, lateral: float) -> float:
-    """y/w of a lateral position [m], positive to the left; 0 where the gate is rigid."""
+    """Return y/w of a lateral position [m], positive to the left; 0 where the gate is rigid."""
     return 0.0 if torsion.stiffness == 0.0 else lateral / torsion.half_width
 
 
 @compilable
 def twist_momentum(torsion: Torsion, twist: float, rate: float, step: float) -> TwistMomentum:
-    """Inertia, spring and damper over a step in which the rate changes on a straight line."""
+    """Return the balance of inertia, spring and damper over a step in which the rate changes linearly."""
     beta = 1.0 / 6.0
     if torsion.stiffness * step * step > _FAST * torsion.inertia:
         beta = 0.25

@@ -16,7 +16,7 @@ from liftgate_plant.quantity import Points, Quantity
 
 
 class Gear(NamedTuple):
-    """Table `[gear]`."""
+    """Table `[gear]` of the vehicle file."""
 
     ratio: Annotated[float, Quantity("r", "1", 1.0, 1e4, "motor revolutions per spindle's")]
     inertia: Annotated[float, Quantity("J_G", "kg m²", 0.0, 10.0, "on the spindle's side")]
@@ -26,7 +26,7 @@ class Gear(NamedTuple):
 
 
 class Spindle(NamedTuple):
-    """Table `[spindle]`."""
+    """Table `[spindle]` of the vehicle file."""
 
     lead: Annotated[float, Quantity("s_rev", "m/rev", 1e-4, 1.0, "travel per revolution")]
     efficiency: Annotated[float, Quantity("η_S", "1", 0.0, 1.0, "share of F_S0 not lost")]
@@ -37,14 +37,17 @@ class Spindle(NamedTuple):
 
 
 class Mechanism(NamedTuple):
-    """Table `[mechanism]`: brackets, rods and ball joints between spindle and gate."""
+    """Table `[mechanism]` of the vehicle file: brackets, rods and ball joints between spindle and gate."""
 
     stiffness: Annotated[float, Quantity("k_m", "N/m", 0.0, 1e12, "of one drive's mechanism")]
     damping: Annotated[float, Quantity("c_m", "N s/m", 0.0, 1e9, "of one drive's mechanism")]
 
 
 class Friction(NamedTuple):
-    """Table `[friction]`: options on top of the thesis's constant losses, referred to the motor shaft."""
+    """Table `[friction]` of the vehicle file: options on top of the thesis's constant losses.
+
+    They are referred to the motor shaft.
+    """
 
     static_ratio: Annotated[float, Quantity("τ_s/τ_C", "1", 1.0, 10.0, "static by Coulomb")] = 1.0
     stribeck_speed: Annotated[
@@ -84,15 +87,15 @@ class Friction(NamedTuple):
 
 @compilable
 def total_inertia(motor: Motor, gear: Gear) -> float:
-    """J_d = J + J_G/r² [kg m²], on the motor shaft (3.7)."""
+    """Return the drive's inertia J_d = J + J_G/r² [kg m²], referred to the motor shaft (3.7)."""
     return motor.rotor_inertia + gear.inertia / (gear.ratio * gear.ratio)
 
 
 @compilable
 def coulomb_torque(motor: Motor, gear: Gear, spindle: Spindle) -> float:
-    """τ_C [N m] on the motor shaft (3.3, 3.8, 3.11, 4.12), at 20 °C.
+    """Return the Coulomb friction torque τ_C [N m] on the motor shaft at 20 °C (3.3, 3.8, 3.11, 4.12).
 
-    Departure from (4.12): the spindle's loss is a force, so it comes with s_rev/2π.
+    Departure from (4.12): the spindle's loss is a force, so it enters with s_rev/2π.
     """
     return (
         (1.0 - motor.efficiency) * motor.load_torque
@@ -106,7 +109,10 @@ def coulomb_torque(motor: Motor, gear: Gear, spindle: Spindle) -> float:
 
 @compilable
 def temperature_factor(coefficient: float, ambient: float) -> float:
-    """Friction over ambient temperature [°C] (§4.2.1: cold makes the gear slower), 1 at 20 °C."""
+    """Return the friction factor at an ambient temperature [°C], 1 at 20 °C.
+
+    Cold makes the gear slower (§4.2.1).
+    """
     return max(0.1, 1.0 + coefficient * (20.0 - ambient))
 
 
@@ -114,7 +120,7 @@ def temperature_factor(coefficient: float, ambient: float) -> float:
 def mechanism_force(
     stiffness: float, damping: float, half_play: float, extension: float, rate: float
 ) -> float:
-    """Force [N] of a drive on the gate: `extension` x_d [m] past the middle of the play (3.5)."""
+    """Return the force [N] of a drive on the gate; `extension` is x_d [m] past the middle of the play (3.5)."""
     pushing = contact.force(stiffness, damping, extension - half_play, rate)
     pulling = contact.force(stiffness, damping, -extension - half_play, -rate)
     return pushing - pulling
@@ -131,7 +137,7 @@ def mechanism_push(
     mobility: float,
     step: float,
 ) -> contact.LinearizedForce:
-    """The mean force on the gate over a step, linear in the extension's rate at its end."""
+    """Return the mean force on the gate over a step, linear in the extension's rate at its end."""
     depth = extension - half_play
     when = contact.window(stiffness, damping, depth, rate, rate_end, mobility, step)
     pushing = contact.push(stiffness, damping, depth, rate, mobility, step, when)

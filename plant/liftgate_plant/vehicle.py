@@ -1,4 +1,4 @@
-"""A vehicle: the tables of its file, and the plant's constants that follow from them."""
+"""Tables of a vehicle file, and the plant constants that follow from them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from liftgate_plant.transmission import Friction, Gear, Mechanism, Spindle
 
 
 class DriveTables(NamedTuple):
-    """The tables that each drive has of its own; a file gives them once, or per drive under [left]/[right]."""
+    """Tables that exist per drive; a file gives them once, or per drive under [left]/[right]."""
 
     motor: Motor
     gear: Gear
@@ -43,7 +43,7 @@ class DriveTables(NamedTuple):
 
 
 class Vehicle(NamedTuple):
-    """A whole vehicle file, in SI and radians."""
+    """Contents of a whole vehicle file, in SI units and radians."""
 
     drives: int
     left: DriveTables
@@ -58,8 +58,10 @@ class Vehicle(NamedTuple):
 
 
 def drive_of(tables: DriveTables, active: bool) -> Drive:
-    """The constants of one drive: play (3.5), travel and torque by the gear and the spindle (3.6, 3.9, 3.10), and
-    the inertia of all that turns (4.4).
+    """Return the constants of one drive.
+
+    They include the play (3.5), travel and torque through gear and spindle (3.6, 3.9, 3.10), and the inertia of
+    all rotating parts (4.4).
     """
     travel = tables.spindle.lead / tables.gear.ratio
     return Drive(
@@ -90,7 +92,7 @@ def drive_of(tables: DriveTables, active: bool) -> Drive:
 
 
 def plant_of(vehicle: Vehicle) -> Plant:
-    """The plant's constants, with the weight m g (3.25). Pure: the same vehicle gives the same plant."""
+    """Return the plant's constants, with the weight m g (3.25). Pure: the same vehicle yields the same plant."""
     link = gate.linkage(vehicle.gate)
     inertia = gate.inertia(vehicle.gate, link)
     return Plant(
@@ -117,7 +119,7 @@ def plant_of(vehicle: Vehicle) -> Plant:
 
 
 def load_of(vehicle: Vehicle) -> Load:
-    """The surroundings as the vehicle file has them, latch not released, no obstacle."""
+    """Return the load that the vehicle file describes, with the latch not released and no obstacle."""
     place: environment.Environment = vehicle.environment
     return Load(
         supply_voltage=vehicle.supply.voltage,

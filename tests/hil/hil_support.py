@@ -15,7 +15,6 @@ from crccheck.crc import Crc8SaeJ1850
 from hypothesis import settings
 from numpy.typing import NDArray
 
-from liftgate_hil import session
 from liftgate_hil.codec.bus_config import SignalMapping, build_bus_config
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
@@ -23,7 +22,7 @@ from liftgate_hil.codec.receive import Counts, Reception, forget_stale, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, transmit
 from liftgate_hil.config.rig import Rig, load_rig
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.loop.tick import (
     LoopConfig,
     LoopState,
@@ -32,9 +31,15 @@ from liftgate_hil.loop.tick import (
     initial_loop,
     tick,
 )
+from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
 from liftgate_hil.stimuli.outside import Outside, outside_at
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI, Scene, Stimuli, scene_of
+from liftgate_hil.stimuli.stimulus_plan import (
+    NO_STIMULI,
+    StimulusPlan,
+    TimedStimuli,
+    stimulus_plan_of,
+)
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal
@@ -144,15 +149,15 @@ def loop_config(
     seed: int = 0,
 ) -> LoopConfig:
     """The shipped vehicle, as a loop's constants."""
-    vehicle = session.vehicle_from("suv", settings, ideal=True)
-    return session.loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
+    vehicle = vehicle_from("suv", settings, ideal=True)
+    return loop_config_of(vehicle, rig or shipped_rig(), rate, seed)
 
 
-def scene(
-    config: LoopConfig, stimuli: Stimuli = NO_STIMULI, requests: Sequence[Request] = ()
-) -> Scene:
+def stimulus_plan(
+    config: LoopConfig, stimuli: TimedStimuli = NO_STIMULI, requests: Sequence[Request] = ()
+) -> StimulusPlan:
     """What acts on a run of this gate from outside: one of its own for each run, as it remembers."""
-    return scene_of(constants_in(config), stimuli, requests)
+    return stimulus_plan_of(constants_in(config), stimuli, requests)
 
 
 @cache
@@ -160,18 +165,18 @@ def _shipped() -> LoopConfig:
     return loop_config()
 
 
-def scene_alone(stimuli: Stimuli = NO_STIMULI) -> Scene:
+def stimuli_alone(stimuli: TimedStimuli = NO_STIMULI) -> StimulusPlan:
     """The same, where only what acts from outside is looked at, and no gate is run."""
-    return scene(_shipped(), stimuli)
+    return stimulus_plan(_shipped(), stimuli)
 
 
 @cache
-def _nothing() -> Scene:
-    return scene_alone()
+def _nothing() -> StimulusPlan:
+    return stimuli_alone()
 
 
 def outside(
-    around: Scene | None = None,
+    around: StimulusPlan | None = None,
     time: float = 0.0,
     missed: int = 0,
     silent: bool = False,
@@ -192,7 +197,7 @@ def catch_up(
     frames: Frames,
     steps: int,
     missed: int = 0,
-    around: Scene | None = None,
+    around: StimulusPlan | None = None,
 ) -> Ticked:
     """So many ticks at once, and what each gave: the frames come in the first, all but the last make up for a
     missed one and send nothing. `missed` were missed before.
@@ -209,7 +214,7 @@ def catch_up(
 
 def shipped_rig() -> Rig:
     """The default rig."""
-    return session.rig_from("liftgate")
+    return rig_from("liftgate")
 
 
 def start_of(config: LoopConfig, angle: float = 0.0, latched: bool = True) -> LoopState:

@@ -8,19 +8,20 @@ from typing import Any
 
 import can
 import numpy as np
-from hil_support import loop_config, scene, start_of
+from hil_support import loop_config, start_of, stimulus_plan
 
 import liftgate_hil as lh
-from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.ecu.adapter import Adapter
 from liftgate_hil.loop.closed_loop import Episode
-from liftgate_hil.runs.in_process import run_job
-from liftgate_hil.runs.job import Job
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.run_plan import run_plan
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import Stimuli
+from liftgate_hil.stimuli.stimulus_plan import TimedStimuli
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 from liftgate_plant.obstacle import Obstacle
 
@@ -92,7 +93,7 @@ def message(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
 def reversing(seed: int = 1) -> Scenario:
     """Closing onto a rod: detected at 0.73 s, then the gate turns."""
     return Scenario(
-        Stimuli({}, [TimedObstacle(ROD)]),
+        TimedStimuli({}, [TimedObstacle(ROD)]),
         (Request(Instant(0.02), "close"),),
         1.1,
         initial=39.0,
@@ -108,7 +109,7 @@ def releasing(seed: int = 1) -> Scenario:
         "hand_force_n": Profile([(0.1, 5.0), (0.4, -20.0)], is_linear=False),
     }
     return Scenario(
-        Stimuli(profiles),
+        TimedStimuli(profiles),
         (Request(Instant(0.05), "open"),),
         0.6,
         seed=seed,
@@ -119,15 +120,15 @@ def releasing(seed: int = 1) -> Scenario:
 def run_kept(scenario: Scenario, ecu: Any = "reference", **more: Any) -> tuple[lh.Result, Keeper]:
     """A run, and all that it gave."""
     keeper = Keeper()
-    options = session.RunOptions(clock="free", records=more.pop("records", ()))
+    options = RunOptions(clock="free", records=more.pop("records", ()))
     job = Job(scenario=scenario, ecu=ecu, options=options, **more)
-    return run_job(job, takers=[keeper]), keeper
+    return run_plan(plan_of(job), sinks=[keeper]), keeper
 
 
-def episode_of(takers: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:
+def episode_of(sinks: Sequence[Any], adapter: Adapter, **more: Any) -> Episode:
     """The reversing scenario, to run by hand."""
     config = loop_config(settings=NOISE, seed=1)
     state = start_of(config, np.radians(39.0), latched=False)
     scenario = reversing()
-    around = scene(config, scenario.stimuli, scenario.requests)
-    return Episode(config, state, around, adapter, takers, **more)
+    around = stimulus_plan(config, scenario.stimuli, scenario.requests)
+    return Episode(config, state, around, adapter, sinks, **more)

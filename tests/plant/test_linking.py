@@ -85,9 +85,9 @@ def test_the_installed_numba_is_one_of_those_whose_inside_is_known():
 
 
 def test_what_makes_it_fast_is_still_there_in_numba():
-    from liftgate_plant.compiler import hastening
+    from liftgate_plant.compiler import compile_patches
 
-    replaced = *hastening._REPLACEMENTS, *hastening._REMEMBERED
+    replaced = *compile_patches._REPLACEMENTS, *compile_patches._REMEMBERED
     assert all(name in vars(owner) for owner, name, _ in replaced)
 
 
@@ -95,15 +95,15 @@ def test_what_makes_it_fast_is_still_there_in_numba():
 MADE_TWICE = """
 import hashlib
 from llvmlite.binding import ObjectFileRef
-from liftgate_hil import session
+from liftgate_hil.running.setup import rig_from
 from liftgate_hil.codec.frames import empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
-from liftgate_plant.compiler import building, hastening
+from liftgate_plant.compiler import building, compile_patches
 from liftgate_plant.compiler.kinds import kind_of
 
 if not FAST:
-    hastening._REPLACEMENTS = hastening._REMEMBERED = ()
-bus = session.rig_from("liftgate").input_config()
+    compile_patches._REPLACEMENTS = compile_patches._REMEMBERED = ()
+bus = rig_from("liftgate").input_config()
 arguments = bus, nothing_received(bus, 40), NO_COUNTS, empty_frames(4), 0
 code = building.make_here(receive, [kind_of(each) for each in arguments]).code
 for each in ObjectFileRef.from_data(code).sections():

@@ -22,6 +22,7 @@ from liftgate_plant.compiler import (
     child,
     compiled,
     enabled,
+    obtaining,
     packing,
     storage,
     watching,
@@ -298,7 +299,7 @@ def double(x: float) -> float:
 def made(told: Told) -> float:
     """A fresh look at the disk."""
     told.said.clear()
-    answer = building.machine_code_of(double, (Number("f"),)).call((4.0,))
+    answer = obtaining.machine_code_of(double, (Number("f"),)).call((4.0,))
     assert answer == (True, 8.0)
     return answer[1]
 
@@ -389,7 +390,7 @@ def impatient() -> Iterator[None]:
 
 def test_a_compilation_can_be_given_up(impatient: None, cache: Path):
     with pytest.raises(KeyboardInterrupt):
-        building.machine_code_of(double, (Number("f"),))
+        obtaining.machine_code_of(double, (Number("f"),))
     assert not list(cache.rglob("*.code"))
     told = Told()
     compiler.watch(told)
@@ -413,7 +414,7 @@ def test_who_waits_for_another_process_can_give_up(impatient: None, cache: Path)
     with storage.turn(folder) as turn:
         assert turn.taken()
         with pytest.raises(KeyboardInterrupt):
-            building.machine_code_of(double, (Number("f"),))
+            obtaining.machine_code_of(double, (Number("f"),))
 
 
 def test_giving_up_ends_the_process_that_compiles():

@@ -452,7 +452,7 @@ def width_of(vehicle: Mapping[str, Any]) -> int:
     return 5 if Thermal(vehicle.get("thermal", {})).enabled else 3
 
 
-class Scene:
+class StimulusPlan:
     """The whole plant under the inputs of one phase. State: φ, ω, then each drive's, then the twist's."""
 
     def __init__(
@@ -743,24 +743,24 @@ def solve(
     for phase in phases:
         changed = merged(vehicle, phase.changes)
         sides = [merged(changed, changed.get(name, {})) for name in names]
-        scene = Scene(changed, sides, Geometry(changed["gate"]), phase, now)
-        scene.start(state, latched)
+        stimuli = StimulusPlan(changed, sides, Geometry(changed["gate"]), phase, now)
+        stimuli.start(state, latched)
         while now < phase.end:
             piece = solve_ivp(
-                scene.slope,
+                stimuli.slope,
                 (now, phase.end),
                 np.array(state),
                 method=METHOD,
-                jac=scene.jacobian,
+                jac=stimuli.jacobian,
                 dense_output=True,
-                events=scene.alarms(now),
+                events=stimuli.alarms(now),
                 rtol=tolerance,
                 atol=tolerance,
                 max_step=MAX_STEP,
             )
             if not (piece.success and np.isfinite(piece.y).all()):
                 raise RuntimeError(f"integration failed at {piece.t[-1]} s: {piece.message}")
-            reached, held = float(piece.t[-1]), scene.held(state)
+            reached, held = float(piece.t[-1]), stimuli.held(state)
             last = phase is phases[-1] and reached >= phase.end
             chosen = (times >= now) & ((times <= reached) if last else (times < reached))
             if chosen.any():
@@ -768,7 +768,7 @@ def solve(
                 rows[:, held] = [state[k] for k in held]
                 states[np.ix_(chosen, places)] = rows
                 outputs[chosen] = [
-                    scene.outputs(time, row)
+                    stimuli.outputs(time, row)
                     for time, row in zip(times[chosen].tolist(), rows.tolist(), strict=True)
                 ]
             kept = {k: state[k] for k in held}
@@ -777,10 +777,10 @@ def solve(
                 events += 1
                 if events > MAX_EVENTS:
                     raise RuntimeError(f"more than {MAX_EVENTS} events, the last at {reached} s")
-                due = [e for e, t in zip(scene.elements, piece.t_events, strict=True) if t.size]
-                scene.settle(reached, state, due, reached - now > NO_PROGRESS)
+                due = [e for e, t in zip(stimuli.elements, piece.t_events, strict=True) if t.size]
+                stimuli.settle(reached, state, due, reached - now > NO_PROGRESS)
             now = reached
-        latched = scene.latch.holds
+        latched = stimuli.latch.holds
     angle, rate, *drives = states.T
     left_force, right_force, pinch_force, terminal_voltage = outputs.T
     return Solution(

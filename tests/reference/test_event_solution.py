@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from event_solution import DriveInput, Geometry, Obstacle, Phase, Scene, Solution, solve
+from event_solution import DriveInput, Geometry, Obstacle, Phase, Solution, StimulusPlan, solve
 
 SUV: dict[str, Any] = {
     "drives": 2,
@@ -69,8 +69,8 @@ def columns(solution: Solution) -> dict[str, np.ndarray]:
 
 def test_hand_checks(suv: dict[str, Any]) -> None:
     geometry = Geometry(suv["gate"])
-    scene = Scene(suv, [suv], geometry, both(1.0, BRAKE), 0.0)
-    (drive,) = scene.drives
+    stimuli = StimulusPlan(suv, [suv], geometry, both(1.0, BRAKE), 0.0)
+    (drive,) = stimuli.drives
     assert drive.shaft.limit is not None
     assert f"{drive.shaft.limit(geometry.view(0.0, [0.0] * 5)):.6f}" == "0.013628"
     assert f"{geometry.inertia:.4f}" == "10.5467"

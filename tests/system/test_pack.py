@@ -13,8 +13,9 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.config.shipped import shipped_folder
 from liftgate_hil.ecu.mutants import MUTANTS
-from liftgate_hil.runs.job import Job
-from liftgate_hil.session import RunOptions
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import Plan
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.suite import Case
 
@@ -76,7 +77,7 @@ def test_each_has_its_reason_a_description_and_a_requirement() -> None:
     for path in folder.glob("*.toml"):
         head = path.read_text(encoding="utf-8").split("\n\n")[0]
         assert re.fullmatch(r"(# .+\n?)+", head), path
-        scenario = pack()[path.stem].parts.setup.scenario
+        scenario = pack()[path.stem].plan.setup.scenario
         assert scenario.description, path
         assert scenario.requirement, path
 
@@ -84,12 +85,12 @@ def test_each_has_its_reason_a_description_and_a_requirement() -> None:
 def test_a_fault_that_waits_for_the_gate_lasts_as_long_on_a_late_one(tmp_path: Path) -> None:
     """It ends after a time of its own or as the gate goes on, not at a time of the run."""
     for name, case in pack().items():
-        for fault in case.parts.setup.scenario.faults:
+        for fault in case.plan.setup.scenario.faults:
             if fault.start.condition:
                 assert "time_s" not in fault.end.condition, name
                 assert fault.end.condition or fault.end.time == math.inf, name
     for name in ("commands_stale", "supply_drop_out"):
-        text = Path(pack()[name].parts.setup.scenario.source).read_text(encoding="utf-8")
+        text = Path(pack()[name].plan.setup.scenario.source).read_text(encoding="utf-8")
         late = text.replace("time = 0.5", "time = 3.5")
         assert late != text
         (tmp_path / "late.toml").write_text(late, encoding="utf-8")
@@ -101,15 +102,19 @@ def test_an_ecu_that_only_stops_never_turns_back() -> None:
     turning = {
         name: case
         for name, case in pack().items()
-        if any(
-            each.name.startswith("turns back") for each in case.parts.setup.scenario.expectations
-        )
+        if any(each.name.startswith("turns back") for each in case.plan.setup.scenario.expectations)
     }
     assert len(turning) >= 20
     for name, case in turning.items():
-        found = suite.run_case(replace(case, job=replace(case.job, mutant="only_stops")))
+        found = suite.run_case(mutated(case, "only_stops"))
         told = {each.name: each.verdict for each in found.expectations}
         assert {told[each] for each in told if each.startswith("turns back")} == {"fail"}, name
+
+
+def mutated(case: Case, mutant: str) -> Case:
+    """A case of the pack with a mutant of the reference ECU."""
+    assert isinstance(case.plan, Plan)
+    return replace(case, plan=case.plan.varied(replace(case.job, mutant=mutant)))
 
 
 def test_every_mutant_has_its_killer() -> None:
@@ -119,6 +124,5 @@ def test_every_mutant_has_its_killer() -> None:
 @pytest.mark.parametrize("mutant", list(MUTANTS))
 def test_a_scenario_finds_the_defect(mutant: str) -> None:
     case = pack()[KILLERS[mutant]]
-    job = Job(**{**vars(case.job), "mutant": mutant})
-    found = suite.run_case(Case(case.file, job, case.parts))
+    found = suite.run_case(mutated(case, mutant))
     assert found.verdict == "fail", [each.verdict for each in found.expectations]

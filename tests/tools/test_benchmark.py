@@ -122,7 +122,7 @@ def test_an_episode_and_its_replay_end_in_the_same_state(case: episodes.Case) ->
 
 def test_every_part_is_a_vehicle_that_can_be_had() -> None:
     for settings in parts.PARTS.values():
-        assert parts.case_of(parts.session.vehicle_from("suv", settings, ideal=True))
+        assert parts.case_of(parts.vehicle_from("suv", settings, ideal=True))
 
 
 def test_scenarios_with_what_does_nothing_run_and_are_compared() -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pytest
 
-from liftgate_hil import session as vehicles
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
 from liftgate_plant.dynamics import Inputs
@@ -74,7 +74,7 @@ def phases() -> list[tuple[DriveInput, DriveInput, dict[str, object]]]:
 def test_the_translation_equals_the_plant_bit_for_bit(
     library: ctypes.CDLL, vehicle_name: str, step: float
 ) -> None:
-    vehicle = vehicles.vehicle_from(vehicle_name)
+    vehicle = vehicle_from(vehicle_name)
     plant = plant_of(vehicle)
     state = initial_state(plant, 0.0, latched=True)
     angles, latched = [], []

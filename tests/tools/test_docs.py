@@ -17,8 +17,7 @@ from liftgate_hil.config.messages import message_options
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.schema import Key
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from tools.docs import DOCS, PAGES, rig
 
@@ -148,7 +147,7 @@ def _options(path: Path) -> object:
     """Of its messages, whether or not the rig is whole."""
     from liftgate_hil.config.messages import message_options
     from liftgate_hil.config.toml import read_toml
-    from liftgate_hil.issues import ConfigIssues
+    from liftgate_hil.errors import ConfigIssues
 
     messages = load_rig(DOCS.parent / "configs/rigs/liftgate.toml").messages
     issues = ConfigIssues(str(path))

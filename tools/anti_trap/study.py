@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil import session
 from liftgate_hil.ecu.calibration import Calibration, coded
+from liftgate_hil.running.setup import setup_of
 from liftgate_plant.coding import Coding
 from liftgate_plant.vehicle import plant_of
 from tools.anti_trap.trials import DISTANCE, Car, Outcome, Trial, run
@@ -137,7 +137,7 @@ def by_rod(calibration: Calibration, gap: float = 35.0) -> dict[tuple[str, float
 
 def energy_of(vehicle: str, ratio: float) -> Energy:
     """Of a gate whose motors make so many revolutions per radian."""
-    plant = plant_of(session.setup_of(vehicle=vehicle).vehicle)
+    plant = plant_of(setup_of(vehicle=vehicle).vehicle)
     turned = (2.0 * math.pi * ratio / DISTANCE) ** 2
     rotors = plant.left.inertia + (plant.right.inertia if plant.right.active else 0.0)
     return Energy(plant.gate_inertia / DISTANCE**2, turned * rotors)

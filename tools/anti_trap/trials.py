@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.config.variant import Variant
@@ -26,8 +25,9 @@ from liftgate_hil.ecu.events import (
 )
 from liftgate_hil.loop.closed_loop import Episode
 from liftgate_hil.loop.tick import constants_in
+from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_of
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_hil.stimuli.scene import scene_of
+from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 
 RATE = 1000.0  # Hz
 PERIOD, CLOSE = 26.0, 12.0  # s: of an opening and a closing, and when the latter begins in it
@@ -74,7 +74,7 @@ class _Kept:
         self._parts: list[NDArray[np.float64]] = []
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """See Sink."""
         self._parts.append(rows[:, self._places].copy())
 
     def rows(self) -> NDArray[np.float64]:
@@ -84,7 +84,7 @@ class _Kept:
 
 @functools.cache
 def _rig() -> Rig:
-    return session.rig_of(None)
+    return rig_of(None)
 
 
 def _scenario(trial: Trial) -> tuple[Scenario, int]:
@@ -110,20 +110,20 @@ def _scenario(trial: Trial) -> tuple[Scenario, int]:
 def run(car: Car, trial: Trial, calibration: Calibration) -> Outcome:
     """One trial. Raises ConfigError for a vehicle that there is not."""
     scenario, periods = _scenario(trial)
-    setup = session.setup_of(
+    setup = setup_of(
         scenario,
         vehicle=car.vehicle,
         settings=car.settings,
         seed=car.seed,
         variant=Variant(draw=car.draw),
     )
-    config = session.loop_config_of(setup.vehicle, _rig(), RATE, setup.seed)
+    config = loop_config_of(setup.vehicle, _rig(), RATE, setup.seed)
     kept = _Kept()
     own = coded(calibration, setup.vehicle.coding)
     with ReferenceEcu(_rig(), setup.vehicle.drives, calibration=own) as ecu:
-        start = session.start_of(config, setup.start_angle)
-        scene = scene_of(constants_in(config), scenario.stimuli, scenario.requests)
-        episode = Episode(config, start, scene, ecu, [kept], is_recorded=False)
+        start = start_of(config, setup.start_angle)
+        stimuli = stimulus_plan_of(constants_in(config), scenario.stimuli, scenario.requests)
+        episode = Episode(config, start, stimuli, ecu, [kept], is_recorded=False)
         told: list[list[Event]] = []
         for k in range(periods):
             episode.run(round(PERIOD * (k + 1) * RATE))

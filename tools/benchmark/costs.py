@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import backdate
+from liftgate_hil.loop.advance import advance
 from liftgate_hil.loop.datagrams import Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.priority import Realtime
 from liftgate_hil.loop.realtime_loop import (
@@ -29,18 +29,25 @@ from liftgate_hil.loop.realtime_loop import (
     count_bits,
     longest_wait,
     make_room,
+    next_row,
     note_arrivals,
     note_frames,
-    note_row,
     receive,
     send,
 )
 from liftgate_hil.loop.rings import Memory, Shared
 from liftgate_hil.loop.tick import LoopConfig, LoopState, constants_in, in_force, tick
+from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.mailbox import take_letters
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, scene_of, sent, turns
+from liftgate_hil.stimuli.stimulus_plan import (
+    StimulusPlan,
+    not_made,
+    received,
+    stimulus_plan_of,
+    turns,
+)
 from liftgate_hil.transport.can_bus import CanTransport
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
@@ -86,28 +93,28 @@ def hot_ticks(
     not what the other end does; their time [ns].
     """
     total = 0
-    scene, gate, is_new = params.scene, config, True
+    stimuli, gate, is_new = params.stimuli, config, True
     for number in range(count):
         if number % every == 0:
             write_frames(peer.descriptor, peer.buffers, peer.command, 0)
         begin = clock_ns(1, room)
         frames = receive(shared, params, room)
-        take_letters(shared.box, scene.held)
+        take_letters(shared.box, stimuli.held)
         now = state.tick * config.step
-        if turns(scene, now) or is_new:
-            gate, is_new = in_force(config, scene.faults.row), False
-        frames = received(scene, config.inputs, frames, state.tick * config.step_ns, config.seed)
+        if turns(stimuli, now) or is_new:
+            gate, is_new = in_force(config, stimuli.faults.row), False
+        frames = received(stimuli, config.inputs, frames, state.tick * config.step_ns, config.seed)
         waited = longest_wait(frames, room.stamps, clock_ns(1, room))
-        outside = outside_at(scene, now, config.step, 0, False, False)
         now_ns = state.tick * config.step_ns
-        state, replies, truth, sensed = tick(gate, state, frames, outside)
+        dropped = float(shared.control[0].dropped + shared.control[0].stale)
+        bench = Bench(0.0, dropped, 1e-9 * waited, not_made(stimuli))
+        place = next_row(shared)
+        state, replies, _ = advance(
+            gate, state, stimuli, frames, shared.rows[place : place + 1], bench, False, False
+        )
+        shared.control[0].rows += 1
         if frames.count > 0:
             backdate(config.inputs, state.reception, frames, room.stamps, now_ns, now_ns)
-        replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-        dropped = float(shared.control[0].dropped + shared.control[0].stale)
-        bench = Bench(0.0, dropped, 1e-9 * waited, not_made(scene))
-        place = note_row(shared, truth, sensed, bench)
-        note_tick(scene, shared.rows[place : place + 1], frames, replies)
         if replies.count > 0:
             send(shared, params, room, replies, 0)
         note_arrivals(shared, frames, room.stamps, 0)
@@ -129,9 +136,9 @@ class Peer(NamedTuple):
     stamps: NDArray[np.int64]
 
 
-def nothing_around(config: LoopConfig) -> Scene:
-    """A scene in which nothing happens."""
-    return scene_of(constants_in(config))
+def nothing_around(config: LoopConfig) -> StimulusPlan:
+    """A stimulus plan in which nothing happens."""
+    return stimulus_plan_of(constants_in(config))
 
 
 def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
@@ -139,15 +146,15 @@ def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
     be. As the shipped rig has it at 1 kHz (a command in ten ticks, five frames in ten), or with a command to
     read and so many frames to send each tick.
     """
-    rig = session.rig_from("liftgate")
-    config = session.loop_config_of(session.vehicle_from("suv"), rig, 1000.0, 0)
+    rig = rig_from("liftgate")
+    config = loop_config_of(vehicle_from("suv"), rig, 1000.0, 0)
     if sent is not None:
         others = len(config.outputs.messages) - sent
         config.outputs.messages.cycle_ns[:] = [config.step_ns] * sent + [0] * others
     # The command always the same, so without a counter.
     config.inputs.messages.counter[:] = -1
     config.inputs.messages.kind[:] = 0
-    state = session.start_of(config)
+    state = start_of(config)
     command = empty_frames(1)._replace(count=1)
     command.identifiers[0], command.lengths[0] = rig.command_identifier(), 8
     payload = rig.messages["DriveCommand"].encode(
@@ -184,7 +191,7 @@ def hot_tick(sent: int | None, effort: Effort = WHOLE) -> float:
             limit_ns=10**9,
             command=0x120,
             feedback=np.array([0x210], dtype=np.int64),
-            scene=nothing_around(config),
+            stimuli=nothing_around(config),
             is_last=1,
         )
         peer = Peer(
@@ -209,8 +216,8 @@ def per_call(action: Callable[[], object], count: int, rounds: int = ROUNDS) -> 
 def measure(effort: Effort = WHOLE) -> dict[str, float]:
     """All figures, in seconds."""
     rounds, many, some = effort.of(ROUNDS), effort.steps, effort.steps // 40
-    vehicle = session.vehicle_from("suv")
-    rig = session.rig_from("liftgate")
+    vehicle = vehicle_from("suv")
+    rig = rig_from("liftgate")
     plant = plant_of(vehicle)
     state = initial_state(plant)
     load = load_of(vehicle)._replace(latch_released=1.0)
@@ -227,8 +234,8 @@ def measure(effort: Effort = WHOLE) -> dict[str, float]:
         lambda: many_steps(plant, state, inputs, 0.001, 200), 200, rounds
     )
 
-    config = session.loop_config_of(vehicle, rig, 1000.0, 0)
-    loop_state = session.start_of(config)
+    config = loop_config_of(vehicle, rig, 1000.0, 0)
+    loop_state = start_of(config)
     outside = compiled(outside_at)(nothing_around(config), 0.0, config.step, 0, False, False)
     ticks = compiled(many_ticks)
     ticks(config, loop_state, outside, 1)
@@ -273,12 +280,12 @@ def portable_tick(
 ) -> Callable[[int], None]:
     """The Python loop's work without waiting: receive, see what is outside, tick, send."""
     transport = CanTransport({"interface": "virtual", "channel": "benchmark"})
-    outside, scene = compiled(outside_at), nothing_around(config)
+    outside, stimuli = compiled(outside_at), nothing_around(config)
 
     def run(count: int) -> None:
         current = state
         for _ in range(count):
-            around = outside(scene, current.tick * config.step, config.step, 0, False, False)
+            around = outside(stimuli, current.tick * config.step, config.step, 0, False, False)
             current, replies, _, _ = one_tick(config, current, transport.receive(), around)
             transport.send(replies)
 

@@ -19,17 +19,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.library import LibraryEcu
 from liftgate_hil.ecu.python_object import PythonEcu
-from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Taker, Trace
+from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Sink, Trace
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.tick import LoopConfig, constants_in
+from liftgate_hil.running.options import ticks_of
+from liftgate_hil.running.setup import (
+    loop_config_of,
+    rig_from,
+    scenario_from,
+    start_of,
+    vehicle_from,
+)
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, armed
-from liftgate_hil.stimuli.scene import Scene, scene_of
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, stimulus_plan_of
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant import dynamics, integrate, sensors
 from liftgate_plant.bridge import DriveInput
@@ -94,9 +101,11 @@ class Bench(NamedTuple):
     ticks: int
     memory: Memory
 
-    def scene(self) -> Scene:
+    def stimulus_plan(self) -> StimulusPlan:
         """What acts from outside, before the first tick."""
-        return scene_of(constants_in(self.config), self.scenario.stimuli, self.scenario.requests)
+        return stimulus_plan_of(
+            constants_in(self.config), self.scenario.stimuli, self.scenario.requests
+        )
 
 
 @compilable
@@ -138,7 +147,7 @@ class Commands:
         self.frames: list[tuple[int, bytes]] = []
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """See Sink."""
         for each in frames[frames["identifier"] == self._identifier]:
             payload = bytes(each["payload"][: each["length"]])
             self.frames.append((int(each["time_ns"]), payload))
@@ -146,22 +155,22 @@ class Commands:
 
 def bench_of(name: str = "demo") -> Bench:
     """The shipped SUV and rig, and a scenario without profiles."""
-    vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
-    scenario = session.scenario_from(name)
-    config = session.loop_config_of(vehicle, rig, RATE, 0)
-    ticks = session.ticks_of(scenario.duration, RATE)
+    vehicle, rig = vehicle_from("suv"), rig_from("liftgate")
+    scenario = scenario_from(name)
+    config = loop_config_of(vehicle, rig, RATE, 0)
+    ticks = ticks_of(scenario.duration, RATE)
     assert ticks is not None
     return Bench(config, rig, scenario, vehicle.drives, ticks, Memory(ROWS, FRAMES))
 
 
-def run_episode(bench: Bench, case: Case, takers: Sequence[Taker] = ()) -> tuple[float, State]:
+def run_episode(bench: Bench, case: Case, sinks: Sequence[Sink] = ()) -> tuple[float, State]:
     """One episode: its seconds, and where it ended."""
     control = bench.memory.shared.control[0]
     control.rows = control.frames = control.bits = 0
     with case.make(bench.rig, bench.drives) as adapter:
         episode = Episode(
-            bench.config, session.start_of(bench.config), bench.scene(), adapter,
-            takers, case.is_recorded or bool(takers), bench.memory,
+            bench.config, start_of(bench.config), bench.stimulus_plan(), adapter,
+            sinks, case.is_recorded or bool(sinks), bench.memory,
         )  # fmt: skip
         start = time.thread_time()
         episode.run(bench.ticks)
@@ -181,9 +190,9 @@ def replay_of(bench: Bench, case: Case) -> Replay:
         told = message.decode(payload, decode_choices=False)
         rows[round(stamp / bench.config.step_ns) - 1 :, 4] = told["LatchRelease"]
     angles = np.radians(np.concatenate([[0.0], columns["gate_angle_deg"][:-1]]))
-    arming, met, scene = NOT_ARMED, NO_OBSTACLE, bench.scene()
+    arming, met, stimuli = NOT_ARMED, NO_OBSTACLE, bench.stimulus_plan()
     for tick, angle in enumerate(angles):
-        there = obstacle_at(scene.timeline, scene.moments, tick * bench.config.step)
+        there = obstacle_at(stimuli.timeline, stimuli.moments, tick * bench.config.step)
         arming, body = armed(arming, there, angle)
         rows[tick, 5] = body.stiffness > 0.0
         met = body if body.stiffness > 0.0 else met
@@ -196,7 +205,7 @@ def replay_of(bench: Bench, case: Case) -> Replay:
 def replayed(bench: Bench, replay: Replay) -> tuple[float, State]:
     """The plant and its sensors alone: seconds, and where they ended."""
     run = compiled(plant_steps)
-    state = session.start_of(bench.config)
+    state = start_of(bench.config)
     seen = np.empty((2, len(Sensed._fields)))
     start = time.thread_time()
     end = run(bench.config, state.plant, state.sensors, replay, seen)

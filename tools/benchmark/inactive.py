@@ -13,14 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil import session
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.judging.judge import Judge
 from liftgate_hil.loop.closed_loop import FRAMES, ROWS, Episode, Extremes
-from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.observers import Sink
 from liftgate_hil.loop.rings import Memory
-from liftgate_hil.staging import expected_in, staged
+from liftgate_hil.running.options import ticks_of
+from liftgate_hil.running.plan import expected_in
+from liftgate_hil.running.setup import loop_config_of, rig_of, setup_of, start_of
+from liftgate_hil.running.stimulation import planned_stimuli
 
 ROUNDS = 21
 _RATE = 1000.0
@@ -85,22 +87,22 @@ class Figures(NamedTuple):
 
 def tick_of(path: Path, memory: Memory, ticks: int | None = None) -> float:
     """One episode of a scenario: CPU seconds a tick, its judge's and the extremes' included."""
-    setup, rig = session.setup_of(path), session.rig_of(None)
-    config = session.loop_config_of(setup.vehicle, rig, _RATE, setup.seed)
-    count = ticks or session.ticks_of(setup.scenario.duration, _RATE)
+    setup, rig = setup_of(path), rig_of(None)
+    config = loop_config_of(setup.vehicle, rig, _RATE, setup.seed)
+    count = ticks or ticks_of(setup.scenario.duration, _RATE)
     assert count is not None
-    takers: list[Taker] = [Extremes()]
+    sinks: list[Sink] = [Extremes()]
     if setup.scenario.expectations:
-        takers.append(Judge(expected_in(setup, rig), _RATE, count / _RATE))
+        sinks.append(Judge(expected_in(setup, rig), _RATE, count / _RATE))
     control = memory.shared.control[0]
     control.rows = control.frames = control.bits = 0
     with ReferenceEcu(rig, setup.vehicle.drives) as adapter:
         episode = Episode(
-            config, session.start_of(config), staged(setup, rig), adapter, takers, False, memory
+            config, start_of(config), planned_stimuli(setup, rig), adapter, sinks, False, memory
         )
         episode.begin()
         if setup.scenario.expectations:  # its machine code, too
-            takers[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])
+            sinks[-1].take(np.zeros((0, memory.shared.rows.shape[1])), memory.shared.frames[:0])
         start = time.thread_time()
         episode.run(count)
         return (time.thread_time() - start) / count

@@ -25,13 +25,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
 from liftgate_hil.loop.histogram import BINS, Distribution, distribution, upper_end
 from liftgate_hil.loop.priority import PRIORITY, Realtime, best_cpu
 from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
 from liftgate_hil.loop.rings import DELAY, LATENESS
 from liftgate_hil.loop.tick import constants_in
-from liftgate_hil.stimuli.scene import scene_of
+from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
+from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 from liftgate_hil.transport.base import LinkCounts
 from tools.busy import busy_processes
 
@@ -194,14 +194,14 @@ def our_run(condition: Condition, seconds: float) -> tuple[Times, NDArray[np.int
     """The emulator's own loop, with commands that come and feedback that goes; and a histogram (BINS,) of the
     times from command to feedback.
     """
-    vehicle, rig = session.vehicle_from("suv"), session.rig_from("liftgate")
-    config = session.loop_config_of(vehicle, rig, condition.rate, 0)
+    vehicle, rig = vehicle_from("suv"), rig_from("liftgate")
+    config = loop_config_of(vehicle, rig, condition.rate, 0)
     memory = memory_for(condition.rate)
     line = PairLine()
     run = RealtimeRun(
         config=config,
-        state=session.start_of(config),
-        scene=scene_of(constants_in(config)),
+        state=start_of(config),
+        stimuli=stimulus_plan_of(constants_in(config)),
         is_last=1,
         line=line,
         memory=memory,

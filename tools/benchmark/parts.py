@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import dynamics, initial, integrate, sensors
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compilable, compiled, fill
@@ -97,12 +97,11 @@ def seconds_of(case: Case) -> float:
 
 def measure(rounds: int = ROUNDS) -> dict[str, Cost]:
     """By part, the ideal gate first and the shipped one last."""
-    cases = {"ideal": case_of(session.vehicle_from("suv", ideal=True))}
+    cases = {"ideal": case_of(vehicle_from("suv", ideal=True))}
     cases |= {
-        name: case_of(session.vehicle_from("suv", settings, ideal=True))
-        for name, settings in PARTS.items()
+        name: case_of(vehicle_from("suv", settings, ideal=True)) for name, settings in PARTS.items()
     }
-    cases["suv as shipped"] = case_of(session.vehicle_from("suv"))
+    cases["suv as shipped"] = case_of(vehicle_from("suv"))
     times: dict[str, list[float]] = {name: [] for name in cases}
     seconds_of(cases["ideal"])
     for number in range(rounds):

@@ -13,16 +13,16 @@ import struct
 import sys
 import time
 
-from liftgate_hil import session
 from liftgate_hil.codec.checksum import put_checksum
 from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.running.setup import rig_from
 
 PERIOD = 0.0101  # s
 
 
 def main() -> None:
     """Until the other end is closed."""
-    rig = session.rig_from("liftgate")
+    rig = rig_from("liftgate")
     message = rig.messages["DriveCommand"]
     bus = rig.input_config()
     frames = empty_frames(1)

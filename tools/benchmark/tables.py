@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from liftgate_hil.recording.open import TABLES
+from liftgate_hil.formats.open import TABLES
 from tools.benchmark.checkouts import HERE, environment_of
 
 SECONDS = 3600

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from liftgate_hil import session as vehicles
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled
@@ -201,7 +201,7 @@ def many_restarts(
 
 def points() -> dict[str, Point]:
     """Operating points of the reference SUV, each lasting for COUNT steps."""
-    vehicle = vehicles.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     plant = plant_of(vehicle)
     load = load_of(vehicle)
     free = load._replace(latch_released=1.0)

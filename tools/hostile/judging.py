@@ -97,7 +97,7 @@ def _table_faults(path: Path) -> list[str]:
 
 
 def _log_faults(path: Path) -> list[str]:
-    from liftgate_hil.python_can import can
+    from liftgate_hil.config.can_libraries import can
 
     try:
         with can.LogReader(path) as reader:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
+from liftgate_hil.config.parameters import find_parameter, value_of
 from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.identification import identify
-from liftgate_hil.identify.parameters import find_parameter, value_of
 from liftgate_hil.identify.problem import Problem, Sought
 from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import load_of, plant_of
 from tools.identification.measurements import RATE, measure, true_vehicle
@@ -102,7 +102,7 @@ def collected(case: Case, results: Sequence[tuple[list[float], list[bool]]]) -> 
 
 def one(case: Case, seed: int) -> tuple[list[float], list[bool]]:
     """Errors in standard deviations, and which estimates were called identifiable."""
-    shipped, vehicle = session.vehicle_from("suv"), true_vehicle(TRUTH)
+    shipped, vehicle = vehicle_from("suv"), true_vehicle(TRUTH)
     data = _sensed(seed) if case.sensors else _gaussian(case.model, seed)
     sought = []
     for name in case.estimate:

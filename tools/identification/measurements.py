@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil import session
+from liftgate_hil.config.parameters import find_parameter, with_values
 from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.parameters import find_parameter, with_values
 from liftgate_hil.identify.trajectory import REST, trajectory
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.rows import AT
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -49,7 +49,7 @@ RATE = 1000.0  # Hz, of the logger
 
 def true_vehicle(truth: dict[str, float] | None = None) -> Vehicle:
     """The reference SUV with the true values."""
-    vehicle = session.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     values = TRUTH if truth is None else truth
     return with_values(
         vehicle, [find_parameter(vehicle, name) for name in values], [*values.values()]

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from liftgate_hil import session
+from liftgate_hil.config.parameters import find_parameter, value_of, with_values
 from liftgate_hil.identify.data import rows_of
-from liftgate_hil.identify.parameters import find_parameter, value_of, with_values
 from liftgate_hil.identify.trajectory import MODELS, REST, trajectory
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate, spring, transmission
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
@@ -105,7 +105,7 @@ def ours(path: Path, result: Path, rounds: int = 5) -> Side:
 def theirs(columns: dict[str, Floats]) -> Side:
     """The other side, its imports not counted."""
     began = time.perf_counter()
-    vehicle = session.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     parameters = [find_parameter(vehicle, name) for name in NAMES]
     initial = np.array([value_of(vehicle, each) for each in parameters])
     measured = np.column_stack(

@@ -17,8 +17,8 @@ from pathlib import Path
 from liftgate_hil.doctor.check import ROOT, Check
 from liftgate_hil.doctor.examination import Examination
 from liftgate_hil.doctor.timing import steal, stolen_percent
-from liftgate_hil.runs.job import Job
-from liftgate_hil.session import RunOptions
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.mutation import mutate
 from tools.busy import busy_processes

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from liftgate_hil.conversion.compare import Comparison
     from liftgate_hil.conversion.table import Table, Window
 
-_PICTURED = 6  # columns, where none are named
+_PICTURED = 6  # columns that are drawn where none are named
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("first", metavar="FILE", help="a recording")
     parser.add_argument("second", metavar="OTHER_FILE", help="what it is compared with")
     recordings.add_columns(parser, "all, and the frames")
@@ -45,19 +45,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from dataclasses import replace
 
     from liftgate_hil.conversion.compare import Comparison, compare_tables
     from liftgate_hil.conversion.compare_frames import compare_frames
     from liftgate_hil.conversion.table import open_table
-    from liftgate_hil.measurement.recorded import open_recorded
+    from liftgate_hil.formats.open import open_recording
 
     columns, window = recordings.columns_of(args), recordings.window_of(args)
     tolerance, own = _tolerances(args.tolerance)
     paths = (Path(args.first), Path(args.second))
     target = recordings.check_picture(args.output, [*map(str, paths)]) if args.output else None
-    sources = open_recorded(paths[0]), open_recorded(paths[1])
+    sources = open_recording(paths[0]), open_recording(paths[1])
     have_frames = all(each.channel is not None for each in sources)
     have_rows = args.rig is not None or all(each.signals for each in sources)
     if (not have_rows and not have_frames) or (columns and not have_rows):
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tolerances(given: Sequence[str]) -> tuple[float, dict[str, float]]:
-    """Of all columns, and of some."""
+    """Return the tolerance of all columns, and those of some columns. Raises ConfigError."""
     common, own = 0.0, dict[str, float]()
     for each in given:
         name, _, text = each.rpartition("=")
@@ -111,7 +111,7 @@ def _draw(
     columns: Sequence[str],
     window: Window,
 ) -> None:
-    """The columns that were asked for, else those that are most unlike."""
+    """Draw the requested columns, else those that differ, then the usual ones."""
     from liftgate_hil.conversion import picture
     from liftgate_hil.conversion.table import columns_in
 

@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.errors import LiftgateError
 from liftgate_hil.judging.verdict import ERROR
-from liftgate_hil.listener import Listener
+from liftgate_hil.loop.listener import Listener
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("--quiet", action="store_true", help="no messages but errors")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.cli.stopping import StopSignals
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.loop.realtime_loop import run_realtime
+    from liftgate_hil.running.compilation import told_of_compiling
     from liftgate_plant import compiler
 
     stopped, teller = StopSignals(), Teller(args.quiet)
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 class _Compiling(Listener):
-    """Hands on what concerns compiling, and not the story of the runs."""
+    """Listener that passes on what concerns compilation, and not the progress of the runs."""
 
     def __init__(self, teller: Listener) -> None:
         self.compiles = teller.compiles  # type: ignore[method-assign]
@@ -66,29 +66,30 @@ class _Compiling(Listener):
 
 
 def _loops(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Those of a run: each clock, with an ECU in the process, and a recording around a trigger."""
-    from liftgate_hil.runs.job import Job
-    from liftgate_hil.runs.run import execute
-    from liftgate_hil.session import CLOCKS, RunOptions
+    """Compile the loops of a run: each clock, with an ECU in the process and a triggered recording."""
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.options import CLOCKS, RunOptions
+    from liftgate_hil.running.plan import plan_of
+    from liftgate_hil.running.run import execute
 
     with tempfile.TemporaryDirectory() as folder:
         for clock in CLOCKS:
             records, when = (Path(folder) / "run.csv",), ("time_s > 0",)
             options = RunOptions(clock=clock, duration=0.001, records=records, record_when=when)
             job = Job(scenario=None, ecu="reference", options=options, listener=_Compiling(teller))
-            result = execute(job, stopped)
+            result = execute(plan_of(job), stopped)
             if result.verdict == ERROR:
                 raise LiftgateError(result.reason)
 
 
 def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """`simulate`, and the model that identification runs."""
+    """Compile `simulate`, and the model that identification runs."""
     import numpy as np
 
     from liftgate_hil.identify.trajectory import REST, trajectory
     from liftgate_hil.loop.simulation import simulate
-    from liftgate_hil.session import setup_of
-    from liftgate_hil.staging import offline_of
+    from liftgate_hil.running.setup import setup_of
+    from liftgate_hil.running.stimulation import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.initial import initial_state
     from liftgate_plant.rows import INPUT_COLUMNS
@@ -102,13 +103,13 @@ def _offline(teller: Listener, stopped: Callable[[], bool]) -> None:
 
 
 def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """Bus logs, and how late a machine wakes a loop."""
+    """Compile the reading of bus logs, and the measurement of timer lateness."""
     import numpy as np
 
     from liftgate_hil.codec.frames import empty_frames
     from liftgate_hil.loop.wakeups import measure_wakeups
     from liftgate_hil.measurement.walk import events_in
-    from liftgate_hil.session import rig_of, setup_of
+    from liftgate_hil.running.setup import rig_of, setup_of
     from liftgate_hil.signals import BUS_OUTPUTS
 
     layout = rig_of(None, setup_of(None).scenario).output_config(sending=False)
@@ -117,7 +118,7 @@ def _measurements(teller: Listener, stopped: Callable[[], bool]) -> None:
 
 
 def _replay(teller: Listener, stopped: Callable[[], bool]) -> None:
-    """A recording's way onto a bus."""
+    """Compile the replay of a recording onto a bus."""
     from liftgate_hil.replay.player import machine_code
 
     machine_code()

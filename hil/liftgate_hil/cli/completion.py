@@ -17,18 +17,18 @@ _SHIPPED = {"vehicle": "vehicles", "rig": "rigs", "scenario": "scenarios"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("shell", choices=SHELLS, help="the script for this one is printed")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     print(script(args.shell))
     return 0
 
 
 def script(shell: str) -> str:
-    """The script for a shell of SHELLS."""
+    """Return the completion script for a shell of SHELLS."""
     import shtab
 
     from liftgate_hil.cli.main import whole_parser
@@ -41,7 +41,7 @@ def script(shell: str) -> str:
 
 
 def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
-    """Itself, and those of its subcommands and of theirs."""
+    """Return a parser and those of all its subcommands, at any depth."""
     children = [
         child
         for action in parser._actions
@@ -52,7 +52,7 @@ def _with_subparsers(parser: argparse.ArgumentParser) -> list[argparse.ArgumentP
 
 
 def _describe(action: argparse.Action) -> None:
-    """Tell shtab what an argument's values are, by its name and what stands for it in the help."""
+    """Set shtab's completion of an argument's values, by its name and its metavar."""
     import shtab
 
     from liftgate_hil.config.shipped import shipped_names
@@ -74,7 +74,7 @@ def _set(action: argparse.Action, values: object) -> None:
 
 
 def _words_or_files(name: str, words: Sequence[str], pattern: str) -> dict[str, object]:
-    """A completer in shtab's form: these words, files of a pattern, folders."""
+    """Return a completer in shtab's form: these words, files of a pattern, folders."""
     function, text = f"_liftgate_hil_{name}", " ".join(words)
     bash = f"""
         {function}() {{

@@ -20,7 +20,7 @@ from liftgate_hil.errors import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("source", metavar="FILE", help="a recording, or a bus log of others")
     parser.add_argument("target", metavar="OUT_FILE", help="is written, or replaced")
     parser.add_argument(
@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
-    stopped = StopSignals()  # a stop between two blocks: what was begun goes
+    """Run the command and return the exit code."""
+    stopped = StopSignals()  # stops between two blocks; an unfinished file is removed
     from liftgate_hil.conversion.convert import convert
 
     done = convert(Path(args.source), Path(args.target), args.rig, stopped)

@@ -29,7 +29,7 @@ _MISSING = "not installed; allowed: with pip install 'liftgate-hil[dashboard]'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "--attach", type=options.whole(1, 2**31), metavar="PID", help="the process of a run"
@@ -39,13 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rig", metavar="NAME|FILE", help="with --recording: the signals that its frames carry"
     )
     options.add_listen(parser)
-    # Of a run with --dashboard: how long it may take to begin [s], and the socket that it listens on.
+    # Set by a run with --dashboard: how long it may take to begin [s], and the socket to listen on.
     parser.add_argument("--patience", type=float, default=0.0, help=argparse.SUPPRESS)
     parser.add_argument("--descriptor", type=int, help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     check_installed()
     from liftgate_hil.dashboard.listening import bound, new_token, url_of
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     token = new_token()
     address = printable(url_of(wire, host, token))
     with wire:
-        if is_of_a_run:  # which is about to begin, and hears of signals itself
+        if is_of_a_run:  # the run is about to begin, and handles signals itself
             print(address, flush=True)
         source = _source(args)
         from liftgate_hil.dashboard.server import Page, serve
@@ -66,14 +66,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check_installed() -> None:
-    """Raises ConfigError where packages that it needs are missing."""
+    """Raise ConfigError where packages that the dashboard needs are missing."""
     missing = [name for name in ("starlette", "uvicorn", "websockets") if find_spec(name) is None]
     if missing:
         raise ConfigError(f"dashboard: {', '.join(missing)}: {_MISSING}")
 
 
 def _source(args: argparse.Namespace) -> Live | Recording:
-    """Raises ConfigError."""
+    """Return the source of the page: a recording, or a client of a run. Raises ConfigError."""
     from pathlib import Path
 
     if args.recording is not None:
@@ -82,15 +82,15 @@ def _source(args: argparse.Namespace) -> Live | Recording:
         return Recording(Path(args.recording), args.rig)
     if args.rig is not None:
         raise ConfigError(f"`rig` {args.rig}: allowed with `recording`")
-    from liftgate_hil.attachment.guest import Guest
     from liftgate_hil.dashboard.live import Live
+    from liftgate_hil.running.attachment.client import Client
 
-    return Live(Guest(_chosen() if args.attach is None else args.attach, args.patience))
+    return Live(Client(_chosen() if args.attach is None else args.attach, args.patience))
 
 
 def _chosen() -> int:
-    """The only run. Raises ConfigError where there is none, or several."""
-    from liftgate_hil.attachment import endpoint
+    """Return the process id of the only run. Raises ConfigError where there is none, or several."""
+    from liftgate_hil.running.attachment import endpoint
 
     found = endpoint.runs()
     if len(found) == 1:

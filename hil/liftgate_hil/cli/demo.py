@@ -24,15 +24,15 @@ from liftgate_hil.judging.verdict import FAIL, INCONCLUSIVE
 if TYPE_CHECKING:
     from liftgate_hil.report.pinch import PinchEvent
     from liftgate_hil.report.run_plot import DrawnObstacle
-    from liftgate_hil.runs.result import Result
-    from liftgate_hil.session import Setup
+    from liftgate_hil.running.result import Result
+    from liftgate_hil.running.setup import Setup
 
-_MOST_ROWS = 100_000  # of the picture
-_USUAL_EVERY = 10  # of a run whose length nobody knows, every so many rows
-_FREE_DEG = 5.0  # what a reversal must free
-_MOVED_DEG = 1.0  # more than a gate settles by
-_JUDGED = "parts/demo_judged"  # the demo with what it has to show
-_LEARNED = "parts/demo_learned"  # the same, of a reference ECU that has learned the gate
+_MOST_ROWS = 100_000  # rows of the picture, at most
+_USUAL_EVERY = 10  # of a run of unknown length, one row in so many is kept
+_FREE_DEG = 5.0  # a reversal must move back by more than this
+_MOVED_DEG = 1.0  # a gate that moves by less only settles
+_JUDGED = "parts/demo_judged"  # the demo with its expectations
+_LEARNED = "parts/demo_learned"  # the same, for a reference ECU that has learned the gate
 _NOT_REAL_TIME = "not in real time: the machine was too busy"  # marks a picture
 _DOES_NOT_COUNT = "this run does not count"  # the same
 _TOO_BUSY = "liftgate-hil demo: this machine was too busy for real time"
@@ -47,7 +47,7 @@ _ON_THE_FREE_CLOCK = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     options.add_bus(parser)
     options.add_setup(parser)
     options.add_loop(parser)
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     stopped = StopSignals()
     folder = _folder(args)
     has_wire = any(name is not None for name in (args.bus, args.interface, args.serial))
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     judged = _LEARNED if is_ours else _JUDGED
     args.scenario = judged if is_whole else args.scenario or "demo"
     shown = _shown(args, stopped, has_wire)
-    if shown.reason and not shown.summary.ticks:  # what goes before time 0 did not come to an end
+    if shown.reason and not shown.summary.ticks:  # the precondition was not reached
         return given_up(shown)
     busy = ""
     if is_whole and not _is_stopped(args, shown, stopped):
@@ -108,14 +108,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _shown(args: argparse.Namespace, stopped: StopSignals, has_wire: bool) -> Result:
-    """Run it. Raises LiftgateError."""
+    """Run the demo and return its result. Raises LiftgateError."""
     return run_loop(args, stopped, has_wire, trace=_every(args, options.setup_of(args)))
 
 
 def _present(
     args: argparse.Namespace, shown: Result, stopped: StopSignals, folder: Path, mark: str
 ) -> None:
-    """Draw and tell it; `mark` stands in the picture's title."""
+    """Draw and report the result; `mark` is put into the picture's title."""
     event = event_of(shown)
     if not args.no_record and len(shown.trace["time_s"]) > 1:  # not stopped before it began
         _draw(options.setup_of(args), shown, event, folder, mark)
@@ -125,27 +125,27 @@ def _present(
 
 
 def _is_stopped(args: argparse.Namespace, shown: Result, stopped: StopSignals) -> bool:
-    """Whether it was stopped before its end."""
+    """Whether the run was stopped before its end."""
     whole = _whole(args)
     return whole is not None and shown.summary.model_time_s < whole and stopped()
 
 
 def event_of(shown: Result) -> PinchEvent | None:
-    """The contact with the largest pinch force, if there was one."""
+    """Return the contact with the largest pinch force, if there was one."""
     from liftgate_hil.report.pinch import pinch_event
 
     return pinch_event(shown.trace)
 
 
 def _whole(args: argparse.Namespace) -> float | None:
-    """The length of the whole demo [s]; None: until stopped."""
+    """Return the length of the whole run [s]; None: until stopped."""
     return (
         options.setup_of(args).scenario.duration if args.duration is None else float(args.duration)
     )
 
 
 def _every(args: argparse.Namespace, setup: Setup) -> int:
-    """Every so many rows are kept for the picture: all of the demo's."""
+    """Return the decimation of rows for the picture: 1, all rows, for the usual demo."""
     duration = setup.scenario.duration if args.duration is None else args.duration
     if duration is None:
         return _USUAL_EVERY
@@ -153,7 +153,7 @@ def _every(args: argparse.Namespace, setup: Setup) -> int:
 
 
 def _folder(args: argparse.Namespace) -> Path:
-    """Where it writes; adds the demo's recordings. Raises ConfigError."""
+    """Return the output folder, which is created, and add the demo's recordings. Raises ConfigError."""
     folder = Path(args.output)
     if (args.serial is None) != (args.ecu_serial is None):
         raise ConfigError("`serial` and `ecu_serial`: allowed: both ends of the line, or neither")
@@ -188,7 +188,7 @@ def _draw(setup: Setup, shown: Result, event: PinchEvent | None, folder: Path, m
 
 
 def _obstacles(setup: Setup) -> list[DrawnObstacle]:
-    """Those of the scenario."""
+    """Return the obstacles of the scenario, as they are drawn."""
     from liftgate_hil.report.run_plot import DrawnObstacle
 
     return [
@@ -204,7 +204,7 @@ def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, fol
     columns = shown.trace
     if len(columns["time_s"]) < 2:
         return
-    # In real time they have been told as they happened.
+    # In real time the events have been printed as they happened.
     events = [] if args.clock == "realtime" else shown.events
     for each in events:
         angle = float(np.interp(each.time, columns["time_s"], columns["gate_angle_deg"]))
@@ -216,7 +216,7 @@ def _tell(args: argparse.Namespace, shown: Result, event: PinchEvent | None, fol
 
 
 def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
-    """What a whole demo did not do as it should; an ECU of ours `tells` that it reverses."""
+    """Return the failures of a whole demo; with `tells` the ECU must also report its reversal as an event."""
     from liftgate_hil.report.pinch import LIMITS
 
     found = _standstill(shown)
@@ -246,10 +246,10 @@ def failures(shown: Result, event: PinchEvent | None, tells: bool) -> list[str]:
 
 
 def busy_with(shown: Result, is_ours: bool) -> str:
-    """The reason why a run in real time does not count, the machine having been too busy; "": it counts.
+    """Return the reason why a run in real time does not count because the machine was too busy; "": it counts.
 
-    A verdict that the machine's lateness may have decided is one, and with an ECU that `is_ours`, which is late
-    only where its machine is, any failure of a run with lateness: it is tried again on the free clock.
+    A reason is a verdict that the machine's lateness may have decided, and, with an ECU that `is_ours` and so is
+    late only where its machine is, any failure of a late run. Such a run is repeated on the free clock.
     """
     if shown.summary.clock != "realtime":
         return ""
@@ -268,7 +268,7 @@ def busy_with(shown: Result, is_ours: bool) -> str:
 
 
 def _standstill(shown: Result) -> list[str]:
-    """Why a gate never moved, as far as the commands tell it."""
+    """Return why a gate never moved, as far as the commands show it; empty where it moved."""
     accepted, angles = shown.summary.received.accepted, shown.trace["gate_angle_deg"]
     if angles.max() - angles.min() >= _MOVED_DEG:
         return []

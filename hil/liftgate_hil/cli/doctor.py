@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument(
         "--duration",
         type=options.bounded(0.1, 86_400.0, "s"),
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.doctor.examination import Examination
 
     def tell(check: Check) -> None:

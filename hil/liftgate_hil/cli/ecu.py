@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from liftgate_hil.cli import options
 from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.processes.supervisor import supervise
+from liftgate_hil.running.processes.supervisor import supervise
 from liftgate_plant.coding import UNCODED, Coding
 
 if TYPE_CHECKING:
@@ -29,12 +29,14 @@ if TYPE_CHECKING:
     from liftgate_hil.stimuli.requests import Request
 
 
-_EXIT_CODES = frozenset((0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM))  # of this command
-_PATIENCE_NS = 2_000_000_000  # without a word from the gate, until it says that it waits
+_EXIT_CODES = frozenset(
+    (0, 1, 2, 128 + signal.SIGINT, 128 + signal.SIGTERM)
+)  # exit codes of this command
+_PATIENCE_NS = 2_000_000_000  # without a frame from the gate until a message reports the wait
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     options.add_bus(parser)
     options.add_ecu(parser, "reference", has_bus=False)
     parser.add_argument("--scenario", default="demo", metavar="NAME|FILE", help="default: demo")
@@ -72,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _coding(text: str) -> Coding:
-    """An argparse type: two shares."""
+    """Convert SPEED,LIMITS to a Coding, as an argparse type."""
     from liftgate_hil.config.vehicle_keys import keys_of
 
     known = keys_of(Coding)
@@ -84,25 +86,25 @@ def _coding(text: str) -> Coding:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.ecu.find import is_foreign
 
     if is_foreign(args.ecu) and args.owns_process:
         supervise(allowed=_EXIT_CODES)
     stop = StopSignals()
-    from liftgate_hil import session
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.ecu.find import adapter_for, is_library
     from liftgate_hil.errors import EcuError
+    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.setup import rig_of, scenario_from
     from liftgate_plant.compiler import GivenUpError
 
     if args.ecu == "bus":
         raise ConfigError("`ecu` bus: allowed here: reference, LIBRARY, MODULE:CLASS")
     if is_library(args.ecu):
         stop.end_machine_code()
-    scenario = session.scenario_from(args.scenario)
-    rig = session.rig_of(args.rig, scenario)
+    scenario = scenario_from(args.scenario)
+    rig = rig_of(args.rig, scenario)
     teller = Teller(args.quiet)
     try:
         with (
@@ -126,9 +128,9 @@ def _drive(
     stop: StopSignals,
     teller: Teller,
 ) -> None:
-    """Until it is stopped, or the time is over."""
+    """Run the ECU until it is stopped, or the duration is over."""
     from liftgate_hil.ecu.peer import Peer
-    from liftgate_hil.staging import alone
+    from liftgate_hil.running.stimulation import alone
     from liftgate_hil.transport.find import find_way, open_transport
 
     transport = open_transport(find_way(options.wire_choice(args), rig))
@@ -159,8 +161,8 @@ def _take_turns(
     stop: StopSignals,
     teller: Teller,
 ) -> None:
-    """Let the ECU take its turns for so long [s], counted from the start; None: until it is stopped."""
-    gc.collect()  # what a start has made is looked at now, not in the middle of a motion for some 50 ms
+    """Poll the ECU for `duration` [s] from the start; None: until it is stopped."""
+    gc.collect()  # collects garbage of the start now, not for some 50 ms during a motion
     gc.freeze()
     start = time.monotonic_ns()
     told, is_waiting = 0, True
@@ -187,7 +189,9 @@ def _ask_for_priority(args: argparse.Namespace) -> None:
     from liftgate_hil.loop.priority import PRIORITY, ask_for_fifo, wake_sharply
 
     wake_sharply()
-    refused = ask_for_fifo(PRIORITY)  # that of the gate's loop, so that this never starves it
+    refused = ask_for_fifo(
+        PRIORITY
+    )  # the same as the gate's loop, so that this process never starves it
     if refused and not args.quiet:
         print(f"not given: {refused}", file=sys.stderr, flush=True)
 

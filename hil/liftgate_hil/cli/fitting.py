@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from liftgate_plant.vehicle import Vehicle
 
 MODEL_NAMES = ("full", "third-order", "second-order")
-# Kinds of outputs, and the columns that show them.
+# Kinds of outputs, and their columns.
 KINDS = {
     "current": ("left_current_a", "right_current_a"),
     "speed": ("left_speed_rps", "right_speed_rps"),
@@ -33,7 +33,7 @@ KINDS = {
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
-    """Flags that both commands have."""
+    """Add the flags that both commands have."""
     options.add_vehicle(parser)
     parser.add_argument(
         "--model",
@@ -84,7 +84,7 @@ def problem_of(
     sought: Sequence[Sought],
     outputs: str | None,
 ) -> tuple[Problem, tuple[str, ...]]:
-    """The measurements of these flags against a model, and what was done to the data. Raises ConfigError."""
+    """Return the problem of these flags, and notes on what was done to the data. Raises ConfigError."""
     from liftgate_hil.cli.measurements import measurements_from
     from liftgate_hil.config.vehicle import refusals_of
     from liftgate_hil.identify.problem import Problem
@@ -138,7 +138,7 @@ def problem_of(
 
 
 def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -> list[Data]:
-    """As `--resample` and `--decimate` say. Raises ConfigError with the faults of all files."""
+    """Return the data after `--resample` and `--decimate`. Raises ConfigError with the issues of all files."""
     from liftgate_hil.measurement.raster import thinned
 
     quantum = 1.0 / vehicle.sensors.hall_counts
@@ -154,18 +154,18 @@ def _thinned(data: Sequence[Data], args: argparse.Namespace, vehicle: Vehicle) -
 
 
 def origin_of(args: argparse.Namespace) -> Provenance:
-    """What the result of these flags is made from, as the files are now."""
+    """Return the provenance of the result of these flags, with the present contents of the files."""
     from liftgate_hil.config.shipped import find_config
     from liftgate_hil.config.sources import sources_of
     from liftgate_hil.measurement.read import needs_rig
     from liftgate_hil.report.provenance import provenance_of
-    from liftgate_hil.session import rig_from
+    from liftgate_hil.running.setup import rig_from
 
     files = {f"measurement {k + 1}": Path(name) for k, name in enumerate(args.files)}
     files |= {f"map {k + 1}": Path(name) for k, name in enumerate(args.maps)}
     if getattr(args, "parameters", None):
         files["parameters"] = Path(args.parameters)
-    with contextlib.suppress(ConfigError):  # told where it is needed
+    with contextlib.suppress(ConfigError):  # reported where it is needed
         files["vehicle"] = find_config("vehicles", args.vehicle)
         if any(needs_rig(Path(name), {}) for name in args.files):
             rig = rig_from(args.rig)
@@ -196,7 +196,7 @@ def deliver(
 
 
 def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
-    """A measurement as the grey box takes it: a Hall count is a position, where no position was measured."""
+    """Convert a measurement to Data; a Hall count becomes a position where none was measured."""
     from liftgate_hil.identify.data import Data, rows_of
     from liftgate_hil.identify.trajectory import OUTPUTS
 
@@ -217,9 +217,9 @@ def data_of(measurement: Measurement, vehicle: Vehicle) -> Data:
 
 
 def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
-    """The columns to look at. Raises ConfigError where one was not measured."""
+    """Return the output columns to compare. Raises ConfigError where a requested one was not measured."""
     moving, still = _moving_and_still(data)
-    measured = moving or still  # where nothing moves, who identifies says so
+    measured = moving or still  # where nothing moves, the identification reports it
     kinds = list(KINDS) if wanted is None else [each.strip() for each in wanted.split(",")]
     issues = []
     found: list[str] = []
@@ -241,8 +241,9 @@ def outputs_of(wanted: str | None, data: Sequence[Data]) -> list[str]:
 
 
 def _moving_and_still(data: Sequence[Data]) -> tuple[set[str], set[str]]:
-    """Measured columns that change, and those that never do: they say nothing of their noise, so weigh nothing
-    beside others (the Hall counts of a locked rotor).
+    """Return the measured columns that change, and those that never do.
+
+    A constant column (the Hall counts of a locked rotor) does not show its noise, so it cannot be weighted.
     """
     import numpy as np
 
@@ -263,10 +264,11 @@ def _measured_kinds(measured: set[str]) -> str:
 
 
 def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float | None], list[bool]]:
-    """For each file of `--initial` (the angle [deg] it begins at, None: as the data say; whether it begins in a
-    pause). Raises ConfigError.
+    """Return the initial angles [deg] of `--initial`, and which files begin in a pause, one for each file.
+
+    An angle of None is estimated from the data. Raises ConfigError.
     """
-    from liftgate_hil.session import angle_from
+    from liftgate_hil.running.setup import angle_from
 
     parts = [each.strip() for each in text.split(",")]
     if len(parts) not in (1, files):
@@ -284,7 +286,7 @@ def beginnings_of(text: str, vehicle: Vehicle, files: int) -> tuple[list[float |
 
 
 def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
-    """(`--input-delay` [s], whether to estimate it). Raises ConfigError."""
+    """Return (`--input-delay` [s], whether to estimate it). Raises ConfigError."""
     if text == "auto":
         logs = [each.name for each in data if each.through_sensors]
         if logs and len(logs) < len(data):
@@ -305,7 +307,7 @@ def delay_of(text: str, data: Sequence[Data]) -> tuple[float, bool]:
 
 
 def pairs(given: Sequence[str], flag: str, form: str) -> dict[str, tuple[float, float]]:
-    """`NAME=A:B` flags. Raises ConfigError."""
+    """Parse `NAME=A:B` flags. Raises ConfigError."""
     found = {}
     for text in given:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+):([^:]+)", text)

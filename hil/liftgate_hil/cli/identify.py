@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Preset(NamedTuple):
-    """A ready choice of what to estimate, by which model, from which outputs."""
+    """A predefined choice of free parameters, model and outputs."""
 
     estimate: str
     model: str
@@ -58,7 +58,7 @@ PRESETS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     from liftgate_hil.cli.measurements import add_measurement_arguments
 
     add_measurement_arguments(parser, required=False)
@@ -115,9 +115,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
+    from liftgate_hil.running.compilation import told_of_compiling
 
     with told_of_compiling(Teller(args.quiet)):
         return _run(args)
@@ -136,7 +136,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str | None]:
-    """Vehicle, model, what is sought, outputs: of the flags, else of the preset. Raises ConfigError."""
+    """Return vehicle, model, free parameters and outputs of the flags, or of the preset. Raises ConfigError."""
     preset = PRESETS[args.preset] if args.preset else Preset("", "full", "")
     vehicle = options.vehicle_of(args)
     sought = _sought(args, vehicle, args.estimate or preset.estimate)
@@ -149,8 +149,8 @@ def _wanted(args: argparse.Namespace) -> tuple[Vehicle, str, list[Sought], str |
 
 
 def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Sought]:
-    """What to estimate, with bounds and priors. Raises ConfigError with all faults."""
-    from liftgate_hil.identify.parameters import find_parameter, same_on_both_sides, value_of
+    """Return the free parameters, with bounds and priors. Raises ConfigError with all issues."""
+    from liftgate_hil.config.parameters import find_parameter, same_on_both_sides, value_of
     from liftgate_hil.identify.problem import Sought
 
     wanted = [each.strip() for each in names.split(",") if each.strip()]
@@ -203,7 +203,7 @@ def _sought(args: argparse.Namespace, vehicle: Vehicle, names: str) -> list[Soug
 
 
 def identified(args: argparse.Namespace) -> Identification:
-    """The result of these flags. Raises ConfigError."""
+    """Return the result of the identification of these flags. Raises ConfigError."""
     from liftgate_hil.identify.identification import NothingToTellError, identify
     from liftgate_hil.report.progress import Progress
 
@@ -226,7 +226,7 @@ def identified(args: argparse.Namespace) -> Identification:
 
 
 def _noise(args: argparse.Namespace, columns: Sequence[str]) -> NDArray[np.float64] | None:
-    """Standard deviations of the outputs' noise, or None. Raises ConfigError."""
+    """Return the standard deviations of the outputs' noise, or None. Raises ConfigError."""
     import numpy as np
 
     if not args.noise:
@@ -272,14 +272,14 @@ def _deliver(args: argparse.Namespace, origin: Provenance, result: Identificatio
 
 
 def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
-    """The vehicle file with what was found. What could not be told keeps its initial value."""
+    """Return the vehicle file with the estimates; what is not identifiable keeps its initial value."""
     from liftgate_hil.config.settings import settings_of
     from liftgate_hil.config.shipped import find_config
     from liftgate_hil.config.toml import read_toml
     from liftgate_hil.config.variant import settings_for
     from liftgate_hil.config.vehicle_file import vehicle_text
     from liftgate_hil.report.json_result import identification_json
-    from liftgate_hil.session import variant_of
+    from liftgate_hil.running.setup import variant_of
 
     told = [k for k, each in enumerate(result.parameters) if each.identifiable]
     content = identification_json(result)
@@ -304,8 +304,10 @@ def _vehicle_text(args: argparse.Namespace, result: Identification) -> str:
 
 
 def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[str, float]) -> None:
-    """Check that the loader takes the vehicle to be saved. Raises ConfigError where it would refuse it, as it may
-    where values that were found do not go together with the initial ones of those that could not be told.
+    """Check that the loader accepts the vehicle to be saved. Raises ConfigError.
+
+    The loader may refuse it where estimates are not consistent with the initial values of parameters that are not
+    identifiable.
     """
     import tomllib
 
@@ -325,7 +327,7 @@ def _check_saved(text: str, target: str, sought: Sequence[str], told: Mapping[st
 
 
 def _plan(args: argparse.Namespace, origin: Provenance) -> int:
-    """Rank experiments."""
+    """Rank experiments and report the plan. Raises ConfigError."""
     from liftgate_hil.identify.design import candidates, plan
     from liftgate_hil.report.plan import plan_json, plan_text
 

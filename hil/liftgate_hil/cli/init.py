@@ -14,7 +14,7 @@ from pathlib import Path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument(
         "folder",
         metavar="FOLDER",
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.config.starter import create_starter
 
     written = create_starter(Path(args.folder))
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _contents(folder: str, written: Sequence[Path]) -> list[str]:
-    """What was written, a line for each folder."""
+    """Return what was written, one line for each folder."""
     names: dict[Path, list[str]] = {}
     for path in written:
         names.setdefault(Path(folder, path.parent), []).append(path.name)
@@ -42,14 +42,14 @@ def _contents(folder: str, written: Sequence[Path]) -> list[str]:
 
 
 def _next_steps(folder: str) -> list[str]:
-    """The next steps in the new folder: the commands of its README, with the folder's name and this Python."""
+    """Return the next steps: the commands of the new folder's README, with the folder's name and this Python."""
     from liftgate_hil.config.starter import starter_readme
 
     heading = ""
     program, pytest, make = "liftgate-hil", "python -m pytest", "make -C ecu"
     python = Path(sys.executable)
     if Path(shutil.which("python3") or "").parent != python.parent:
-        # An environment that is not activated: PATH leads to another Python, without this package.
+        # The environment is not activated: PATH leads to another Python, without this package.
         quoted = shlex.quote(str(python))
         program, pytest = f"{quoted} -m liftgate_hil", f"{quoted} -m pytest"
         make += f" PYTHON={quoted}"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="of one run, or several")
     parser.add_argument("--scenario", required=True, metavar="NAME|FILE", help="what is expected")
     parser.add_argument(
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     stop = StopSignals()
     from liftgate_hil.report.provenance import provenance_of
     from liftgate_hil.testing import judged_suite, suite
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _about(args: argparse.Namespace) -> Expectations:
-    """What is expected. Raises ConfigError."""
+    """Return the expectations of these flags. Raises ConfigError."""
     from dataclasses import replace
 
     from liftgate_hil.measurement.mapping import parse_maps
@@ -126,7 +126,7 @@ def _about(args: argparse.Namespace) -> Expectations:
 
 
 def _tell(outcome: Outcome, notes: Sequence[str], is_named: bool, args: argparse.Namespace) -> None:
-    """What came of a run."""
+    """Print the verdicts of a run, and its notes."""
     from liftgate_hil.testing.reports import line_of
 
     for note in notes:

@@ -39,18 +39,18 @@ COMMANDS = {
 
 
 class Parser(argparse.ArgumentParser):
-    """One clear line instead of the whole usage."""
+    """Parser that reports an error in one clear line instead of the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong; exit code 2."""
+        """Print what is wrong and exit with code 2."""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 class ShowVersion(argparse.Action):
-    """`--version`, looked up only where it is asked for: that takes as long as the rest of a start."""
+    """`--version`; the version is looked up only here, as that takes as long as the rest of a start."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Print it; exit code 0."""
+        """Print the version and exit with code 0."""
         from liftgate_hil.version import version
 
         print(f"liftgate-hil {version()}")
@@ -58,18 +58,18 @@ class ShowVersion(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit code: 0 done, 1 failed while running, 2 wrong usage or configuration."""
+    """Run the command line; return the exit code: 0 done, 1 failed, 2 wrong usage or configuration."""
     streams.prepare()
     try:
-        if argv is None:  # this process is ours
+        if argv is None:  # the program owns this process
             signal.signal(signal.SIGINT, stopping.interrupt)
         code = _command(argv)
         fault = streams.written()
-    except SystemExit as leaving:  # argparse has said why
+    except SystemExit as leaving:  # argparse has printed why
         code, fault = int(leaving.code or 0), streams.written()
-    except KeyboardInterrupt:  # before there was anything to end in order
+    except KeyboardInterrupt:  # before there was anything to shut down
         return 130
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of the output has gone
         streams.abandon(sys.stdout)
         return 1
     except OSError as error:
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(argv: Sequence[str] | None) -> int:
-    """Parse and run."""
+    """Parse the command line, run the subcommand and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     name = arguments.pop(0) if arguments and arguments[0] in COMMANDS else "run"
     module = importlib.import_module(f"liftgate_hil.cli.{name}")
@@ -112,15 +112,18 @@ def _command(argv: Sequence[str] | None) -> int:
 
 
 def _fault_of(error: OSError) -> str:
-    """What the system refused, on one line."""
-    if error.errno in (errno.EMFILE, errno.ENFILE):  # whichever file it was that came last
+    """Return what the system refused, on one line."""
+    if error.errno in (
+        errno.EMFILE,
+        errno.ENFILE,
+    ):  # the file that was opened last is not the cause
         return f"{error.strerror}; allowed: a limit of 64 or more (ulimit -n)"
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}{error.strerror or error}"
 
 
 def whole_parser() -> Parser:
-    """All subcommands and flags as one parser; `main` loads only that of the one it is asked for."""
+    """Return one parser of all subcommands and flags; `main` loads only the requested subcommand."""
     root = Parser(prog="liftgate-hil")
     subcommands = root.add_subparsers()
     for name, text in COMMANDS.items():
@@ -132,7 +135,7 @@ def whole_parser() -> Parser:
 
 
 def _add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """The flags of a subcommand's file, and `--version`."""
+    """Add the flags of a subcommand's module, and `--version`."""
     parser.add_argument("--version", action=ShowVersion, nargs=0, help="print the version and exit")
     module.add_arguments(parser)
 

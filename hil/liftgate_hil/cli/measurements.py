@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from liftgate_hil.measurement.measurement import Measurement
     from liftgate_plant.vehicle import Vehicle
 
-_MARGIN_DEG = 0.5  # from seal and end stops
+_MARGIN_DEG = 0.5  # distance from seal and end stops
 _TIME = bounded(-1e9, 1e10, "s")
 
 
 def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = True) -> None:
-    """Which files, what their columns are called, and which part of them."""
+    """Add the flags for files, names of their columns, and the part of them to use."""
     parser.add_argument(
         "files",
         nargs="+" if required else "*",
@@ -67,7 +67,7 @@ def add_measurement_arguments(parser: argparse.ArgumentParser, required: bool = 
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
-    """What their columns are called."""
+    """Add the flag for names of columns."""
     parser.add_argument(
         "--map",
         dest="maps",
@@ -82,13 +82,14 @@ def add_map(parser: argparse.ArgumentParser) -> None:
 def measurements_from(
     args: argparse.Namespace, vehicle: Vehicle, travel_only: bool = False
 ) -> list[Measurement]:
-    """The measurements of all files, read, checked and conditioned; `travel_only`: for a model that has neither
-    seal nor end stops, cut to the travel between these where `--cut-angle` does not say. Raises ConfigError with
-    all faults of all files.
+    """Return the measurements of all files, read, checked and conditioned.
+
+    `travel_only` is for a model without seal and end stops: without `--cut-angle` the measurements are cut to the
+    travel between these. Raises ConfigError with all issues of all files.
     """
     from liftgate_hil.config.shipped import find_config
     from liftgate_hil.measurement.mapping import parse_maps
-    from liftgate_hil.session import rig_from
+    from liftgate_hil.running.setup import rig_from
 
     if args.start is not None and args.end is not None and args.start >= args.end:
         raise ConfigError(f"--from {args.start:g} --to {args.end:g}: allowed: from before to")
@@ -119,13 +120,13 @@ def measurements_from(
 
 
 def _shows_angle(measurement: Measurement) -> bool:
-    """Whether there is something that says where the gate is."""
+    """Whether a column shows the position of the gate."""
     shown = ("_position_rev", "_hall_count", "gate_angle_deg")
     return any(name.endswith(shown) for name in measurement.columns)
 
 
 def _travel(vehicle: Vehicle) -> tuple[float, float]:
-    """Where neither the seal nor an end stop acts on the gate [deg]."""
+    """Return the range [deg] in which neither the seal nor an end stop acts on the gate."""
     from liftgate_plant import gate
 
     link, seal = gate.linkage(vehicle.gate), vehicle.seal
@@ -143,7 +144,7 @@ def _conditioned(
     vehicle: Vehicle,
     cut: tuple[float, float] | None,
 ) -> Measurement:
-    """Checked, and the part of it that is asked for."""
+    """Return the requested part of a measurement, checked. Raises ConfigError."""
     from liftgate_hil.measurement import checks, condition, quality
 
     if vehicle.drives == 1:
@@ -164,7 +165,7 @@ def _conditioned(
 
 
 def expected_of(vehicle: Vehicle) -> Expected:
-    """What a measurement on this vehicle cannot be far from."""
+    """Return values that a measurement on this vehicle must be close to."""
     from liftgate_hil.measurement.checks import Expected
 
     return Expected(
@@ -176,8 +177,9 @@ def expected_of(vehicle: Vehicle) -> Expected:
 
 
 def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
-    """The gate's angle [deg] at a position [rev] of the left motor, without play and flexibility; NaN where no
-    gate can be.
+    """Return a function from the position [rev] of the left motor to the gate's angle [deg].
+
+    It ignores play and flexibility, and returns NaN for positions that no gate can have.
     """
     from liftgate_plant import gate
 
@@ -194,7 +196,7 @@ def angle_of_position(vehicle: Vehicle) -> Callable[[float], float]:
 
 
 def _surroundings(vehicle: Vehicle) -> Mapping[str, float]:
-    """The inputs as the vehicle file has them, for the time before a test bench's panel says otherwise."""
+    """Return the vehicle file's surroundings, which hold until a test bench's panel changes them."""
     from liftgate_plant.rows import surroundings_of
     from liftgate_plant.vehicle import load_of
 
@@ -207,7 +209,7 @@ def _raise_if_any(issues: list[str]) -> None:
 
 
 def _angles(value: str) -> tuple[float, float]:
-    """An argparse type: LOW:HIGH in degrees."""
+    """Convert LOW:HIGH in degrees, as an argparse type."""
     low, _, high = value.partition(":")
     try:
         angles = (float(low), float(high))

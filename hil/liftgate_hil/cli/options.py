@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from liftgate_hil.session import RunOptions, Setup
+    from liftgate_hil.running.options import RunOptions
+    from liftgate_hil.running.setup import Setup
     from liftgate_hil.transport.can_arguments import WireChoice
     from liftgate_plant.vehicle import Vehicle
 
@@ -21,12 +22,12 @@ _ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
 
 
 def as_flags(text: str) -> str:
-    """A message of the API, which names its arguments `so_named`, with the flags instead: --so-named."""
+    """Return a message of the API with its arguments, `so_named`, replaced by the flags: --so-named."""
     return _ARGUMENT.sub(lambda match: "--" + match[1].replace("_", "-"), text)
 
 
 def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
-    """An argparse type: a finite number within [low, high]."""
+    """Return an argparse type: a finite number within [low, high]."""
 
     def convert(value: str) -> float:
         try:
@@ -43,7 +44,7 @@ def bounded(low: float, high: float, unit: str) -> Callable[[str], float]:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """An argparse type: a whole number within [low, high]."""
+    """Return an argparse type: a whole number within [low, high]."""
 
     def convert(value: str) -> int:
         try:
@@ -58,7 +59,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def add_bus(parser: argparse.ArgumentParser) -> None:
-    """How to reach the bus."""
+    """Add the flags for the bus or serial line."""
     parser.add_argument("--bus", metavar="INTERFACE:CHANNEL[@BITRATE]", help="e.g. socketcan:vcan0")
     parser.add_argument(
         "--serial",
@@ -77,7 +78,7 @@ def add_bus(parser: argparse.ArgumentParser) -> None:
 
 
 def wire_choice(args: argparse.Namespace) -> WireChoice:
-    """What the flags of `add_bus` say."""
+    """Return the choice of bus or line from the flags of `add_bus`."""
     from liftgate_hil.transport.can_arguments import WireChoice
 
     return WireChoice(
@@ -91,10 +92,10 @@ def wire_choice(args: argparse.Namespace) -> WireChoice:
 
 
 def run_options(args: argparse.Namespace) -> RunOptions:
-    """What the flags of `add_loop` and `add_output` say. Raises ConfigError."""
+    """Return the options from the flags of `add_loop` and `add_output`. Raises ConfigError."""
     from liftgate_hil.config.arguments import size_of
-    from liftgate_hil.recording.open import check_file
-    from liftgate_hil.session import RunOptions
+    from liftgate_hil.formats.open import check_file
+    from liftgate_hil.running.options import RunOptions
 
     return RunOptions(
         rate=args.rate,
@@ -114,7 +115,7 @@ def run_options(args: argparse.Namespace) -> RunOptions:
 
 
 def add_setup(parser: argparse.ArgumentParser) -> None:
-    """Which vehicle, and what happens to it."""
+    """Add the flags for vehicle, scenario, initial angle and seed."""
     add_vehicle(parser, None, "default: the scenario's, else suv")
     parser.add_argument("--scenario", metavar="NAME|FILE", help="what happens over time")
     parser.add_argument(
@@ -130,23 +131,23 @@ def add_setup(parser: argparse.ArgumentParser) -> None:
 
 
 def setup_of(args: argparse.Namespace) -> Setup:
-    """What the flags of `add_setup` say. Raises ConfigError."""
-    from liftgate_hil import session
+    """Return the setup from the flags of `add_setup`. Raises ConfigError."""
+    from liftgate_hil.running.setup import setup_of, variant_of
 
-    return session.setup_of(
+    return setup_of(
         args.scenario,
         vehicle=args.vehicle,
         settings=args.settings,
         initial=args.initial,
         seed=args.seed,
-        variant=session.variant_of(args.draw, args.ideal),
+        variant=variant_of(args.draw, args.ideal),
     )
 
 
 def add_vehicle(
     parser: argparse.ArgumentParser, default: str | None = "suv", told: str = "default: suv"
 ) -> None:
-    """Which vehicle."""
+    """Add the flags for the vehicle."""
     parser.add_argument("--vehicle", default=default, metavar="NAME|FILE", help=told)
     parser.add_argument(
         "--set",
@@ -170,14 +171,14 @@ def add_vehicle(
 
 
 def vehicle_of(args: argparse.Namespace) -> Vehicle:
-    """What the flags of `add_vehicle` say. Raises ConfigError."""
-    from liftgate_hil import session
+    """Return the vehicle from the flags of `add_vehicle`. Raises ConfigError."""
+    from liftgate_hil.running.setup import vehicle_from
 
-    return session.vehicle_from(args.vehicle, args.settings, draw=args.draw, ideal=args.ideal)
+    return vehicle_from(args.vehicle, args.settings, draw=args.draw, ideal=args.ideal)
 
 
 def add_loop(parser: argparse.ArgumentParser) -> None:
-    """How the loop runs."""
+    """Add the flags for the loop."""
     add_rate(parser)
     parser.add_argument(
         "--clock",
@@ -208,7 +209,7 @@ def add_loop(parser: argparse.ArgumentParser) -> None:
 
 
 def add_rate(parser: argparse.ArgumentParser) -> None:
-    """How often it ticks."""
+    """Add the flag for the rate of the loop."""
     parser.add_argument(
         "--rate",
         type=bounded(200.0, MAX_RATE, "Hz"),
@@ -219,7 +220,7 @@ def add_rate(parser: argparse.ArgumentParser) -> None:
 
 
 def add_realtime(parser: argparse.ArgumentParser) -> None:
-    """What it asks of the machine."""
+    """Add the flags for what the program requests of the machine."""
     parser.add_argument(
         "--realtime",
         action="store_true",
@@ -234,7 +235,7 @@ def add_realtime(parser: argparse.ArgumentParser) -> None:
 
 
 def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True) -> None:
-    """What closes the loop; unless it is that command itself, somebody on the bus, too."""
+    """Add the flag for the ECU; with `has_bus` it may also be one on the bus."""
     parser.add_argument(
         "--ecu",
         default=default,
@@ -246,15 +247,15 @@ def add_ecu(parser: argparse.ArgumentParser, default: str, has_bus: bool = True)
 
 
 def ecu_of(args: argparse.Namespace) -> str:
-    """What `--ecu` says; a module of that name may lie in the working directory, too."""
+    """Return the value of `--ecu`; its module may also be in the working directory."""
     if ":" in args.ecu:
-        # Last, so that nothing there comes before what is installed.
+        # Last, so that installed modules take precedence.
         sys.path.append(str(Path.cwd()))
     return str(args.ecu)
 
 
 def add_listen(parser: argparse.ArgumentParser, default: str | None = LISTEN) -> None:
-    """Where a page is served, and what it may do."""
+    """Add the flags for the address of the page, and for read-only access."""
     parser.add_argument(
         "--listen",
         default=default,
@@ -265,7 +266,7 @@ def add_listen(parser: argparse.ArgumentParser, default: str | None = LISTEN) ->
 
 
 def add_dashboard(parser: argparse.ArgumentParser) -> None:
-    """The operator's page of a run."""
+    """Add the flags for the operator's page of a run."""
     parser.add_argument(
         "--dashboard",
         action="store_true",
@@ -275,7 +276,7 @@ def add_dashboard(parser: argparse.ArgumentParser) -> None:
 
 
 def address_of(text: str) -> tuple[str, int]:
-    """Host and port. Raises ConfigError."""
+    """Return host and port of HOST:PORT. Raises ConfigError."""
     from liftgate_hil.errors import ConfigError
 
     host, _, port = text.rpartition(":")
@@ -286,7 +287,7 @@ def address_of(text: str) -> tuple[str, int]:
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """What comes out."""
+    """Add the flags for recordings and printed output."""
     parser.add_argument(
         "--record",
         action="append",

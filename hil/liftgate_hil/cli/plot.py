@@ -15,7 +15,7 @@ from liftgate_hil.errors import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("recording", metavar="FILE", help="a recording, or a bus log of others")
     recordings.add_columns(parser, "angle, currents, pinch force and voltage, or the first few")
     recordings.add_picture(parser, "FILE.png")
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.conversion import picture
     from liftgate_hil.conversion.table import chosen, columns_in, open_table
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
-    """Which columns, when, and how a bus log is decoded."""
+    """Add the flags for columns, time window, and the rig that decodes a bus log."""
     parser.add_argument(
         "--columns",
         action="append",
@@ -38,20 +38,20 @@ def add_columns(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_picture(parser: argparse.ArgumentParser, default: str) -> None:
-    """Where the picture goes."""
+    """Add the flag for the file of the picture."""
     parser.add_argument(
         "--output", metavar="FILE", help=f"the picture, .png, .svg or .html; default: {default}"
     )
 
 
 def columns_of(args: argparse.Namespace) -> list[str]:
-    """The names of `--columns`."""
+    """Return the names given by `--columns`."""
     given: Sequence[str] = args.columns
     return [name.strip() for each in given for name in each.split(",") if name.strip()]
 
 
 def window_of(args: argparse.Namespace) -> Window:
-    """What `--from` and `--to` say. Raises ConfigError."""
+    """Return the window given by `--from` and `--to`. Raises ConfigError."""
     from liftgate_hil.conversion.table import Window
 
     window = Window()
@@ -64,7 +64,7 @@ def window_of(args: argparse.Namespace) -> Window:
 
 
 def check_picture(name: str, sources: Sequence[str]) -> Path:
-    """Raises ConfigError where no picture can be written to this file."""
+    """Return the path of a picture. Raises ConfigError where no picture can be written there."""
     from liftgate_hil.conversion.picture import SUFFIXES
     from liftgate_hil.errors import ConfigError
     from liftgate_hil.report.files import check_targets

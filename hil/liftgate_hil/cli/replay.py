@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument("recording", metavar="FILE", help="a recording with frames, or a bus log")
     options.add_bus(parser)
     parser.add_argument(
@@ -80,18 +80,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     stopped = StopSignals()
-    from liftgate_hil import session
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
     from liftgate_hil.errors import LiftgateError
     from liftgate_hil.replay.player import Player, Replay
     from liftgate_hil.replay.selection import Selection, identifiers_of
+    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.setup import rig_of
     from liftgate_hil.transport.find import find_way
     from liftgate_plant.compiler import GivenUpError
 
-    rig = session.rig_of(args.rig)
+    rig = rig_of(args.rig)
     selection = Selection(
         direction=args.direction or "",
         only=identifiers_of("only", _listed(args.only_ids), rig.messages),
@@ -144,7 +144,7 @@ def _tell(args: argparse.Namespace, played: Played, stopped: StopSignals) -> Non
 
 
 def _content(args: argparse.Namespace, played: Played, stopped: StopSignals) -> dict[str, object]:
-    """For programs. The keys are public; a number that is not known is null."""
+    """Return the summary for JSON; its keys are public, and an unknown number is None."""
     from liftgate_hil.config.sources import sources_of
     from liftgate_hil.report.provenance import provenance_of
 

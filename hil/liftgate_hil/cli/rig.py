@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags of both actions."""
+    """Add the flags of both actions to the parser."""
     actions = parser.add_subparsers(dest="action", required=True, metavar="check|draft")
     check = actions.add_parser(
         "check",
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     return _draft(args) if args.action == "draft" else _check(args)
 
 
@@ -109,7 +109,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _lines(messages: list[MappedMessage]) -> list[str]:
-    """The table: a line a message, below it a line a quantity."""
+    """Return the table: one line per message, and below it one line per quantity."""
     lines = []
     for each in messages:
         cycle = f", every {each.cycle_ms:g} ms" if each.cycle_ms else ""
@@ -127,7 +127,7 @@ def _lines(messages: list[MappedMessage]) -> list[str]:
 
 
 def _asked(rig: Rig) -> list[str]:
-    """How the ECU is asked for its trouble codes."""
+    """Return a line on how the ECU's trouble codes are read; empty without diagnostics."""
     from liftgate_hil.codec.frames import EXTENDED
 
     own = rig.diagnostics

@@ -18,11 +18,11 @@ from liftgate_hil.cli.with_ecu import ON_A_BUS, run_loop
 from liftgate_hil.judging.verdict import INCONCLUSIVE
 
 if TYPE_CHECKING:
-    from liftgate_hil.runs.result import Result
+    from liftgate_hil.running.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     options.add_bus(parser)
     options.add_setup(parser)
     options.add_loop(parser)
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     stopped = StopSignals()
     result = run_loop(args, stopped)
     report(args, result, stopped)
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def given_up(result: Result) -> int:
-    """The exit code of a run; says why where the bench has ended it before its end."""
+    """Return the exit code of a run; print the reason where the bench has ended it early."""
     if result.verdict != INCONCLUSIVE or not result.reason:
         return 0
     print(f"liftgate-hil: {options.as_flags(result.reason)}", file=sys.stderr)
@@ -48,7 +48,7 @@ def given_up(result: Result) -> int:
 
 
 def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **more: object) -> None:
-    """Say how it went; the JSON holds `more`, too."""
+    """Print the summary of a run; as JSON it also contains `more`."""
     if args.json:
         print(json.dumps({**_content(args, result, stopped), **more}, allow_nan=False))
     elif not args.quiet:
@@ -56,7 +56,7 @@ def report(args: argparse.Namespace, result: Result, stopped: StopSignals, **mor
 
 
 def _content(args: argparse.Namespace, result: Result, stopped: StopSignals) -> dict[str, Any]:
-    """For programs. The keys are public; a number that is not known is null."""
+    """Return the summary for JSON; its keys are public, and an unknown number is None."""
     from liftgate_hil.report.provenance import provenance_of
 
     return {

@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from liftgate_hil.formats.content import Content
+    from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import Block
-    from liftgate_hil.recording.content import Content
-    from liftgate_hil.recording.edge_file import EdgeFile
-    from liftgate_hil.session import Setup
+    from liftgate_hil.running.setup import Setup
     from liftgate_hil.stimuli.samples import Samples
 
-_MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # that an input brings about by itself
+_MOST_SECONDS, _MOST_ROWS = 3600.0, 10_000_000  # from an input without --duration, at most
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     from liftgate_hil.cli.measurements import add_map
 
     options.add_setup(parser)
@@ -83,17 +83,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
-    stopped = StopSignals()  # a stop between two blocks: what has been simulated is written
+    """Run the command and return the exit code."""
+    stopped = StopSignals()  # stops between two blocks; what has been simulated is written
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
+    from liftgate_hil.formats.content import Content
+    from liftgate_hil.formats.edges import EdgeFile
     from liftgate_hil.loop.simulation import simulate
     from liftgate_hil.measurement.input_file import read_samples
     from liftgate_hil.measurement.mapping import parse_maps
-    from liftgate_hil.recording.content import Content
-    from liftgate_hil.recording.edge_file import EdgeFile
+    from liftgate_hil.running.compilation import told_of_compiling
+    from liftgate_hil.running.stimulation import offline_of
     from liftgate_hil.signals import columns_of
-    from liftgate_hil.staging import offline_of
     from liftgate_hil.stimuli.samples import constant_voltage
     from liftgate_plant.compiler import GivenUpError
     from liftgate_plant.initial import initial_state
@@ -142,9 +142,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _about(args: argparse.Namespace, setup: Setup, output: Path | None, duration: float) -> str:
-    """What the output says of where it is from, where its format can."""
-    from liftgate_hil.origin import origin_offline
-    from liftgate_hil.recording.open import FORMATS
+    """Return the provenance for the output; empty where its format cannot hold it."""
+    from liftgate_hil.formats.open import FORMATS
+    from liftgate_hil.running.provenance import origin_offline
 
     if output is None or not FORMATS[output.suffix].holds_about:
         return ""
@@ -153,7 +153,7 @@ def _about(args: argparse.Namespace, setup: Setup, output: Path | None, duration
 
 
 class _Progress:
-    """How far a simulation has come."""
+    """Progress of a simulation."""
 
     def __init__(self, duration: float) -> None:
         self._duration = duration
@@ -161,7 +161,7 @@ class _Progress:
         self.is_complete = False
 
     def over(self, blocks: Iterable[Block], stopped: Callable[[], bool]) -> Iterator[Block]:
-        """The same blocks, until it is stopped."""
+        """Yield the blocks until stopped, and note the time reached."""
         from liftgate_hil.signals import COLUMN_PLACE
 
         for block in blocks:
@@ -173,14 +173,14 @@ class _Progress:
         self.is_complete = True
 
     def remark(self) -> str:
-        """What is to be said of the file; nothing where it is complete."""
+        """Return a remark on an incomplete file; empty where it is complete."""
         if self.is_complete:
             return ""
         return f"incomplete, stopped at {self._time:.3f} s of {self._duration:g} s"
 
 
 def _undriven(args: argparse.Namespace, samples: Samples, drives: int) -> Iterator[str]:
-    """What is worth knowing of motors that nothing drives."""
+    """Yield notes on motors that nothing drives."""
     if not args.input:
         if args.voltage is None:
             yield "no --voltage and no --input: 0 V, which brakes the motors"
@@ -191,8 +191,9 @@ def _undriven(args: argparse.Namespace, samples: Samples, drives: int) -> Iterat
 
 
 def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
-    """How long the input lasts [s]. Raises ConfigError where that can hardly be meant: a clock that jumps makes
-    hours and days of it, and fills the disk.
+    """Return the length of the input [s]. Raises ConfigError where it is implausibly long.
+
+    A clock that jumps would make hours or days of it, and fill the disk.
     """
     import numpy as np
 
@@ -211,8 +212,8 @@ def _length_of(args: argparse.Namespace, times: NDArray[np.float64]) -> float:
 
 
 def _output_of(name: str) -> Path | None:
-    """The file to write; None: stdout. Raises ConfigError."""
-    from liftgate_hil.recording.open import TABLES, check_file
+    """Return the file to write; None: stdout. Raises ConfigError."""
+    from liftgate_hil.formats.open import TABLES, check_file
 
     if name != "-":
         return check_file("output", name, TABLES)
@@ -222,8 +223,8 @@ def _output_of(name: str) -> Path | None:
 
 
 def _edges_of(args: argparse.Namespace) -> Path | None:
-    """The file for the edges, as yet untouched. Raises ConfigError."""
-    from liftgate_hil.recording.open import check_file
+    """Return the file for the edges, which is not opened yet. Raises ConfigError."""
+    from liftgate_hil.formats.open import check_file
 
     if args.edges is None:
         return None
@@ -240,7 +241,7 @@ def _check_apart(flag: str, name: str, other_flag: str, other: str) -> None:
 
 
 def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[NDArray[np.float64]]:
-    """The blocks' rows; their edges are written. Raises RecordingError."""
+    """Yield the rows of the blocks, and write their edges. Raises RecordingError."""
     for block in blocks:
         if edge_file is not None:
             edge_file.write(block.edges)
@@ -248,15 +249,15 @@ def _rows_of(blocks: Iterable[Block], edge_file: EdgeFile | None) -> Iterator[ND
 
 
 def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.float64]]) -> None:
-    """Write all rows, until that fails. Raises ConfigError, RecordingError."""
-    from liftgate_hil.recording.csv_file import CsvRecorder
-    from liftgate_hil.recording.guarded import raise_failures
-    from liftgate_hil.recording.open import open_recorder
-    from liftgate_hil.recording.target import why
+    """Write all rows, until writing fails. Raises ConfigError, RecordingError."""
+    from liftgate_hil.formats.csv_file import CsvWriter
+    from liftgate_hil.formats.guarded import raise_failures
+    from liftgate_hil.formats.open import open_writer
+    from liftgate_hil.formats.target import why
 
     if output is None:
         try:
-            table = CsvRecorder(sys.stdout.buffer, content)
+            table = CsvWriter(sys.stdout.buffer, content)
             for rows in blocks:
                 table.write_rows(rows)
             table.flush()
@@ -265,7 +266,7 @@ def _write(output: Path | None, content: Content, blocks: Iterable[NDArray[np.fl
         except OSError as error:
             raise RecordingError(f"`output` -: {why(error)}") from error
         return
-    recorder = open_recorder(output, content, argument="output", is_salvaged=False)
+    recorder = open_writer(output, content, argument="output", is_salvaged=False)
     try:
         recorder.begin(0)
         for rows in blocks:

@@ -12,14 +12,17 @@ from types import FrameType
 from liftgate_hil.ecu.foreign import FOREIGN, NoAnswerError
 from liftgate_hil.errors import LiftgateError
 
-_PATIENCE_S = 1.0  # for an ECU's code that is to stop; from then on another signal ends the process
+_PATIENCE_S = (
+    1.0  # for an ECU's code to return after a stop; after that another signal ends the process
+)
 _LOOK_S = 0.2
-_HANG_S = 1.5  # for one in machine code
+_HANG_S = 1.5  # the same for an ECU in machine code
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """A Ctrl-C for what has no StopSignals: a KeyboardInterrupt. While a module is imported it ends the process,
-    since Python cannot raise everywhere in there; nothing has been begun then.
+    """Handle Ctrl-C without StopSignals: raise KeyboardInterrupt, or end the process during an import.
+
+    Python cannot raise everywhere in an import, and nothing has been started then.
     """
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
@@ -30,7 +33,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 class StoppedError(LiftgateError):
-    """What was stopped did not end in order."""
+    """Raised where something failed after a stop; `exit_code` is that of the stop."""
 
     def __init__(self, text: str, exit_code: int) -> None:
         self.exit_code = exit_code
@@ -38,36 +41,38 @@ class StoppedError(LiftgateError):
 
 
 class StopSignals:
-    """Ctrl-C and SIGTERM set a flag. More of them within a second are the same one, since they are sent twice by
-    who is impatient, and by a terminal and a service manager each; later ones end the process as it stands.
+    """Flag that is set by Ctrl-C and SIGTERM.
 
-    A call of an ECU's Python code that lasts that long is given up; it has to come back for the run to end.
+    Further signals within a second count as the same one, since impatient users send them twice, as do a terminal
+    and a service manager together; later ones end the process at once. A call of an ECU's Python code that takes
+    that long is aborted, because it must return before the run can end.
     """
 
     def __init__(self) -> None:
-        self.received = 0  # the signal's number
+        self.received = 0  # number of the signal; 0: none
         self._since = 0.0
-        self._call = 0  # of the ECU's code, at the last look
+        self._call = 0  # number of the call of the ECU's code, at the last check
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._set)
 
     def __call__(self) -> bool:
-        """Whether to stop."""
+        """Whether the program shall stop."""
         return self.received != 0
 
     @property
     def name(self) -> str:
-        """SIGINT or SIGTERM; empty where there was none."""
+        """Name of the signal, SIGINT or SIGTERM; empty where there was none."""
         return signal.Signals(self.received).name if self.received else ""
 
     @property
     def exit_code(self) -> int:
-        """For what was to come to an end, and was stopped before."""
+        """Exit code of a command that was stopped before its end."""
         return 128 + self.received
 
     def end_machine_code(self) -> None:
-        """Where an ECU's machine code runs in this thread, no Python handler comes through while it hangs: another
-        thread ends the process if it has not ended by itself.
+        """End the process from another thread if it has not ended by itself some time after a signal.
+
+        While an ECU's machine code hangs in this thread, no Python signal handler can run.
         """
         heard, told = os.pipe()
         os.set_blocking(told, False)
@@ -75,7 +80,7 @@ class StopSignals:
         threading.Thread(target=_end_after, args=(heard,), name="end", daemon=True).start()
 
     def failure(self, text: str) -> LiftgateError:
-        """What went wrong; after a stop it has that exit code."""
+        """Return an error with this text; after a stop it has the exit code of the stop."""
         return StoppedError(text, self.exit_code) if self.received else LiftgateError(text)
 
     def _set(self, number: int, frame: FrameType | None) -> None:
@@ -92,7 +97,7 @@ class StopSignals:
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE_S, _LOOK_S)
 
     def _look(self, number: int, frame: FrameType | None) -> None:
-        """Give up a call that is still the same one."""
+        """Abort a call of the ECU's code that is still the same as at the last check."""
         call = FOREIGN.call()
         if call and call == self._call:
             raise NoAnswerError
@@ -102,8 +107,9 @@ class StopSignals:
 
 
 def _ended() -> None:
-    """What has ended in order has that exit code: Python gives its handlers up when it ends, and the alarm, or the
-    same signal once more, would kill the process then.
+    """Ignore further signals at exit, so that the process keeps its exit code.
+
+    Python removes its handlers when it ends, and the alarm, or the same signal again, would then kill the process.
     """
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -111,7 +117,7 @@ def _ended() -> None:
 
 
 def _end_after(heard: int) -> None:
-    """End the process some time after a signal has come out of a pipe."""
+    """End the process some time after a stop signal has been read from a pipe."""
     number = 0
     while number not in (signal.SIGINT, signal.SIGTERM):
         number = os.read(heard, 1)[0]

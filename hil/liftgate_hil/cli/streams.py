@@ -10,14 +10,14 @@ from typing import Any
 
 
 def prepare() -> None:
-    """What an encoding lacks is written escaped."""
+    """Set stdout and stderr to escape characters that their encoding does not have."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def written() -> str:
-    """Bring out what waits in stdout; "", or what keeps it from getting there."""
+    """Flush stdout; return the reason where that fails, else ""."""
     stdout: Any = sys.stdout  # None where it is closed
     try:
         if stdout is not None:
@@ -29,7 +29,7 @@ def written() -> str:
 
 
 def abandon(stream: Any) -> None:
-    """Nobody takes what waits in a stream; Python would complain when it flushes that at its end."""
+    """Redirect a stream that nobody reads to /dev/null, since Python would report its flush at exit as failed."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -37,7 +37,7 @@ def abandon(stream: Any) -> None:
 
 
 def say(text: str) -> None:
-    """A line on stderr, if anybody takes it."""
+    """Print a line to stderr, and ignore a failure."""
     try:
         print(text, file=sys.stderr, flush=True)
     except OSError:

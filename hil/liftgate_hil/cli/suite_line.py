@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from liftgate_hil.errors import printable
-from liftgate_hil.listener import Listener
+from liftgate_hil.loop.listener import Listener
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
 
 class CompilingOnly(Listener):
-    """Of a run among many only what everybody waits for: machine code that is being made."""
+    """Listener of one run among many that reports only compilation, for which all runs wait."""
 
     def __init__(self, teller: Teller) -> None:
         self._teller = teller
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """See Listener."""
+        """Pass the progress of a compilation on."""
         self._teller.compiles(name, seconds, expected)
 
     def compiled(self, name: str, seconds: float) -> None:
-        """See Listener."""
+        """Pass the end of a compilation on."""
         self._teller.compiled(name, seconds)
 
 
 class SuiteLine:
-    """Counts what begins and what ends, and has the teller show it."""
+    """Progress line of a suite: counts scenarios that begin and end, and shows the numbers."""
 
     def __init__(self, teller: Teller, count: int) -> None:
         self._teller = teller
@@ -42,13 +42,13 @@ class SuiteLine:
         self._lock = threading.RLock()
 
     def began(self, case: Case) -> None:
-        """A scenario begins; told from several threads."""
+        """Called from several threads when a scenario begins."""
         with self._lock:
             self._running.append(case.file)
             self._show()
 
     def ended(self, outcome: Outcome) -> None:
-        """What came of one."""
+        """Called with the outcome of a scenario that has ended."""
         with self._lock:
             self._verdicts.append(outcome.verdict)
             if outcome.case.file in self._running:
@@ -57,13 +57,13 @@ class SuiteLine:
 
     @contextlib.contextmanager
     def aside(self) -> Iterator[None]:
-        """Within it the line is away, whoever begins meanwhile: for what is printed."""
+        """Context without the line, even if another scenario begins meanwhile, for printing."""
         with self._lock:
             self._teller.clear()
             yield
 
     def line(self) -> str:
-        """How many are done, what does not pass so far, what runs."""
+        """Return the line: how many are done, how many do not pass so far, which ones run."""
         with self._lock:
             parts = [f"{len(self._verdicts)}/{self._count} done"]
             parts += [

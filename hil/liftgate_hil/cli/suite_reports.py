@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
-    """Which reports; `and_what` is what a folder of results has beside them."""
+    """Add the flags for reports; `and_what` describes what else is in a folder of results."""
     parser.add_argument("--json", metavar="FILE", help="write the verdicts as JSON; -: to stdout")
     parser.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML")
     parser.add_argument(
@@ -26,7 +26,7 @@ def add_reports(parser: argparse.ArgumentParser, and_what: str) -> None:
 
 
 def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
-    """Where which report goes. Raises ConfigError."""
+    """Return the targets of each kind of report. Raises ConfigError."""
     found: dict[str, list[str]] = {"json": [], "junit": [], "html": []}
     if args.results:
         folder = Path(args.results)
@@ -50,7 +50,7 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
 
 
 def write(target: str, content: bytes) -> None:
-    """A report. Raises ConfigError."""
+    """Write a report to a file, or to stdout (-). Raises ConfigError."""
     if target == "-":
         sys.stdout.write(content.decode() + "\n")
         return
@@ -61,7 +61,7 @@ def write(target: str, content: bytes) -> None:
 
 
 def summarise(outcomes: Sequence[Outcome], args: argparse.Namespace, what: str) -> None:
-    """The last line, but where JSON goes to stdout; `what` the outcomes are of."""
+    """Print the last line, unless JSON goes to stdout; `what` names the things that were judged."""
     from liftgate_hil.testing.suite import counts_of
 
     if args.json == "-":

@@ -9,43 +9,43 @@ import threading
 from typing import Any
 
 from liftgate_hil.cli.options import as_flags
-from liftgate_hil.listener import Listener, Status
+from liftgate_hil.loop.listener import Listener, Status
 
 _BAR = 20  # characters
 
 
 class Teller(Listener):
-    """Unless it is to be quiet. With the summary as JSON only what goes wrong is told beside it."""
+    """Listener that prints to stderr unless quiet; with a summary as JSON it prints only what goes wrong."""
 
     def __init__(self, is_quiet: bool, is_json: bool = False, how: str = "") -> None:
         self._is_quiet = is_quiet
         self._is_json = is_json
-        self._how = how  # rate and clock
-        self._line = ""  # that stands on the terminal
+        self._how = how  # rate and clock, as text
+        self._line = ""  # line that the terminal shows
         self._compiling = False
-        self._lock = threading.RLock()  # what other processes tell is heard in threads
+        self._lock = threading.RLock()  # reports of other processes arrive in threads
 
     def say(self, text: str) -> None:
-        """See Listener."""
+        """Print a message, with flags instead of the API's arguments."""
         if not self._is_quiet:
             self._print(as_flags(text))
 
     def starts(self, what: str) -> None:
-        """See Listener."""
+        """Print what is about to run."""
         if not self._is_json:
             self.say(f"{what}, {self._how}" if self._how else what)
 
     def happened(self, time_s: float, text: str) -> None:
-        """See Listener."""
+        """Print an event of the ECU."""
         if not self._is_json:
             self.say(f"ecu {time_s:7.3f} s  {text}")
 
     def status(self, status: Status) -> None:
-        """See Listener."""
+        """Show the run's status in the line on the terminal."""
         self._draw(line_of(status, _columns()))
 
     def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
-        """Tell of a compilation: on a terminal with a bar, where it is known how long it took the last time."""
+        """Show a compilation, on a terminal with a bar if its previous duration is known."""
         if self._is_json or self._is_quiet:
             return
         if self._on_terminal():
@@ -56,18 +56,18 @@ class Teller(Listener):
         self._compiling = True
 
     def compiled(self, name: str, seconds: float) -> None:
-        """See Listener."""
+        """Clear the line of a compilation; where there is no terminal, print its duration."""
         self.clear()
         if self._compiling and not self._on_terminal():
             self._print(f"ready after {seconds:.1f} s")
         self._compiling = False
 
     def progress(self, line: str) -> None:
-        """How far something of many parts has come; on a terminal only."""
+        """Show the progress of something with many parts, on a terminal only."""
         self._draw(line)
 
     def clear(self) -> None:
-        """Leave the line empty for what is printed next."""
+        """Clear the line for what is printed next."""
         self._draw("")
 
     def _on_terminal(self) -> bool:
@@ -79,7 +79,7 @@ class Teller(Listener):
         with self._lock:
             if line == self._line or not self._on_terminal():
                 return
-            with contextlib.suppress(OSError):  # the terminal is gone; the run need not be
+            with contextlib.suppress(OSError):  # the terminal is gone, but the run goes on
                 width = _columns()
                 sys.stderr.write(f"\r{line[:width]}\x1b[K")
                 sys.stderr.flush()
@@ -89,7 +89,7 @@ class Teller(Listener):
         with self._lock:
             line = self._line
             self.clear()
-            with contextlib.suppress(OSError, AttributeError):  # closed, or none at all
+            with contextlib.suppress(OSError, AttributeError):  # stderr is closed, or None
                 print(text, file=sys.stderr, flush=True)
             self._draw(line)
 
@@ -98,8 +98,9 @@ class Teller(Listener):
 
 
 def compiling_line(name: str, seconds: float, expected: float | None) -> str:
-    """The line about a compilation that has taken `seconds` so far, with a bar where it is known how long it took
-    the last time, `expected` [s].
+    """Return the line about a compilation that has taken `seconds` so far.
+
+    It has a bar where the previous duration, `expected` [s], is known.
     """
     if expected is None:
         return f"{name}, once for this version and machine: {seconds:.0f} s so far"
@@ -109,7 +110,7 @@ def compiling_line(name: str, seconds: float, expected: float | None) -> str:
 
 
 def line_of(status: Status, width: int) -> str:
-    """A status in a line of at most so many characters; what has no room is left out whole, the last first."""
+    """Return a status as a line of at most `width` characters; parts without room are left out, last first."""
     age = status.command_age_s
     parts = [
         f"{status.time_s:8.1f} s",
@@ -131,8 +132,8 @@ def line_of(status: Status, width: int) -> str:
 
 
 def _columns() -> int:
-    """Of the terminal, less what it adds for a Ctrl-C: a line that wraps could not be rewritten."""
+    """Return the columns of the terminal, less those of an echoed Ctrl-C: a wrapped line cannot be rewritten."""
     with contextlib.suppress(OSError, ValueError):
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
-        return max(columns - 3, 1) if columns else 77  # 0 where it does not know
+        return max(columns - 3, 1) if columns else 77  # 0 where the terminal does not know
     return 77

@@ -23,14 +23,14 @@ from liftgate_hil.errors import ConfigError, printable
 
 if TYPE_CHECKING:
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.listener import Listener
-    from liftgate_hil.runs.job import Job
+    from liftgate_hil.loop.listener import Listener
+    from liftgate_hil.running.job import Job
     from liftgate_hil.testing.mutation import Matrix
     from liftgate_hil.testing.suite import Case, Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     parser.add_argument(
         "paths",
         nargs="+",
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.cli.suite_line import CompilingOnly, SuiteLine
     from liftgate_hil.cli.teller import Teller
     from liftgate_hil.report.provenance import provenance_of
@@ -134,7 +134,7 @@ def _mutated(
     stop: StopSignals,
     teller: Teller,
 ) -> Matrix | None:
-    """The scenarios against mutants; None: stopped before all were done."""
+    """Run the scenarios against mutants; None: stopped before all were done."""
     from liftgate_hil.testing.mutation import mutate
 
     matrix = mutate(
@@ -145,10 +145,11 @@ def _mutated(
 
 
 def _template(args: argparse.Namespace, listener: Listener) -> Job:
-    """How each scenario is run. Raises ConfigError."""
+    """Return the job from which that of each scenario is made. Raises ConfigError."""
     from liftgate_hil.ecu.find import ON_A_BUS
-    from liftgate_hil.runs.job import Job
-    from liftgate_hil.session import RunOptions, variant_of
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.options import RunOptions
+    from liftgate_hil.running.setup import variant_of
 
     wire = options.wire_choice(args)
     has_wire = any((wire.bus, wire.serial, wire.interface, wire.channel))
@@ -166,7 +167,7 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
         seed=args.seed,
         variant=variant_of(args.draw, args.ideal),
         wire=wire if has_wire else None,
-        is_sketched=bool(args.html or args.results),
+        is_summarized=bool(args.html or args.results),
         listener=listener,
         options=RunOptions(
             rate=args.rate,
@@ -179,7 +180,7 @@ def _template(args: argparse.Namespace, listener: Listener) -> Job:
 
 
 def add_set_parameter(parser: argparse.ArgumentParser) -> None:
-    """What replaces parameters of scenarios; see `parameters_of`."""
+    """Add the flag that replaces parameters of scenarios; see `parameters_of`."""
     parser.add_argument(
         "--set-parameter",
         action="append",
@@ -191,7 +192,7 @@ def add_set_parameter(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def naming_the_flag() -> Iterator[None]:
-    """Call the API's `parameters` by the flag that they came with."""
+    """Context that names the flag instead of the API's `parameters` in a ConfigError."""
     try:
         yield
     except ConfigError as error:
@@ -201,7 +202,7 @@ def naming_the_flag() -> Iterator[None]:
 
 
 def parameters_of(given: Sequence[str]) -> dict[str, float]:
-    """NAME=VALUE texts. Raises ConfigError."""
+    """Parse NAME=VALUE texts. Raises ConfigError."""
     found: dict[str, float] = {}
     issues = []
     for text in given:
@@ -219,8 +220,10 @@ def parameters_of(given: Sequence[str]) -> dict[str, float]:
 
 
 def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
-    """The cases with a recording each in a folder: frames, and a row a tick."""
+    """Return the cases with recordings of each in a folder: frames, and one row per tick."""
     from dataclasses import replace
+
+    from liftgate_hil.running.plan import Plan
 
     kept, names = [], set()
     for case in cases:
@@ -232,13 +235,13 @@ def _recorded(cases: Sequence[Case], folder: Path) -> list[Case]:
         names.add(name)
         records = (folder / f"{name}.log", folder / f"{name}.csv")
         job = replace(case.job, options=replace(case.job.options, records=records))
-        parts = replace(case.parts, options=job.options)
-        kept.append(replace(case, job=job, parts=parts))
+        assert isinstance(case.plan, Plan)
+        kept.append(replace(case, plan=case.plan.varied(job)))
     return kept
 
 
 def _tell(outcome: Outcome, done: int, count: int, args: argparse.Namespace) -> None:
-    """What came of a scenario."""
+    """Print the verdict of a scenario, its expectations and notes."""
     from liftgate_hil.testing.reports import line_of
 
     if args.json == "-" or (args.quiet and outcome.verdict == "pass"):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Flags."""
+    """Add the flags to the parser."""
     from liftgate_hil.cli.measurements import add_measurement_arguments
 
     add_measurement_arguments(parser)
@@ -32,9 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run the command and return the exit code."""
     from liftgate_hil.cli.teller import Teller
-    from liftgate_hil.compiling import told_of_compiling
+    from liftgate_hil.running.compilation import told_of_compiling
 
     with told_of_compiling(Teller(args.quiet)):
         return _run(args)
@@ -68,8 +68,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _with_result(vehicle: Vehicle, path: Path) -> Vehicle:
-    """The vehicle with the values of a result; what was not identifiable is left as it is. Raises ConfigError."""
-    from liftgate_hil.identify.parameters import find_parameter, with_value
+    """Return the vehicle with the identifiable values of a result. Raises ConfigError."""
+    from liftgate_hil.config.parameters import find_parameter, with_value
 
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))

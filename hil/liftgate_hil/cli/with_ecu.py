@@ -19,44 +19,47 @@ from liftgate_hil.cli.stopping import StopSignals
 from liftgate_hil.cli.teller import Teller
 from liftgate_hil.errors import ConfigError, EcuError
 from liftgate_hil.judging.verdict import ERROR
-from liftgate_hil.processes.inherited import foreign_output
-from liftgate_hil.processes.supervisor import dies_with_parent
+from liftgate_hil.running.processes.inherited import foreign_output
+from liftgate_hil.running.processes.supervisor import dies_with_parent
 
 if TYPE_CHECKING:
     from liftgate_hil.ecu.events import Event
-    from liftgate_hil.listener import Listener
-    from liftgate_hil.runs.job import Job, Parts
-    from liftgate_hil.runs.result import Result
+    from liftgate_hil.loop.listener import Listener
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.plan import Plan
+    from liftgate_hil.running.result import Result
     from liftgate_plant.vehicle import Vehicle
 
-ON_A_BUS = "bus"  # the ECU is somebody else's
-_USAGE = 2  # exit code
+ON_A_BUS = "bus"  # the ECU is one on the bus, not started here
+_USAGE = 2  # exit code for wrong usage or configuration
 _EVENT = re.compile(r"^ecu\s+(\d+\.\d+) s  (.*)$")
-_LEAVE_S = 5.0  # for its process to end
-_BEGIN_S = 600.0  # until a run begins, which may have to be compiled before
+_LEAVE_S = 5.0  # s, time for the ECU's process to end
+_BEGIN_S = 600.0  # s until a run begins, which may have to be compiled before
 
 
 def run_loop(
     args: argparse.Namespace, stopped: StopSignals, has_wire: bool = True, trace: int = 0
 ) -> Result:
-    """Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus
-    it is a second process there. Raises LiftgateError, also for what went wrong in the run.
+    """Run the gate with its ECU and return the result.
+
+    Without a wire and on a virtual bus the ECU is in this process, or in a worker of its own; on any other bus it
+    is a second process there. Raises LiftgateError, also for what went wrong in the run.
     """
-    from liftgate_hil.runs.job import resolve
-    from liftgate_hil.runs.run import execute
+    from liftgate_hil.running.plan import plan_of
+    from liftgate_hil.running.run import execute
 
     teller = Teller(args.quiet, args.json, f"{args.rate:g} Hz, clock {args.clock}")
     job = _job_of(args, has_wire, trace, teller)
-    parts = resolve(job)
+    plan = plan_of(job)
     page = _page_process(args, teller)
-    is_here = parts.way is None or parts.way.is_interface("virtual")
+    is_here = plan.way is None or plan.way.is_interface("virtual")
     try:
         with page:
             if args.ecu == ON_A_BUS or is_here:
-                result = execute(job, stopped, parts)
+                result = execute(plan, stopped)
             else:
-                result = _with_process(args, job, parts, stopped)
-    except EcuError as error:  # it could not be made, or its process failed
+                result = _with_process(args, plan, stopped)
+    except EcuError as error:  # the ECU could not be created, or its process failed
         raise stopped.failure(str(error)) from error
     finally:
         teller.clear()
@@ -65,20 +68,17 @@ def run_loop(
     return result
 
 
-def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: StopSignals) -> Result:
-    """With the ECU in a second process on the same bus, which gets requests by its own clock: nothing can go
-    before time 0. Raises LiftgateError.
-    """
-    from liftgate_hil.runs.run import execute
+def _with_process(args: argparse.Namespace, plan: Plan, stopped: StopSignals) -> Result:
+    """Run the gate with the ECU in a second process on the same bus. Raises LiftgateError.
 
-    scenario = replace(parts.setup.scenario, precondition=())
-    parts = replace(parts, setup=replace(parts.setup, scenario=scenario))
-    with _ecu_process(args, parts.setup.vehicle, job.listener) as child:
-        result = execute(
-            replace(job, ecu=ON_A_BUS, ecu_elsewhere=job.ecu, is_isolated=False),
-            lambda: stopped() or child.has_ended(),
-            parts,
-        )
+    The ECU gets its requests by its own clock, so that no precondition is possible.
+    """
+    from liftgate_hil.running.run import execute
+
+    job = replace(plan.job, ecu=ON_A_BUS, ecu_elsewhere=plan.job.ecu, is_isolated=False)
+    plan = plan.varied(job)
+    with _ecu_process(args, plan.setup.vehicle, job.listener) as child:
+        result = execute(plan, lambda: stopped() or child.has_ended())
         events = child.end(
             is_early=not stopped(), has_taken_part=bool(result.summary.received.accepted)
         )
@@ -87,8 +87,8 @@ def _with_process(args: argparse.Namespace, job: Job, parts: Parts, stopped: Sto
 
 def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller) -> Job:
     from liftgate_hil.ecu.find import is_foreign
-    from liftgate_hil.runs.job import Job
-    from liftgate_hil.session import variant_of
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.setup import variant_of
 
     return Job(
         scenario=args.scenario,
@@ -110,7 +110,7 @@ def _job_of(args: argparse.Namespace, has_wire: bool, trace: int, teller: Teller
 
 @contextlib.contextmanager
 def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
-    """`liftgate-hil dashboard` of this run, where it is asked for; ended with it. Raises ConfigError."""
+    """Context with `liftgate-hil dashboard` of this run, if requested; ends with it. Raises ConfigError."""
     if not args.dashboard:
         for name, given in (("listen", args.listen), ("read_only", args.read_only)):
             if given:
@@ -124,7 +124,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
         said = "a run on the free clock is over at once; allowed with clock realtime or lockstep"
         raise ConfigError(f"`dashboard`: {said}")
     dashboard.check_installed()
-    new_token()  # the environment's may be none
+    new_token()  # checks the token of the environment
     listen = args.listen or options.LISTEN
     wire = bound(options.address_of(listen))
     command = [sys.executable, "-P", "-m", "liftgate_hil", "dashboard", "--listen", listen]
@@ -134,7 +134,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
     child = subprocess.Popen(
         command,
         stdout=foreign_output(),
-        start_new_session=True,  # a Ctrl-C is for the run
+        start_new_session=True,  # Ctrl-C shall reach only the run
         pass_fds=[wire.fileno()],
         preexec_fn=dies_with_parent,  # noqa: PLW1509
     )
@@ -156,7 +156,7 @@ def _page_process(args: argparse.Namespace, teller: Listener) -> Iterator[None]:
 def _ecu_process(
     args: argparse.Namespace, vehicle: Vehicle, teller: Listener
 ) -> Iterator[EcuProcess]:
-    """`liftgate-hil ecu` on the same bus; ended with this process."""
+    """Context with `liftgate-hil ecu` on the same bus; the process ends with the context."""
     command = [sys.executable, "-P", "-m", "liftgate_hil", "ecu"]
     command += ["--drives", str(vehicle.drives), "--ecu", args.ecu]
     command += ["--coding", ",".join(map(str, vehicle.coding))]
@@ -175,8 +175,9 @@ def _ecu_process(
 
 
 class EcuProcess:
-    """The ECU's process; a thread reads what it tells, so that it never waits for a reader. Where it `is_ours` it
-    tells events, else what comes is an ECU's own words.
+    """The ECU's process, whose stderr a thread reads, so that it never waits for a reader.
+
+    Where it `is_ours` it prints events; the output of other ECUs is passed on as it is.
     """
 
     def __init__(self, command: list[str], teller: Listener, is_ours: bool) -> None:
@@ -187,7 +188,7 @@ class EcuProcess:
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            # This process may be killed; no thread runs in it yet.
+            # The ECU must end if this process is killed; no thread runs here yet.
             preexec_fn=dies_with_parent,  # noqa: PLW1509
         )
         self._teller = teller
@@ -212,19 +213,21 @@ class EcuProcess:
             self._teller.say(line.rstrip())
 
     def has_ended(self) -> bool:
-        """Whether it has ended by itself."""
+        """Whether the process has ended by itself."""
         return self._process.poll() is not None
 
     def end(self, is_early: bool, has_taken_part: bool) -> list[Event]:
-        """End it; what it told. Raises ConfigError or EcuError where it had failed, had ended although that was
-        too early, or is ours and has not taken part in a run that nobody stopped.
+        """End the process and return the events that it printed.
+
+        Raises ConfigError or EcuError where it had failed, had ended too early, or is ours and has not taken part
+        in a run that was not stopped.
         """
         code = self._process.poll()
         self._process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_LEAVE_S)
         self.kill()
-        self._reader.join(_LEAVE_S)  # what it has started may hold the pipe
+        self._reader.join(_LEAVE_S)  # a process that it has started may hold the pipe
         if code:
             said = "; ".join(self._others)[-300:] or f"exit code {code}"
             kind = ConfigError if code == _USAGE else EcuError
@@ -237,7 +240,7 @@ class EcuProcess:
         return self._events
 
     def kill(self) -> None:
-        """End it at once; its supervisor, where it has one, ends what it has started."""
+        """End the process at once; its supervisor, if any, ends the processes that it has started."""
         self._process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_LEAVE_S)

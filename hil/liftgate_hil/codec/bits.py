@@ -1,8 +1,8 @@
-"""Raw values in and out of a frame's bytes.
+"""Reading and writing of raw signal values in a frame's bytes.
 
-A signal is taken from the byte with its least significant bit towards its most significant one: forward for
-Intel byte order, backward for Motorola. So one loop serves both. Values travel as at most 32 bits at a time,
-which keeps the arithmetic the same in Python's integers and in the machine's.
+A signal is processed from the byte with its least significant bit towards that with its most significant one:
+forward for Intel byte order, backward for Motorola, so that one loop serves both. Values are processed in words of
+at most 32 bits, which keeps the arithmetic the same for Python's integers and for machine integers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _WORD = 4294967296.0
 
 
 class Place(NamedTuple):
-    """Where a signal lies: byte and shift of its lowest bit, length in bits, +1 Intel or −1 Motorola."""
+    """Position of a signal: byte and shift of its lowest bit, bits, +1 for Intel or −1 for Motorola, kind."""
 
     byte: int
     shift: int
@@ -32,7 +32,7 @@ class Place(NamedTuple):
 
 @compilable
 def place_at(places: Any, row: int) -> Place:
-    """A row of a table of places."""
+    """Return the Place in a row of a table of places."""
     place = places[row]
     return Place(place.byte, place.shift, place.length, place.stride, place.kind)
 
@@ -41,7 +41,7 @@ def place_at(places: Any, row: int) -> Place:
 def extract(
     data: NDArray[np.uint8], row: int, byte: int, shift: int, length: int, stride: int
 ) -> int:
-    """Up to 32 bits of a frame (row of `data`), unsigned."""
+    """Return up to 32 bits of a frame (row of `data`), unsigned."""
     raw = int(np.int64(data[row, byte])) >> shift
     have = 8 - shift
     while have < length:
@@ -61,7 +61,7 @@ def insert(
     stride: int,
     raw: int,
 ) -> None:
-    """Put up to 32 bits into a frame (row of `data`), leaving the other bits as they are."""
+    """Write up to 32 bits into a frame (row of `data`) and leave the other bits as they are."""
     left = length
     while left > 0:
         take = min(8 - shift, left)
@@ -76,8 +76,9 @@ def insert(
 
 @outlined
 def extract_long(data: NDArray[np.uint8], row: int, place: Place) -> int:
-    """Up to 64 bits of a frame (row of `data`), unsigned; all 64 are two's complement, the largest integer that
-    compiled code has.
+    """Return up to 64 bits of a frame (row of `data`), unsigned.
+
+    All 64 bits are returned as two's complement: compiled code has no larger integer.
     """
     length = place.length
     if length <= 32:
@@ -89,7 +90,7 @@ def extract_long(data: NDArray[np.uint8], row: int, place: Place) -> int:
 
 @outlined
 def insert_long(data: NDArray[np.uint8], row: int, place: Place, raw: int) -> None:
-    """Put up to 64 bits into a frame (row of `data`), leaving the other bits as they are; see `extract_long`."""
+    """Write up to 64 bits into a frame (row of `data`), leaving the other bits as they are; see `extract_long`."""
     first = min(place.length, 32)
     insert(data, row, place.byte, place.shift, first, place.stride, raw & 0xFFFFFFFF)
     if place.length > 32:
@@ -100,7 +101,7 @@ def insert_long(data: NDArray[np.uint8], row: int, place: Place, raw: int) -> No
 
 @compilable
 def joined(high: int, low: int) -> int:
-    """Two words of 32 bits as one number of 64 bits, two's complement."""
+    """Return two words of 32 bits joined into one number of 64 bits, two's complement."""
     if high >= 0x80000000:
         high -= 0x100000000
     return (high << 32) | low
@@ -108,7 +109,7 @@ def joined(high: int, low: int) -> int:
 
 @outlined
 def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
-    """A signal's raw value as a number (exact up to 53 bits)."""
+    """Return a signal's raw value as a number (exact up to 53 bits)."""
     length = place.length
     if length <= 32:
         value = extract(data, row, place.byte, place.shift, length, place.stride)
@@ -129,7 +130,7 @@ def read_number(data: NDArray[np.uint8], row: int, place: Place) -> float:
 
 @compilable
 def write_number(data: NDArray[np.uint8], row: int, place: Place, value: float) -> None:
-    """Put a raw value into its place: an integral number within the signal's range, or any float."""
+    """Write a raw value to its place: an integral number within the signal's range, or any float."""
     length = place.length
     if place.kind == FLOAT32:
         word = int(np.int64(np.float32(value).view(np.uint32)))

@@ -1,7 +1,7 @@
-"""A database and a mapping, laid out as the tables that the loop can work through.
+"""Layout of a database and a signal mapping as the tables that the loop works on.
 
-One row a mapped signal, one row a message. The same tables serve either end of the bus: the emulator receives
-a rig's inputs and sends its outputs, an ECU the other way round.
+Each message has one row, each mapped signal one per alternative of its multiplexers' values. The same tables serve
+both ends of the bus: the emulator receives a rig's inputs and sends its outputs, an ECU the other way round.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from liftgate_hil.codec.tables import (
     SIGNAL,
     BusConfig,
 )
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import PANEL
 from liftgate_plant import signals
 
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
-LONGEST_MS = 60_000.0  # a cycle
+LONGEST_MS = 60_000.0  # longest cycle of a message
 
-ANY = signals.Signal("", -np.inf, np.inf, "")  # of a signal as it is
+ANY = signals.Signal("", -np.inf, np.inf, "")  # quantity of an unconverted signal
 
-MAX_PAGES = 62  # bits of SIGNAL's `pages`
+MAX_PAGES = 62  # bits used of SIGNAL's `pages`
 
 
 @dataclass(frozen=True)
 class SignalMapping:
-    """One mapped signal: quantity = scale · physical value + offset, or a value each by name.
+    """One mapped signal: quantity = scale · physical value + offset, or one value per name.
 
-    The rest says where that comes from: `basis` is "unit" (of the signal, `unit`), "rig" (its scale and offset),
-    "labels" (of the database), "values" (of the rig), or "unknown". With `saturates` the rig means the signal to
-    stay at the ends of its range.
+    `basis` says where the conversion comes from: "unit" (the signal's unit, `unit`), "rig" (the rig's scale and
+    offset), "labels" (of the database), "values" (of the rig), or "unknown". With `saturates` the rig states that
+    the signal stays at the ends of its range.
     """
 
     quantity: str
@@ -61,39 +61,39 @@ class SignalMapping:
     saturates: bool = False
 
     def quantity_range(self, signal: Signal) -> tuple[float, float]:
-        """The range of the signal in the quantity's unit."""
+        """Return the range of the signal in the quantity's unit."""
         ends = [self.scale * end + self.offset for end in physical_range(signal)]
         return min(ends), max(ends)
 
 
 def mapping_named(name: str) -> SignalMapping:
-    """A signal (`Message.Signal`) as it is, in the database's unit, as a quantity of that name."""
+    """Return the mapping of a signal (`Message.Signal`), unconverted, to a quantity of the same name."""
     message, _, signal = name.partition(".")
     return SignalMapping(name, message, signal)
 
 
 def identifier_of(message: Message) -> int:
-    """Of a message, with SocketCAN's flag where it is extended."""
+    """Return a message's identifier, with SocketCAN's flag if it is extended."""
     return int(message.frame_id | (EXTENDED if message.is_extended_frame else 0))
 
 
 def raw_range(signal: Signal) -> tuple[float, float]:
-    """What the signal's bits can hold."""
+    """Return the range of raw values that the signal's bits can hold."""
     if signal.is_float:
         top = 3.4028234663852886e38 if signal.length == 32 else 1.7976931348623157e308
         return -top, top
     bits = signal.length - int(signal.is_signed)
-    # From 54 bits on the largest value is no double: the next one below it.
+    # From 54 bits on the largest value is not a double: take the next one below.
     top = 2.0**bits - 1.0 if bits <= 53 else float(np.nextafter(2.0**bits, 0.0))
     return (-(2.0**bits) if signal.is_signed else 0.0), top
 
 
 def physical_range(signal: Signal) -> tuple[float, float]:
-    """The database's range, or what the bits can hold where it has none."""
+    """Return the database's range within what the bits can hold, or all of the latter where it has none."""
     factor, offset = _conversion(signal)
     ends = [factor * raw + offset for raw in raw_range(signal)]
     low, high = min(ends), max(ends)
-    # [0|0] is how a DBC says that it has no range.
+    # A DBC writes [0|0] for no range.
     if (
         signal.minimum is not None
         and signal.maximum is not None
@@ -111,7 +111,7 @@ def build_bus_config(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """The tables for these wires; what cannot be laid out is noted in `issues`."""
+    """Return the tables for these mappings; what cannot be laid out is noted in `issues`."""
     tables = _Tables()
     places = {quantity: place for place, quantity in enumerate(quantities)}
     wires: dict[str, list[SignalMapping]] = {}
@@ -152,7 +152,7 @@ def build_bus_config(
         options_of = options.get(name, MessageOptions())
         head = _message_row(message, options_of, tables, issues)
         if all(wire.quantity in PANEL for wire in own):
-            head["timeout_ns"] = 0  # a panel speaks when something changes
+            head["timeout_ns"] = 0  # a panel sends only when something changes
         head |= {"first": first, "count": len(tables.signals) - first}
         _check_overlap(name, own, options_of, pages[0], issues, sending)
         head |= {"pages": len(pages), "start": len(tables.start)}
@@ -168,8 +168,9 @@ def tables_named(
     issues: ConfigIssues,
     sending: bool,
 ) -> BusConfig:
-    """The tables of signals (`Message.Signal`) as they are, in the database's units; their places in `names` are
-    those of their values.
+    """Return the tables of signals (`Message.Signal`), unconverted, in the database's units.
+
+    Their values have the same places as in `names`.
     """
     mappings = list(map(mapping_named, names))
     return build_bus_config(messages, mappings, options, dict.fromkeys(names, ANY), issues, sending)
@@ -177,7 +178,7 @@ def tables_named(
 
 @dataclass
 class _Tables:
-    """The rows so far."""
+    """The rows of the tables while they are built."""
 
     messages: list[tuple[float, ...]] = field(default_factory=list)
     signals: list[tuple[float, ...]] = field(default_factory=list)
@@ -189,22 +190,22 @@ class _Tables:
     end_to_end: list[tuple[Any, ...]] = field(default_factory=list)
 
     def add_place(self, place: Place) -> int:
-        """The place's row."""
+        """Add a place and return its row."""
         self.places.append(place)
         return len(self.places) - 1
 
     def add_own(self, row: tuple[Any, ...]) -> int:
-        """The row of a checksum by parameters."""
+        """Add a checksum defined by parameters and return its row."""
         self.own_checksums.append(row)
         return len(self.own_checksums) - 1
 
     def add_profile(self, row: Mapping[str, Any]) -> int:
-        """The row of an E2E profile."""
+        """Add an E2E profile and return its row."""
         self.end_to_end.append(tuple(row[field] for field in END_TO_END.fields or ()))
         return len(self.end_to_end) - 1
 
     def bus(self) -> BusConfig:
-        """The rows as arrays."""
+        """Return the rows as arrays."""
 
         def table(rows: Sequence[tuple[float, ...]], kind: np.dtype[Any]) -> Any:
             return np.array(rows, dtype=kind).view(np.recarray)
@@ -226,7 +227,7 @@ def _conversion(signal: Signal) -> tuple[float, float]:
 
 
 def _is_usable(wire: SignalMapping, signal: Signal, issues: ConfigIssues) -> bool:
-    """Whether the signal can carry a number at all."""
+    """Whether the signal can carry a number at all; if not, the reason is noted in `issues`."""
     name = f"{wire.message}.{wire.signal}"
     if signal.is_float and signal.length not in (32, 64):
         issues.add(wire.quantity, f"{name}: a float of {signal.length} bits; allowed: 32 or 64")
@@ -245,7 +246,10 @@ def _check_overlap(
     issues: ConfigIssues,
     sending: bool,
 ) -> None:
-    """A signal carries one part of the protection or a quantity; two quantities only where they are received."""
+    """Check that a signal carries one quantity or one part of the protection, and note the issues.
+
+    Two quantities may share a signal only where they are received.
+    """
     taken: dict[str, str] = dict.fromkeys(multiplexers, "the multiplexer") if sending else {}
     for signal, what in (
         (own.counter, "the counter"),
@@ -274,7 +278,7 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
     low, high = physical_range(signal)
     raw = sorted(((low - offset) / factor, (high - offset) / factor))
     bits = raw_range(signal)
-    # Rounding on the way there and back; of long signals never a quantum.
+    # Tolerance for rounding in both directions; for long signals less than a quantum.
     slack = [min(1e-9 * max(1.0, abs(end)), 0.25) for end in raw]
     return {
         "factor": factor,
@@ -284,7 +288,7 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
         # Half a quantum of slack: a limit need not be a multiple of the factor.
         "low": low - 0.5 * abs(factor) * (not signal.is_float),
         "high": high + 0.5 * abs(factor) * (not signal.is_float),
-        # A double's range times a factor may be infinite; the bits hold no more than they do.
+        # A double's range times a factor may be infinite, but the bits cannot hold more than their range.
         "raw_low": max(raw[0] if signal.is_float else np.ceil(raw[0] - slack[0]), bits[0]),
         "raw_high": min(raw[1] if signal.is_float else np.floor(raw[1] + slack[1]), bits[1]),
         "quantity_low": quantity.low,
@@ -295,7 +299,7 @@ def _signal_row(wire: SignalMapping, signal: Signal, quantity: signals.Signal) -
 def _enumeration(
     wire: SignalMapping, signal: Signal, quantity: signals.Signal
 ) -> list[tuple[float, float]]:
-    """Pairs of our value and their physical value, where the wire names them."""
+    """Return pairs of a quantity's value and its physical value, where the mapping names them."""
     labels = {str(label): float(raw) for raw, label in (signal.choices or {}).items()}
     factor, offset = _conversion(signal)
     pairs = []
@@ -307,7 +311,7 @@ def _enumeration(
 
 
 def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
-    """Under which values of which multiplexers, by their names, a signal is in the frame: alternatives."""
+    """Return the alternative sets of multiplexer values, by name, with which a signal is in the frame."""
     found = message.get_signal_by_name(signal)
     if found.multiplexer_signal is None or not found.multiplexer_ids:
         return [{}]
@@ -319,10 +323,13 @@ def multiplexer_values(message: Message, signal: str) -> list[dict[str, int]]:
 
 
 def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
-    """The values of multiplexers with which a message is sent in turn; each signal is on one page or more."""
+    """Return the sets of multiplexer values with which a message is sent in turn, its pages.
+
+    Each mapped signal is on at least one page.
+    """
     pages: list[dict[str, int]] = []
     places = [multiplexer_values(message, signal) for signal in mapped]
-    for chains in sorted(places, key=len):  # what may be in one place only comes first
+    for chains in sorted(places, key=len):  # signals with the fewest alternatives come first
         if any(is_on(page, chains) for page in pages):
             continue
         free = [
@@ -337,7 +344,7 @@ def pages_of(message: Message, mapped: Iterable[str]) -> list[dict[str, int]]:
 
 
 def is_on(page: Mapping[str, int], chains: Iterable[Mapping[str, int]]) -> bool:
-    """Whether a signal that is in the frame under `chains` is on a page."""
+    """Whether a signal that is in the frame with the multiplexer values `chains` is on a page."""
     return any(page.items() >= chain.items() for chain in chains)
 
 
@@ -346,7 +353,7 @@ def _contradicts(page: Mapping[str, int], chain: Mapping[str, int]) -> bool:
 
 
 def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int], ...]]:
-    """The same by the multiplexers' places: alternatives, each a chain."""
+    """Return the alternatives of `multiplexer_values` with the multiplexers' places instead of their names."""
     return [
         tuple((place_of(message.get_signal_by_name(name)), value) for name, value in chain.items())
         for chain in multiplexer_values(message, signal.name)
@@ -354,7 +361,7 @@ def _selectors(message: Message, signal: Signal) -> list[tuple[tuple[Place, int]
 
 
 def _page(start: NDArray[np.uint8], message: Message, page: Mapping[str, int]) -> NDArray[np.uint8]:
-    """A payload with the multiplexers of a page."""
+    """Return a copy of a payload with the multiplexer values of a page."""
     payload = start.copy()
     for name, value in page.items():
         place = place_of(message.get_signal_by_name(name))
@@ -379,7 +386,7 @@ def _message_row(
 
 
 def cycle_of(message: Message, options: MessageOptions) -> float:
-    """A message's cycle [ms]: the rig's, else the database's; 0: none."""
+    """Return a message's cycle [ms]: the rig's, else the database's; 0: none, −1: the database's is invalid."""
     if options.cycle_ms is not None:
         return options.cycle_ms
     try:
@@ -394,7 +401,7 @@ def needs_fd(message: Message) -> bool:
 
 
 def start_payload(message: Message) -> NDArray[np.uint8]:
-    """The message with every signal at its start value (GenSigStartValue), 0 where it has none."""
+    """Return a payload with every unmultiplexed signal at its start value (GenSigStartValue), 0 without one."""
     data = np.zeros((1, MAX_BYTES), dtype=np.uint8)
     for signal in message.signals:
         raw = signal.raw_initial

@@ -1,9 +1,9 @@
-"""Checksums over a frame: the simple kinds that a DBC with a one-byte checksum signal uses, and those of the
-AUTOSAR E2E profiles 1, 2 and 5 (AUTOSAR_PRS_E2EProtocol, R21-11). A maker's own stand in rocksoft.py.
+"""Checksums of frames: simple kinds, for a DBC with a one-byte checksum signal, and those of AUTOSAR E2E profiles.
 
-The simple kinds go over the identifier's low 16 bits (low byte first) and then the payload without the
-checksum's byte, so that a frame sent under another identifier does not pass. The E2E profiles have a data ID of
-their own for that.
+The profiles are 1, 2 and 5 (AUTOSAR_PRS_E2EProtocol, R21-11). Manufacturer-specific checksums are in rocksoft.py.
+
+The simple kinds cover the identifier's low 16 bits (low byte first) and then the payload without the checksum's
+byte, so that a frame sent under another identifier does not pass. The E2E profiles use their data ID for that.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ PROFILES = {"e2e-p01": E2E_P01, "e2e-p02": E2E_P02, "e2e-p05": E2E_P05}
 def profile_checksum(
     table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int
 ) -> int:
-    """The checksum that a frame (row of `data`) of an E2E profile must have; `table` is its record of
-    tables.MESSAGE, `profile` that of tables.END_TO_END.
+    """Return the checksum that a frame (row of `data`) of an E2E profile must have.
+
+    `table` is its row of tables.MESSAGE, `profile` that of tables.END_TO_END.
     """
     if table.kind == E2E_P01:
         return profile_1.crc(table, profile, counter, data, row)
@@ -41,8 +42,9 @@ def profile_checksum(
 
 @outlined
 def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum of a simple kind that a frame (row of `data`) must have; `table` is its record of
-    tables.MESSAGE.
+    """Return the checksum of a simple kind that a frame (row of `data`) must have.
+
+    `table` is its row of tables.MESSAGE.
     """
     low, high = table.identifier & 0xFF, (table.identifier >> 8) & 0xFF
     skip = table.checksum_byte
@@ -66,7 +68,7 @@ def checksum(table: Any, data: NDArray[np.uint8], row: int) -> int:
 def expected_checksum(
     bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
 ) -> int:
-    """The checksum that a frame (row of `data`) of a message that has one must have."""
+    """Return the checksum that a frame (row of `data`) must have; its message must be one with a checksum."""
     table = bus.messages[message]
     if table.kind == OWN:
         return rocksoft(bus.own_checksums[table.own], bus.places, data, row)
@@ -77,7 +79,7 @@ def expected_checksum(
 
 @compilable
 def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum that a frame of a message that has one has."""
+    """Return the checksum that a frame contains; its message must be one with a checksum."""
     return extract_long(data, row, place_at(bus.places, bus.messages[message].checksum))
 
 
@@ -85,7 +87,7 @@ def checksum_in(bus: BusConfig, message: int, data: NDArray[np.uint8], row: int)
 def write_checksum(
     bus: BusConfig, message: int, data: NDArray[np.uint8], row: int, value: int
 ) -> None:
-    """Put a checksum into a frame."""
+    """Write a checksum into a frame."""
     insert_long(data, row, place_at(bus.places, bus.messages[message].checksum), value)
 
 
@@ -93,5 +95,5 @@ def write_checksum(
 def put_checksum(
     bus: BusConfig, message: int, counter: int, data: NDArray[np.uint8], row: int
 ) -> None:
-    """Complete a frame, in which its counter stands, with its checksum."""
+    """Write the correct checksum into a frame that already contains its counter."""
     write_checksum(bus, message, data, row, expected_checksum(bus, message, counter, data, row))

@@ -1,8 +1,8 @@
-"""Alive counters: which values one takes, frame after frame.
+"""Alive counters: the sequence of values that a counter takes from frame to frame.
 
-A counter stays within its lowest and highest value and goes on by a step; past one end it goes on from the other,
-as modular arithmetic has it. Its turn is how many steps after its start it is. Steps that have a factor in common
-with the number of values never reach some of them.
+A counter advances by its step between its lowest and highest value and wraps around at either end, as in modular
+arithmetic. Its turn is the number of steps since its start value. If the step and the number of values have a
+common factor, some of the values are never reached.
 """
 
 from __future__ import annotations
@@ -13,29 +13,29 @@ from typing import Any
 
 from liftgate_plant.compiler import compilable, outlined
 
-MOST_VALUES = 1 << 48  # so that the products of `product` fit into 64 bits
-_DIGIT = 12  # bits that `product` takes at a time
+MOST_VALUES = 1 << 48  # keeps the intermediate products of `product` within 64 bits
+_DIGIT = 12  # bits that `product` processes at a time
 
 
 @dataclass(frozen=True)
 class Counting:
-    """The range and step of an alive counter; None: those of its signal, from the lowest value on."""
+    """Start value, step and range of an alive counter."""
 
-    start: int | None = None  # in the first frame
-    step: int = 1  # not 0; below 0 it counts down
+    start: int | None = None  # value in the first frame; None: the lowest value
+    step: int = 1  # not 0; if negative, it counts down
     lowest: int = 0
-    highest: int | None = None
+    highest: int | None = None  # None: the largest value of its signal
 
     def start_value(self) -> int:
-        """The value of the first frame."""
+        """Return the value of the first frame."""
         return self.lowest if self.start is None else self.start
 
     def highest_value(self, bits: int) -> int:
-        """The largest value of a counter of so many bits."""
+        """Return the largest value of a counter of `bits` bits."""
         return (1 << bits) - 1 if self.highest is None else self.highest
 
     def columns(self, bits: int) -> dict[str, int]:
-        """The columns of tables.MESSAGE for a counter of so many bits."""
+        """Return the columns of tables.MESSAGE for a counter of `bits` bits."""
         span = self.highest_value(bits) - self.lowest + 1
         grain = math.gcd(self.step, span)
         modulus = span // grain
@@ -52,7 +52,7 @@ class Counting:
 
 @compilable
 def turn_of(table: Any, value: int) -> int:
-    """The turn at which a counter has a value; −1: never. `table` is its message's record of tables.MESSAGE."""
+    """Return the turn at which a counter has a value, −1 if never; `table` is its row of tables.MESSAGE."""
     above = value - table.lowest
     if above < 0 or above >= table.span:
         return -1
@@ -68,7 +68,7 @@ def turn_of(table: Any, value: int) -> int:
 
 @compilable
 def value_at(table: Any, turn: int) -> int:
-    """The value of a counter at a turn (0 to its modulus − 1)."""
+    """Return the value of a counter at a turn (0 to its modulus − 1)."""
     above = table.offset
     above += turn if table.step == 1 else product(turn, table.step, table.span)
     if above >= table.span:
@@ -78,7 +78,7 @@ def value_at(table: Any, turn: int) -> int:
 
 @outlined
 def product(first: int, second: int, modulus: int) -> int:
-    """The product of two numbers modulo a number of up to MOST_VALUES, in 64 bits; both are below that, too."""
+    """Return the product of two numbers below MOST_VALUES modulo a number of up to MOST_VALUES, in 64 bits."""
     result = 0
     for digit in range(48 // _DIGIT):
         part = (second >> (48 - _DIGIT - _DIGIT * digit)) & ((1 << _DIGIT) - 1)

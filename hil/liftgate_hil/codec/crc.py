@@ -1,4 +1,4 @@
-"""Cyclic redundancy checks, a byte at a time by table."""
+"""Cyclic redundancy checks, computed a byte at a time by table lookup."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ _CCITT = _crc16_table(0x1021)  # CRC-16/CCITT-FALSE
 
 @compilable
 def crc8_byte(crc: int, byte: int) -> int:
-    """CRC-8 SAE J1850 after one more byte."""
+    """Return the CRC-8 SAE J1850 after one more byte."""
     return int(np.int64(_J1850[crc ^ byte]))
 
 
 @compilable
 def crc8h2f_byte(crc: int, byte: int) -> int:
-    """CRC-8 with the polynomial 0x2F after one more byte."""
+    """Return the CRC-8 with the polynomial 0x2F after one more byte."""
     return int(np.int64(_H2F[crc ^ byte]))
 
 
 @compilable
 def crc16_byte(crc: int, byte: int) -> int:
-    """CRC-16/CCITT-FALSE after one more byte."""
+    """Return the CRC-16/CCITT-FALSE after one more byte."""
     return ((crc << 8) & 0xFF00) ^ int(np.int64(_CCITT[(crc >> 8) ^ byte]))

@@ -1,7 +1,7 @@
 """Frames as arrays, so that compiled code can read and write them.
 
-The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error; and above
-them one of our own, bit 32 for a CAN FD frame.
+The identifier carries SocketCAN's flags (linux/can.h): bit 31 extended, bit 30 remote, bit 29 error. Above them,
+bit 32 is this project's own flag for a CAN FD frame.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ class Frames(NamedTuple):
 
 @compilable
 def bits_of(identifier: int, length: int) -> int:
-    """A frame's bits on the wire, without stuffing: 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended
-    one (ISO 11898-1, with the interframe space). For CAN FD it is a rough upper bound.
+    """Return the length of a frame on the wire in bits, without stuffing.
+
+    It is 47 + 8 n for a base frame of n bytes, 67 + 8 n for an extended one (ISO 11898-1, with the interframe
+    space). For CAN FD it is a rough upper bound.
     """
     return (67 if identifier & EXTENDED else 47) + 8 * length
 
 
-# A frame with its time, as it is kept.
+# A frame with its timestamp, as it is logged.
 LOGGED = np.dtype(
     [
         ("time_ns", "i8"),  # since the run's start
@@ -48,7 +50,7 @@ LOGGED = np.dtype(
 
 
 def empty_frames(capacity: int) -> Frames:
-    """Room for frames; none in it."""
+    """Return frame arrays with room for `capacity` frames and none in them."""
     return Frames(
         0,
         np.zeros(capacity, dtype=np.int64),
@@ -58,12 +60,12 @@ def empty_frames(capacity: int) -> Frames:
 
 
 def no_logged() -> NDArray[np.void]:
-    """No frame."""
+    """Return an empty array of LOGGED."""
     return np.zeros(0, dtype=LOGGED)
 
 
 def logged(frames: Frames, time_ns: int, is_sent: bool) -> NDArray[np.void]:
-    """Frames (n,) LOGGED, all of one time."""
+    """Return frames as rows (n,) of LOGGED, all with the same timestamp."""
     rows = np.zeros(frames.count, dtype=LOGGED)
     rows["time_ns"], rows["is_sent"] = time_ns, is_sent
     rows["identifier"] = frames.identifiers[: frames.count]

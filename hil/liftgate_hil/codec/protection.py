@@ -1,4 +1,4 @@
-"""How a message is protected: what a rig says of it, and the columns of its row in the tables."""
+"""Protection of messages: the settings in a rig, and the columns of a message's row in the tables."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from liftgate_hil.codec.bits import FLOAT32, FLOAT64, SIGNED, UNSIGNED, Place
 from liftgate_hil.codec.counter import MOST_VALUES, Counting
 from liftgate_hil.codec.e2e import profile_1
 from liftgate_hil.codec.rocksoft import Rocksoft
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
 
-BY_ONE = Counting()  # from 0 on, as wide as its signal
+BY_ONE = Counting()  # by 1 from 0 on, as wide as its signal
 
 
 @dataclass(frozen=True)
 class EndToEnd:
-    """An AUTOSAR E2E profile; the defaults of its state machine let no frame with an error through."""
+    """Settings of an AUTOSAR E2E profile; by default its state machine lets no frame with an error through."""
 
-    profile: str  # of checksum.PROFILES
-    data_ids: tuple[int, ...]  # one, or in profile 2 sixteen
-    data_id_mode: str = "both"  # of profile_1.DATA_ID_MODES
+    profile: str  # one of checksum.PROFILES
+    data_ids: tuple[int, ...]  # one; in profile 2 sixteen
+    data_id_mode: str = "both"  # one of profile_1.DATA_ID_MODES
     nibble: str | None = None  # signal that carries the data ID's nibble
-    max_delta: int = 1  # largest step of the counter that is tolerated; 1: none may be lost
-    sync: int = 0  # frames after a wrong sequence that are not used yet
-    window: int = 1
+    max_delta: int = 1  # largest tolerated step of the counter; 1: no frame may be lost
+    sync: int = 0  # frames after a wrong sequence that are not used
+    window: int = 1  # frames that the state machine evaluates
     min_ok: tuple[int, int, int] = (1, 1, 1)  # in INIT, VALID, INVALID
     max_error: tuple[int, int, int] = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class MessageOptions:
-    """What a rig says about a message besides its signals; None: as the database says."""
+    """Settings of a rig for a message, besides its signals; None: as in the database."""
 
     cycle_ms: float | None = None
     timeout_cycles: float = 3.0
@@ -49,11 +49,11 @@ class MessageOptions:
     checksum_kind: str = "crc8-sae-j1850"
     e2e: EndToEnd | None = None
     counting: Counting = BY_ONE
-    own: Rocksoft | None = None  # instead of a kind
+    own: Rocksoft | None = None  # replaces `checksum_kind`
 
 
 def place_of(signal: Signal) -> Place:
-    """Where a signal's bits lie."""
+    """Return the position of a signal's bits."""
     kind = SIGNED if signal.is_signed else UNSIGNED
     if signal.is_float:
         kind = FLOAT32 if signal.length == 32 else FLOAT64
@@ -65,7 +65,7 @@ def place_of(signal: Signal) -> Place:
 
 
 def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
-    """(bytes,) the bits of a message that a signal fills."""
+    """Return the mask (bytes,) of the bits of a message that a signal fills."""
     place = place_of(message.get_signal_by_name(name))
     bits = np.zeros(message.length, dtype=np.uint8)
     byte, bit = place.byte, place.shift
@@ -78,7 +78,7 @@ def own_bits(message: Message, name: str) -> NDArray[np.uint8]:
 
 
 class ProtectionTables(Protocol):
-    """The tables that protection has rows in: each method takes a row and gives its number."""
+    """The tables in which protection has rows; each method adds a row and returns its number."""
 
     def add_place(self, place: Place) -> int:
         """Add a row of tables.PLACE."""
@@ -93,8 +93,9 @@ class ProtectionTables(Protocol):
 def protection_row(
     message: Message, options: MessageOptions, tables: ProtectionTables, issues: ConfigIssues
 ) -> dict[str, Any]:
-    """The columns of a message that say how it is protected: by counter and checksum, simple, by parameters or of
-    an E2E profile.
+    """Return the columns of a message that describe its protection by counter and checksum.
+
+    These are simple, defined by parameters, or those of an E2E profile. What does not fit is noted in `issues`.
     """
     add_place = tables.add_place
     key, e2e = f"messages.{message.name}", options.e2e
@@ -131,7 +132,7 @@ def _counter_columns(
     add_place: Callable[[Place], int],
     issues: ConfigIssues,
 ) -> dict[str, Any]:
-    """Where a counter lies, and how it counts."""
+    """Return the columns for the place of a counter and how it counts."""
     if options.counter is None:
         return {"counter": -1, **BY_ONE.columns(1)}
     place, counting, e2e = (
@@ -163,7 +164,7 @@ def _checksum_columns(
     add_place: Callable[[Place], int],
     issues: ConfigIssues,
 ) -> dict[str, Any]:
-    """Where a checksum lies, and of which kind it is."""
+    """Return the columns for the place of a checksum and its kind."""
     if options.checksum is None:
         return {"kind": checksum.NONE, "checksum": -1, "checksum_byte": -1}
     place, e2e = place_of(message.get_signal_by_name(options.checksum)), options.e2e
@@ -183,7 +184,7 @@ def _checksum_columns(
 
 
 def _profile_columns(e2e: EndToEnd, nibble: int) -> dict[str, Any]:
-    """The columns of tables.END_TO_END."""
+    """Return the columns of tables.END_TO_END."""
     return {
         "data_ids": (e2e.data_ids * 16)[:16],
         "data_id_mode": profile_1.DATA_ID_MODES[e2e.data_id_mode],

@@ -1,7 +1,7 @@
-"""Frames to quantities: what is ours, is it sound, what does it say.
+"""Frames to quantities: which frames are mapped messages, which are valid, and what values they carry.
 
-A frame counts under exactly one cause. A sound frame is taken whole, a refused one not at all. Quantities of a
-message that never came, or went stale, are NaN.
+Each frame is counted under exactly one cause. A valid frame is accepted as a whole, a rejected one not at all.
+Quantities of a message that was never received, or went stale, are NaN.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from liftgate_plant.compiler import compilable, outlined
 
 
 class Counts(NamedTuple):
-    """What became of the frames that came in."""
+    """Counts of received frames by outcome."""
 
-    accepted: int  # sound frames of ours
+    accepted: int  # valid frames of mapped messages
     foreign: int  # other identifiers: normal traffic
-    error: int  # error frames of the controller
-    remote: int  # remote requests for ours
+    error: int  # error frames reported by the controller
+    remote: int  # remote requests for mapped messages
     wrong_length: int
-    out_of_range: int  # a value not allowed by the database, the rig or the quantity; not a number
+    out_of_range: int  # a value outside the range of the database, the rig or the quantity, or NaN
     checksum: int
-    counter: int  # alive counter did not move, or is out of sequence
-    unqualified: int  # sound, but the E2E state machine is not (yet) VALID
-    lost: int  # frames missing between two alive counters (these never came in)
+    counter: int  # alive counter did not change, or is out of sequence
+    unqualified: int  # valid frame, but the E2E state machine is not (yet) VALID
+    lost: int  # frames missing between two alive counters (never received)
 
 
 NO_COUNTS = Counts(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -56,20 +56,20 @@ _NEVER = 2**62
 
 
 class Reception(NamedTuple):
-    """What has been received: quantities (NaN: not there), per message the last sound frame. Written in place."""
+    """Reception state: quantities (NaN: unknown) and, per message, its last valid frame. Written in place."""
 
     values: NDArray[np.float64]  # per quantity
-    seen_ns: NDArray[np.int64]  # per message; -1: not there
-    counter: NDArray[np.int64]  # per message the turn of its counter; -1: not known
-    cycles: NDArray[np.int64]  # per message: how many there were, lost ones by its counter too
-    memory: NDArray[np.int64]  # (messages, check_state.MEMORY)
-    stale_ns: NDArray[np.int64]  # (1,) when the first of them goes stale
-    read: NDArray[np.float64]  # per signal: of the frame in hand
+    seen_ns: NDArray[np.int64]  # per message, time of its last accepted frame; -1: none
+    counter: NDArray[np.int64]  # per message, turn of its counter; -1: unknown
+    cycles: NDArray[np.int64]  # per message, cycles so far, including lost frames
+    memory: NDArray[np.int64]  # (messages, check_state.MEMORY) E2E check states
+    stale_ns: NDArray[np.int64]  # (1,) time at which the first message goes stale
+    read: NDArray[np.float64]  # per signal, value in the current frame
     refusals: Any  # (9,) refusals.REFUSAL
 
 
 def nothing_received(bus: BusConfig, quantities: int) -> Reception:
-    """Before the first frame."""
+    """Return the reception state before the first frame."""
     messages = len(bus.messages)
     return Reception(
         np.full(quantities, np.nan),
@@ -85,7 +85,7 @@ def nothing_received(bus: BusConfig, quantities: int) -> Reception:
 
 @compilable
 def rejected(counts: Counts) -> int:
-    """Frames of ours that were refused."""
+    """Return how many frames of mapped messages were rejected."""
     return (
         counts.remote + counts.wrong_length + counts.out_of_range + counts.checksum + counts.counter
     )
@@ -93,7 +93,7 @@ def rejected(counts: Counts) -> int:
 
 @compilable
 def find_message(bus: BusConfig, identifier: int) -> int:
-    """The message's row, or -1."""
+    """Return the row of the message with an identifier, or -1."""
     for row in range(len(bus.messages)):
         if bus.messages[row].identifier == identifier:
             return row
@@ -102,7 +102,7 @@ def find_message(bus: BusConfig, identifier: int) -> int:
 
 @compilable
 def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """A signal's value in the database's unit."""
+    """Return a signal's value in the database's unit."""
     signal = bus.signals[row]
     raw = read_number(data, frame, place_at(bus.places, signal.place))
     return float(raw * signal.factor + signal.offset)
@@ -110,7 +110,7 @@ def physical_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> float:
-    """A signal's value in our unit; NaN where it is not allowed."""
+    """Return a signal's value in the quantity's unit; NaN if it is not allowed."""
     signal = bus.signals[row]
     physical = physical_of(bus, row, data, frame)
     if not (signal.low <= physical <= signal.high):
@@ -128,7 +128,7 @@ def quantity_of(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -
 
 @compilable
 def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether a multiplexed signal is in this frame."""
+    """Whether a signal is in this frame, by the values of its multiplexers."""
     signal = bus.signals[row]
     for level in range(signal.selectors_first, signal.selectors_first + signal.selectors_count):
         selector = bus.selectors[level]
@@ -139,13 +139,13 @@ def selected(bus: BusConfig, row: int, data: NDArray[np.uint8], frame: int) -> b
 
 @compilable
 def counter_of(bus: BusConfig, message: int, data: NDArray[np.uint8], frame: int) -> int:
-    """The alive counter in a frame."""
+    """Return the alive counter in a frame."""
     return extract_long(data, frame, place_at(bus.places, bus.messages[message].counter))
 
 
 @outlined
 def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) -> bool:
-    """Whether the part of the data ID that is sent openly (profile 1) is the message's."""
+    """Whether the nibble of the data ID that profile 1 transmits in the frame is that of the message."""
     if profile.nibble < 0:
         return True
     sent = read_number(data, frame, place_at(places, profile.nibble))
@@ -156,7 +156,7 @@ def nibble_fits(places: Any, profile: Any, data: NDArray[np.uint8], frame: int) 
 def check(
     bus: BusConfig, current: Reception, message: int, frames: Frames, frame: int, now_ns: int
 ) -> tuple[int, int]:
-    """(cause, frames lost before it) by checksum and counter; what they say is noted in `current`."""
+    """Return (cause, frames lost before it) by checksum and counter, and note their findings in `current`."""
     table, memory = bus.messages[message], current.memory[message]
     counter, turn = 0, -1
     if table.counter >= 0:
@@ -204,8 +204,10 @@ def judge(
     now_ns: int,
     read: NDArray[np.float64],
 ) -> tuple[int, int, int]:
-    """(cause, message, frames lost before it). What checksum and counter say is noted in `current`; what the
-    signals say goes to `read`, by their rows, NaN for one that is not in the frame.
+    """Return (cause, message, frames lost before it) of a frame.
+
+    The findings on checksum and counter are noted in `current`. The values of the signals go to `read` by their
+    rows, NaN for a signal that is not in the frame.
     """
     identifier = int(frames.identifiers[frame]) & ~FD
     if identifier & ERROR:
@@ -236,7 +238,7 @@ def judge(
 
 @compilable
 def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.float64]) -> None:
-    """The quantities of a frame that was judged to be sound."""
+    """Store the quantities of a frame that was accepted."""
     table = bus.messages[message]
     for row in range(table.first, table.first + table.count):
         if not np.isnan(read[row]):
@@ -245,7 +247,7 @@ def take(bus: BusConfig, current: Reception, message: int, read: NDArray[np.floa
 
 @compilable
 def counted(counts: Counts, cause: int, lost: int) -> Counts:
-    """One frame more."""
+    """Return the counts with one more frame."""
     return Counts(
         counts.accepted + int(cause == ACCEPTED),
         counts.foreign + int(cause == FOREIGN),
@@ -262,7 +264,7 @@ def counted(counts: Counts, cause: int, lost: int) -> Counts:
 
 @compilable
 def is_counted(table: Any, cause: int) -> bool:
-    """Whether a frame is one cycle more of its message: not one that its counter will show to be missing."""
+    """Whether a frame counts as a cycle of its message; one that the counter will show as missing does not."""
     if table.counter < 0:
         return bool(cause != REMOTE_FRAME)
     return cause in (ACCEPTED, UNQUALIFIED, OUT_OF_RANGE)
@@ -272,7 +274,7 @@ def is_counted(table: Any, cause: int) -> bool:
 def receive(
     bus: BusConfig, reception: Reception, counts: Counts, frames: Frames, now_ns: int
 ) -> Counts:
-    """Take in frames that have come by `now_ns`; what became of them, added to `counts`."""
+    """Process the frames received by `now_ns` and return `counts` with their outcomes added."""
     if frames.count == 0:
         return counts
     for frame in range(frames.count):
@@ -290,7 +292,7 @@ def receive(
 
 @compilable
 def note_stale_time(bus: BusConfig, reception: Reception) -> None:
-    """When the first message goes stale."""
+    """Note the time at which the first message goes stale."""
     first = _NEVER
     for message in range(len(bus.messages)):
         limit = bus.messages[message].timeout_ns
@@ -301,7 +303,7 @@ def note_stale_time(bus: BusConfig, reception: Reception) -> None:
 
 @compilable
 def forget_stale(bus: BusConfig, reception: Reception, now_ns: int) -> int:
-    """Quantities of messages that have not come for their time-out become NaN; how many went stale."""
+    """Set the quantities of messages whose time-out has expired to NaN; return how many messages went stale."""
     if now_ns < reception.stale_ns[0]:
         return 0
     stale = 0
@@ -327,10 +329,12 @@ def backdate(
     until_ns: int,
     now_ns: int,
 ) -> None:
-    """Count the time-out of messages that a tick at `now_ns` accepted from when they came: those that had come
-    before `until_ns`, on the clock of their `stamps`, are older than what else the tick got.
+    """Let the time-outs of the messages accepted by a tick at `now_ns` start when their frames arrived.
+
+    Frames that arrived before `until_ns`, on the clock of their `stamps`, are older than the other frames of the
+    tick.
     """
-    for last in range(frames.count, 0, -1):  # of several of a message the last one counts
+    for last in range(frames.count, 0, -1):  # of several frames of a message, the last one counts
         waited_ns = until_ns - stamps[last - 1]
         if waited_ns > 0:
             message = find_message(bus, int(frames.identifiers[last - 1]) & ~FD)
@@ -341,7 +345,7 @@ def backdate(
 
 @compilable
 def is_stale(bus: BusConfig, identifier: int, age_ns: int) -> bool:
-    """Whether a frame has waited for longer than its message's time-out: nobody sends that any more."""
+    """Whether a frame has waited for longer than its message's time-out, so that its values are out of date."""
     message = find_message(bus, identifier & ~FD)
     if message < 0:
         return False

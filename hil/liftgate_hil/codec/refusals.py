@@ -1,4 +1,4 @@
-"""The first frame that was refused for each cause, as the codec saw it: what it found, and what it expected."""
+"""The first frame rejected for each cause, as the codec saw it: what it found, and what it expected."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from liftgate_plant.compiler import compilable
 
 REFUSAL = np.dtype(
     [
-        ("count", "i8"),  # frames so far
-        ("time_ns", "i8"),  # model time of the first, and of it:
+        ("count", "i8"),  # frames with this cause so far
+        ("time_ns", "i8"),  # model time of the first one, and for it:
         ("message", "i8"),  # row of the tables
-        ("signal", "i8"),  # row of the tables, of one out of range
+        ("signal", "i8"),  # row of the tables, if a value is out of range
         ("found", "f8"),  # length, counter, identifier, or value in the database's unit
-        ("expected", "f8"),  # length, counter; NaN: none
-        ("checksum", "i8"),  # found; of 64 bits two's complement
-        ("right_checksum", "i8"),  # that it would be
+        ("expected", "f8"),  # length or counter; NaN: none
+        ("checksum", "i8"),  # checksum found; 64 bits in two's complement
+        ("right_checksum", "i8"),  # checksum expected
     ]
 )
 
 
 def no_refusals() -> Any:
-    """(9,) REFUSAL by cause, before the first frame; written in place."""
+    """Return (9,) REFUSAL by cause, before the first frame; written in place."""
     return np.zeros(9, dtype=REFUSAL).view(np.recarray)
 
 
 @compilable
 def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected: float) -> None:
-    """What is wrong with a frame, if it is the first of its kind."""
+    """Note what is wrong with a frame, if it is the first with this cause."""
     if refusals[cause].count == 0:
         refusals[cause].signal = signal
         refusals[cause].found = found
@@ -51,7 +51,7 @@ def note_evidence(refusals: Any, cause: int, signal: int, found: float, expected
 
 @compilable
 def note_checksums(refusals: Any, found: int, expected: int) -> None:
-    """The checksum of a frame, and what it should be, if it is the first that is wrong."""
+    """Note the found and the expected checksum of a frame, if it is the first with a wrong one."""
     if refusals[BAD_CHECKSUM].count == 0:
         refusals[BAD_CHECKSUM].checksum = found
         refusals[BAD_CHECKSUM].right_checksum = expected
@@ -59,7 +59,7 @@ def note_checksums(refusals: Any, found: int, expected: int) -> None:
 
 @compilable
 def note_outcome(refusals: Any, cause: int, message: int, now_ns: int) -> None:
-    """One frame more."""
+    """Count one more frame with this cause; for the first one, also note its time and message."""
     row = refusals[cause]
     if row.count == 0:
         row.time_ns = now_ns

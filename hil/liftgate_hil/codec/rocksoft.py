@@ -1,8 +1,9 @@
-"""Cyclic redundancy checks of a maker's own, by the parameters of the Rocksoft model (R. N. Williams, "A painless
-guide to CRC error detection algorithms", 1993), and what of a frame they are over.
+"""Manufacturer-specific CRCs, defined by the parameters of the Rocksoft model, and the bytes that they cover.
 
-One algorithm serves all: bits go in lowest first, and the register's highest power is its lowest bit. A check that
-takes bytes highest bit first is the same of mirrored bytes, with the register mirrored in the end.
+The model is that of R. N. Williams, "A painless guide to CRC error detection algorithms", 1993.
+
+One algorithm serves all CRCs: bits enter lowest first, and the register's highest power is its lowest bit. A CRC
+that takes bytes highest bit first equals that of mirrored bytes, with the register mirrored at the end.
 """
 
 from __future__ import annotations
@@ -23,29 +24,31 @@ PARTS = {"payload": PAYLOAD, "identifier": IDENTIFIER, "counter": COUNTER, "data
 MOST_DATA_IDS = 16
 
 _ALL_BITS = (1 << 64) - 1
-_HIGH_56 = 0x00FFFFFFFFFFFFFF  # what is left of 64 bits after a shift by a byte
+_HIGH_56 = 0x00FFFFFFFFFFFFFF  # bits that remain of 64 after a right shift by a byte
 _MIRRORED = np.array([int(f"{byte:08b}"[::-1], 2) for byte in range(256)], dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Covered:
-    """Bytes that a checksum is over, `first` to `last`, in this order, which may be downwards. Those of the
-    payload count from the frame's first on; those of a number from its lowest.
+    """Bytes covered by a checksum, `first` to `last` in this order, which may be descending.
+
+    Bytes of the payload are numbered from the start of the frame, those of a number from its least significant
+    byte.
     """
 
-    part: str  # of PARTS
+    part: str  # one of PARTS
     first: int
     last: int
 
     def numbers(self) -> range:
-        """The bytes' numbers in their order."""
+        """Return the numbers of the bytes in their order."""
         way = 1 if self.last >= self.first else -1
         return range(self.first, self.last + way, way)
 
 
 @dataclass(frozen=True)
 class Rocksoft:
-    """A checksum by its parameters; the polynomial is without its highest term."""
+    """A checksum defined by its parameters; the polynomial is given without its highest term."""
 
     width: int  # bits, 1 to 64
     polynomial: int
@@ -54,11 +57,13 @@ class Rocksoft:
     reflect_out: bool = False
     final_xor: int = 0
     covers: tuple[Covered, ...] = ()
-    data_ids: tuple[int, ...] = ()  # one, or one for each value of the counter, modulo their number
+    data_ids: tuple[int, ...] = ()  # one, or one per value of the counter, modulo their number
 
     def row(self, identifier: int, masks: NDArray[np.uint8], counter: int) -> tuple[Any, ...]:
-        """The record of tables.OWN_CHECKSUM. `masks` (bytes of the payload,) are the bits that are not the
-        checksum's own; `counter` is the row of the counter's place, or −1.
+        """Return the checksum's row of tables.OWN_CHECKSUM.
+
+        `masks` (bytes of the payload,) selects the bits that are not the checksum's own; `counter` is the row of
+        the counter's place, or −1.
         """
         source = np.zeros(MOST_COVERED, dtype=np.uint8)
         number, bits = np.zeros_like(source), np.zeros_like(source)
@@ -89,17 +94,17 @@ class Rocksoft:
 
 
 def _mirrored(value: int, width: int) -> int:
-    """A number of so many bits with the highest one lowest."""
+    """Return a number of `width` bits with its bits in reverse order."""
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
 def _signed(value: int) -> int:
-    """A number of 64 bits as two's complement."""
+    """Return a number of 64 bits as two's complement."""
     return value - (1 << 64) if value >> 63 else value
 
 
 def _table(polynomial: int) -> NDArray[np.int64]:
-    """The table (256,) of a reflected CRC: the register after each byte, from 0; `polynomial` is mirrored."""
+    """Return the table (256,) of a reflected CRC: the register after each byte, from 0; mirrored `polynomial`."""
     table = np.zeros(256, dtype=np.int64)
     for index in range(256):
         crc = index
@@ -111,8 +116,9 @@ def _table(polynomial: int) -> NDArray[np.int64]:
 
 @outlined
 def rocksoft(own: Any, places: Any, data: NDArray[np.uint8], row: int) -> int:
-    """The checksum that a frame (row of `data`) with its counter must have; `own` is its record of
-    tables.OWN_CHECKSUM. One of 64 bits is two's complement.
+    """Return the checksum that a frame (row of `data`) with its counter must have.
+
+    `own` is its row of tables.OWN_CHECKSUM. A checksum of 64 bits is returned as two's complement.
     """
     counter = 0
     if own.counter >= 0:
@@ -140,7 +146,7 @@ def rocksoft(own: Any, places: Any, data: NDArray[np.uint8], row: int) -> int:
 
 @compilable
 def mirrored(value: int) -> int:
-    """A number of 64 bits with the highest one lowest."""
+    """Return a number of 64 bits with its bits in reverse order."""
     high, low = 0, 0
     for byte in range(4):
         high = (high << 8) | int(_MIRRORED[(value >> (8 * byte)) & 0xFF])

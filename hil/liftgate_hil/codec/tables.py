@@ -1,6 +1,6 @@
-"""The tables that the loop works through: a layout of all that is received, or all that is sent.
+"""Tables that the loop works on: the layout of everything that is received, or of everything that is sent.
 
-They are arrays of records: few of them, so that passing a layout on costs compiled code little.
+They are arrays of records. There are few of them, so that passing a layout to compiled code costs little.
 """
 
 from __future__ import annotations
@@ -10,28 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-# Where a signal's bits lie; the fields of `Place`.
+# Position of a signal's bits; the fields of `Place`.
 PLACE = np.dtype(
     [("byte", "i8"), ("shift", "i8"), ("length", "i8"), ("stride", "i8"), ("kind", "i8")]
 )
 
-# A mapped signal, under one value of each multiplexer above it.
+# A mapped signal, for one value of each multiplexer above it.
 SIGNAL = np.dtype(
     [
         ("quantity", "i8"),  # index into the quantities
         ("place", "i8"),  # row in `places`
         ("selectors_first", "i8"),  # rows in `selectors`, all of which must hold
         ("selectors_count", "i8"),
-        ("pages", "i8"),  # on which pages of a message that is sent: a bit each
+        ("pages", "i8"),  # pages of a sent message that contain it: one bit each
         ("names_first", "i8"),  # rows in `names`
         ("names_count", "i8"),
-        ("factor", "f8"),  # physical = factor raw + offset
+        ("factor", "f8"),  # physical = factor · raw + offset
         ("offset", "f8"),
-        ("scale", "f8"),  # quantity = scale physical + bias
+        ("scale", "f8"),  # quantity = scale · physical + bias
         ("bias", "f8"),
         ("low", "f8"),  # allowed physical values
         ("high", "f8"),
-        ("raw_low", "f8"),  # what fits into the bits and the range
+        ("raw_low", "f8"),  # raw values that fit into the bits and the range
         ("raw_high", "f8"),
         ("quantity_low", "f8"),  # allowed values of the quantity
         ("quantity_high", "f8"),
@@ -41,7 +41,7 @@ SIGNAL = np.dtype(
 # A multiplexer's value under which a signal is in the frame.
 SELECTOR = np.dtype([("place", "i8"), ("value", "f8")])
 
-# An enumeration's value of ours, and its physical value.
+# A value of a quantity's enumeration (ours), and the physical value for it (theirs).
 NAME = np.dtype([("ours", "f8"), ("theirs", "f8")])
 
 MESSAGE = np.dtype(
@@ -49,73 +49,73 @@ MESSAGE = np.dtype(
         ("identifier", "i8"),  # with the EXTENDED flag
         ("fd", "i8"),  # FD or 0
         ("length", "i8"),  # bytes
-        ("pages", "i8"),  # sent in turn, one for each set of multiplexers' values
-        ("start", "i8"),  # row in `start` of the first of them
+        ("pages", "i8"),  # sent in turn, one per set of multiplexer values
+        ("start", "i8"),  # row in `start` of the first page
         ("first", "i8"),  # rows in `signals`
         ("count", "i8"),
         ("cycle_ns", "i8"),  # 0: not cyclic
         ("timeout_ns", "i8"),  # 0: never goes stale
         ("counter", "i8"),  # row in `places` of the alive counter; -1: none
         # How it counts, see counter.Counting.
-        ("modulus", "i8"),  # turns until it begins anew
+        ("modulus", "i8"),  # turns until it repeats
         ("lowest", "i8"),
-        ("span", "i8"),  # values from there on
-        ("offset", "i8"),  # of its start above the lowest
-        ("step", "i8"),  # modulo the span
-        ("grain", "i8"),  # what step and span have in common
-        ("inverse", "i8"),  # of step / grain modulo the modulus
-        ("kind", "i8"),  # of protection, see checksum.KINDS
+        ("span", "i8"),  # number of values from `lowest` on
+        ("offset", "i8"),  # start value − lowest
+        ("step", "i8"),  # step modulo `span`
+        ("grain", "i8"),  # greatest common divisor of step and span
+        ("inverse", "i8"),  # inverse of step / grain modulo `modulus`
+        ("kind", "i8"),  # kind of protection, see checksum.KINDS
         ("checksum", "i8"),  # row in `places` of the checksum; -1: none
-        ("checksum_byte", "i8"),  # its first; -1: none
+        ("checksum_byte", "i8"),  # first byte of the checksum; -1: none
         ("own", "i8"),  # row in `own_checksums`; -1: none
         ("profile", "i8"),  # row in `end_to_end`; -1: none
     ]
 )
 
-MOST_COVERED = 128  # bytes that a checksum of OWN_CHECKSUM is over
+MOST_COVERED = 128  # bytes that a checksum of OWN_CHECKSUM may cover
 
-# A checksum by parameters, see rocksoft.py.
+# A checksum defined by parameters, see rocksoft.py.
 OWN_CHECKSUM = np.dtype(
     [
-        ("unused", "i8"),  # 64 - its width
-        ("mask", "i8"),  # of its bits
-        ("start", "i8"),  # of the register, mirrored
+        ("unused", "i8"),  # 64 − width of the checksum
+        ("mask", "i8"),  # mask of the checksum's bits
+        ("start", "i8"),  # initial value of the register, mirrored
         ("final_xor", "i8"),
         ("reflect_in", "i8"),  # 1 or 0
         ("reflect_out", "i8"),
         ("counter", "i8"),  # row in `places` of the counter; -1: none
         ("id_count", "i8"),
         ("data_ids", "i8", (16,)),
-        ("count", "i8"),  # bytes that it is over, in their order:
-        ("source", "u1", (MOST_COVERED,)),  # see rocksoft.PARTS
-        ("number", "u1", (MOST_COVERED,)),  # of the byte there
+        ("count", "i8"),  # number of covered bytes, and in their order:
+        ("source", "u1", (MOST_COVERED,)),  # kind of byte, see rocksoft.PARTS
+        ("number", "u1", (MOST_COVERED,)),  # number of the byte in its part
         (
             "bits",
             "u1",
             (MOST_COVERED,),
-        ),  # of the payload those that count; of an identifier the byte
-        ("table", "i8", (256,)),  # what each byte makes of the register
+        ),  # payload: mask of the bits that count; identifier: the byte itself
+        ("table", "i8", (256,)),  # CRC lookup table by byte
     ]
 )
 
 # An AUTOSAR E2E profile of a message.
 END_TO_END = np.dtype(
     [
-        ("data_ids", "i8", (16,)),  # the data ID, in profile 2 the list
+        ("data_ids", "i8", (16,)),  # the data ID; in profile 2 the data ID list
         ("data_id_mode", "i8"),  # of profile 1, see e2e.profile_1.DATA_ID_MODES
         ("nibble", "i8"),  # row in `places` of the data ID's nibble; -1: none
-        # Of the state machine, see e2e/check_state.py.
+        # Parameters of the check and its state machine, see e2e/check_state.py.
         ("max_delta", "i8"),
         ("sync", "i8"),
         ("window", "i8"),
-        ("min_ok", "i8", (3,)),  # in the states INIT, VALID, INVALID
+        ("min_ok", "i8", (3,)),  # in the states INIT, VALID and INVALID
         ("max_error", "i8", (3,)),
     ]
 )
 
 
 class BusConfig(NamedTuple):
-    """All that is received, or all that is sent: m messages, n signals, ordered by message."""
+    """The tables of everything received, or of everything sent: m messages, n signals, ordered by message."""
 
     messages: Any  # (m,) MESSAGE
     signals: Any  # (n,) SIGNAL

@@ -1,4 +1,4 @@
-"""Quantities to frames: what is due, rounded to the signal's quantum, kept within its range."""
+"""Quantities to frames: what is due, rounded to the signal's resolution and limited to its range."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_plant.compiler import compilable, outlined
 
 @compilable
 def raw_of(bus: BusConfig, row: int, value: float) -> float:
-    """The raw value nearest to a quantity's value; out of range it is the nearest limit."""
+    """Return the raw value nearest to a quantity's value, limited to the signal's range."""
     signal = bus.signals[row]
     physical = (value - signal.bias) / signal.scale
     for name in range(signal.names_first, signal.names_first + signal.names_count):
@@ -39,8 +39,9 @@ def encode(
     frames: Frames,
     row: int,
 ) -> None:
-    """Write one message into a row of `frames`, with the page and the counter that follow so many frames `before`;
-    a quantity that is NaN keeps its start value.
+    """Write one message into a row of `frames`.
+
+    Page and counter are those that follow after `before` frames. A quantity that is NaN keeps its start value.
     """
     table = bus.messages[message]
     page = before % table.pages
@@ -66,7 +67,7 @@ def encode(
 
 @outlined
 def put_nibble(places: Any, profile: Any, data: NDArray[np.uint8], row: int) -> None:
-    """The part of the data ID that is sent openly (profile 1)."""
+    """Write the nibble of the data ID that profile 1 transmits in the frame."""
     if profile.nibble >= 0:
         place = place_at(places, profile.nibble)
         write_number(data, row, place, float((profile.data_ids[0] >> 8) & 15))
@@ -83,20 +84,20 @@ def is_there(bus: BusConfig, message: int, values: NDArray[np.float64]) -> bool:
 
 
 class Transmission(NamedTuple):
-    """What was sent, and what is next. Written in place."""
+    """Transmission state: what was sent and what is due next. Written in place."""
 
     sent: NDArray[np.int64]  # frames so far, per message
     due_ns: NDArray[np.int64]  # when each message is due next
     next_ns: NDArray[np.int64]  # (1,) the earliest of these
-    values: NDArray[np.float64]  # of all quantities, in hand
-    frames: Frames  # what is sent in this tick
+    values: NDArray[np.float64]  # current values of all quantities
+    frames: Frames  # frames of the current tick
 
 
 _NEVER = 2**62
 
 
 def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
-    """Before time 0: each message is due after one cycle; one without a cycle never."""
+    """Return the state before time 0: each message is due after one cycle, one without a cycle never."""
     cycles = [int(each["cycle_ns"]) or _NEVER for each in bus.messages]
     return Transmission(
         np.zeros(len(cycles), dtype=np.int64),
@@ -109,13 +110,13 @@ def first_transmission(bus: BusConfig, quantities: int) -> Transmission:
 
 @compilable
 def is_due(transmission: Transmission, now_ns: int, is_silent: bool, everything: bool) -> bool:
-    """Whether anything is to be sent at this time."""
+    """Whether any message shall be sent at this time."""
     return everything or (not is_silent and now_ns >= transmission.next_ns[0])
 
 
 @compilable
 def told_of(bus: BusConfig, transmission: Transmission, message: int, quantity: int) -> int:
-    """How many frames with a quantity of a message were sent; of none (−1) none."""
+    """Return how many frames of a message that contain a quantity were sent; 0 for message −1."""
     if message < 0:
         return 0
     table, pages, told = bus.messages[message], 0, 0
@@ -130,10 +131,10 @@ def told_of(bus: BusConfig, transmission: Transmission, message: int, quantity: 
 
 @compilable
 def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything: bool) -> Frames:
-    """The messages that are due by `now_ns`, each once, or all with all their pages; good until the next call.
+    """Return the frames of the messages due by `now_ns`, or of `everything`: all messages with all pages.
 
-    A message of cycle T is due at every whole multiple of T, so on average the cycle is kept at any rate. One
-    of which no quantity is there is not sent.
+    The result is valid until the next call. A message of cycle T is due at every whole multiple of T, so that the
+    average cycle is kept at any tick rate. A message without any known quantity is not sent.
     """
     frames, values = transmission.frames, transmission.values
     count = 0
@@ -154,7 +155,7 @@ def transmit(bus: BusConfig, transmission: Transmission, now_ns: int, everything
 
 
 def message_of(bus: BusConfig, quantity: int) -> int:
-    """The first message that carries a quantity; −1: none does."""
+    """Return the first message that carries a quantity; −1: none does."""
     for number, message in enumerate(bus.messages):
         rows = bus.signals[message.first : message.first + message.count]
         if quantity in rows.quantity:

@@ -1,4 +1,4 @@
-"""Signals on the bus as they stand: of each its message's last frame, whoever sent it."""
+"""Current values of bus signals: each from the last frame of its message, whoever sent it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from liftgate_hil.codec.bus_config import tables_named
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.codec.receive import find_message, physical_of, selected
 from liftgate_hil.codec.tables import BusConfig
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.compiler import compilable
 
 if TYPE_CHECKING:
@@ -22,14 +22,12 @@ if TYPE_CHECKING:
 def watched(
     messages: Mapping[str, Message], names: Sequence[str], issues: ConfigIssues
 ) -> BusConfig:
-    """The tables of signals (`Message.Signal`) that the messages have; their places in `names` are those of their
-    values.
-    """
+    """Return the tables of existing signals (`Message.Signal`); their values are placed as in `names`."""
     return tables_named(messages, names, {}, issues, False)
 
 
 def signal_unit(messages: Mapping[str, Message], name: str) -> str | None:
-    """The unit of `Message.Signal`; None: there is no such signal."""
+    """Return the unit of `Message.Signal`, "" if it has none; None: there is no such signal."""
     message, _, signal = name.partition(".")
     if message not in messages:
         return None
@@ -46,8 +44,9 @@ def watch(
     data: NDArray[np.uint8],
     frame: int,
 ) -> None:
-    """Take what a frame (row of `data`) says of the watched signals, in the database's units, into `values` (n,).
-    A frame of another length than its message's says nothing.
+    """Write the watched signals in a frame (row of `data`), in the database's units, to `values` (n,).
+
+    A frame whose length differs from that of its message is ignored.
     """
     message = -1
     if identifier & (ERROR | REMOTE) == 0:

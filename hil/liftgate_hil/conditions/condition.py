@@ -1,4 +1,4 @@
-"""What a condition is made of: operations in postfix order, by their codes."""
+"""Conditions as operations in postfix order, by their codes."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from dataclasses import dataclass
 
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
-# Codes: what is put on the stack, what is made of its top, comparisons, what joins them.
+# Codes: operands, arithmetic, comparisons, logical operators.
 CONST, COLUMN, SIGNAL = 0, 1, 2
 ADD, SUB, MUL, DIV, NEG, ABS = 3, 4, 5, 6, 7, 8
 LT, LE, GT, GE, EQ, NE = 9, 10, 11, 12, 13, 14
 AND, OR, NOT = 15, 16, 17
 
-DEEPEST = 32  # parentheses in each other, and values that wait on the stack
+DEEPEST = 32  # nested parentheses, and values on the stack
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition, checked."""
+    """One validated condition."""
 
     text: str
     ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value
-    units: tuple[str, ...] = ()  # of its comparisons, in the order of the text
+    units: tuple[str, ...] = ()  # of its comparisons, in the order of its text
 
     def names(self, code: int) -> list[str]:
-        """The columns, or the signals, that it reads, each once."""
+        """Return the columns, or the signals, that it reads (by `code`), each once."""
         return list(dict.fromkeys(str(name) for each, name in self.ops if each == code))
 
     def beyond(self, drives: int) -> list[str]:
-        """What it reads that a gate with so many drives does not have, in words."""
+        """Return an issue for each column that it reads and that a gate with so many drives does not have."""
         return [
             f"{name}: this gate has one drive; allowed: the left one's"
             for name in self.names(COLUMN)
@@ -37,5 +37,5 @@ class Condition:
 
 
 def unit_of_column(name: str) -> str | None:
-    """The unit of a recording's column; None: there is none of that name."""
+    """Return the unit of a recording's column; None: there is no column of that name."""
     return COLUMNS[name].unit if name in COLUMNS else None

@@ -1,4 +1,4 @@
-"""Conditions as a table, and the one evaluator of it, in machine code."""
+"""Conditions as a table, and the one evaluator of such tables, in machine code."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from liftgate_hil.conditions.condition import (
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import compilable, outlined
 
-# Of a table alone: a column compared with a number, the comparison's code behind it, in one pass over the rows.
+# Used in tables only: compares a column with a number in one pass over the rows; the comparison's code is added.
 _COMPARED_COLUMN = 32
 
 OP = np.dtype([("code", "i8"), ("place", "i8"), ("value", "f8")])
@@ -47,15 +47,15 @@ class Conditions(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What an evaluation works in, and gives in its first rows, for n ticks."""
+    """Working memory of an evaluation of n ticks; the results are in its first rows."""
 
-    numbers: NDArray[np.float64]  # (DEEPEST, n): values, and margins; NaN: the tick does not count
+    numbers: NDArray[np.float64]  # (DEEPEST, n): values and margins; NaN: the tick does not count
     truths: NDArray[np.int8]  # (DEEPEST, n)
-    deciders: NDArray[np.int64]  # (DEEPEST, n): which comparison the margin is of
+    deciders: NDArray[np.int64]  # (DEEPEST, n): the comparison that the margin is of
 
 
 def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditions:
-    """The table of conditions; `signals` are those of the bus, in the order of the evaluator's columns."""
+    """Return the table of conditions; `signals` are the bus signals in the order of the evaluator's columns."""
     rows: list[tuple[int, int, float]] = []
     begins = [0]
     for condition in conditions:
@@ -74,7 +74,7 @@ def table_of(conditions: Sequence[Condition], signals: Sequence[str]) -> Conditi
 
 
 def _join_last(rows: list[tuple[int, int, float]]) -> None:
-    """Make one row of the last three where they are a column, a number and their comparison."""
+    """Merge the last three rows into one if they are a column, a number and their comparison."""
     if len(rows) < 3:
         return
     column, number, comparison = rows[-3:]
@@ -83,7 +83,7 @@ def _join_last(rows: list[tuple[int, int, float]]) -> None:
 
 
 def work_for(ticks: int) -> Work:
-    """Room to evaluate so many ticks at once."""
+    """Return working memory for evaluating `ticks` ticks at once."""
     return Work(
         np.zeros((DEEPEST, ticks)),
         np.zeros((DEEPEST, ticks), dtype=np.int8),
@@ -93,7 +93,7 @@ def work_for(ticks: int) -> Work:
 
 @compilable
 def calculated(code: int, a: float, b: float) -> float:
-    """An arithmetic operation; NaN where it has no finite result."""
+    """Return the result of an arithmetic operation; NaN for a division by 0."""
     if code == ADD:
         return a + b
     if code == SUB:
@@ -105,7 +105,7 @@ def calculated(code: int, a: float, b: float) -> float:
 
 @compilable
 def compared(code: int, a: float, b: float) -> tuple[bool, float]:
-    """A comparison's truth and margin; NaN where one side has no value."""
+    """Return a comparison's truth value and margin; a NaN margin if one side has no finite value."""
     if not (math.isfinite(a) and math.isfinite(b)):
         return False, np.nan
     if code == LT:
@@ -123,7 +123,7 @@ def compared(code: int, a: float, b: float) -> tuple[bool, float]:
 
 @compilable
 def join(code: int, work: Work, low: int, ticks: int) -> None:
-    """What `and` or `or` makes of two rows of the work, the second one above `low`."""
+    """Join the row `low` of the work and the one above it by `and` or `or`; the result goes to `low`."""
     numbers, truths, deciders = work
     high = low + 1
     for i in range(ticks):
@@ -152,7 +152,7 @@ def compare_column(
     top: int,
     ticks: int,
 ) -> None:
-    """A comparison of a column with a number, to a row of the work."""
+    """Compare a column with a number and write the result to the row `top` of the work."""
     numbers, truths, _ = work
     for i in range(ticks):
         truth, numbers[top, i] = compared(code, rows[i, column], number)
@@ -168,8 +168,9 @@ def evaluate(  # noqa: PLR0912
     ticks: int,
     work: Work,
 ) -> None:
-    """Evaluate a condition in so many ticks, from rows (n, ROW_WIDTH) of signals.COLUMNS and the bus's signals
-    (n, m): truths, margins and deciders to the first rows of `work`.
+    """Evaluate a condition in `ticks` ticks and write truths, margins and deciders to the first rows of `work`.
+
+    The operands are rows (n, ROW_WIDTH) of signals.COLUMNS and the bus signals (n, m).
     """
     numbers, truths, deciders = work
     top, comparison = -1, -1

@@ -1,7 +1,8 @@
-"""The text of a condition, read: recursive descent, with a check of units."""
+"""The parser of conditions: recursive descent, with a check of units."""
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -34,6 +35,8 @@ from liftgate_hil.conditions.condition import (
 from liftgate_hil.signals import COLUMNS, SENSED_PREFIX
 
 _LONGEST = 4000  # characters
+_KEPT = 4096  # parsed conditions that are cached
+_BUS_SIGNAL = re.compile(r"[^\W\d]\w*\.[^\W\d]\w*")
 _COMPARISONS = {"<": LT, "<=": LE, ">": GT, ">=": GE, "==": EQ, "!=": NE}
 _SUMS, _PRODUCTS = {"+": ADD, "-": SUB}, {"*": MUL, "/": DIV}
 _TOKEN = re.compile(
@@ -52,16 +55,28 @@ def parsed(
     parameters: Mapping[str, float],
     signal_unit: Callable[[str], str | None] = lambda name: "",
 ) -> Condition:
-    """The condition of a text. `signal_unit` gives the unit of a signal on the bus, "" where it is not known, None
-    where there is no such signal.
+    """Return the condition of a text.
 
-    Raises ValueError with what is wrong and what is allowed.
+    `signal_unit` returns the unit of a bus signal, "" where it is unknown, None where there is no such signal.
+
+    Raises ValueError, which says what is wrong and what is allowed.
     """
-    return _Parser(text, parameters, signal_unit).condition()
+    units = tuple((name, signal_unit(name)) for name in dict.fromkeys(_BUS_SIGNAL.findall(text)))
+    return _parsed(text, tuple(parameters.items()), units)
+
+
+@functools.lru_cache(_KEPT)
+def _parsed(
+    text: str,
+    parameters: tuple[tuple[str, float], ...],
+    units: tuple[tuple[str, str | None], ...],
+) -> Condition:
+    """Return the condition of a text, parsed only once; `units` are those of the signals that it may refer to."""
+    return _Parser(text, dict(parameters), dict(units).get).condition()
 
 
 class _Part(NamedTuple):
-    """A part of the text on its way to the table: is it a truth, and a number's unit (None: a plain number)."""
+    """A parsed part of the text: whether it is a truth value, and a number's unit (None: a plain number)."""
 
     is_truth: bool
     unit: str | None = None
@@ -69,12 +84,12 @@ class _Part(NamedTuple):
 
 @dataclass
 class _Parser:
-    """Recursive descent, one method a level of precedence; each adds its operations behind those of its parts."""
+    """Recursive-descent parser, one method per level of precedence; operations follow those of their operands."""
 
     text: str
     parameters: Mapping[str, float]
     signal_unit: Callable[[str], str | None]
-    tokens: list[tuple[str, str, int]] = field(default_factory=list)  # kind, text, where
+    tokens: list[tuple[str, str, int]] = field(default_factory=list)  # kind, text, position
     next: int = 0
     ops: list[tuple[int, str | float]] = field(default_factory=list)
     units: list[str] = field(default_factory=list)
@@ -116,7 +131,7 @@ class _Parser:
         return self.tokens[self.next]
 
     def _is(self, said: str) -> bool:
-        """Whether that sign comes next; then it is taken."""
+        """Whether this sign comes next; if so, skip it."""
         if self._here()[:2] != ("sign", said):
             return False
         self.next += 1
@@ -196,7 +211,7 @@ class _Parser:
             raise ValueError(f"at character {place}: a comparison where a number is meant")
 
     def _same_unit(self, a: str | None, b: str | None, said: str, place: int) -> str | None:
-        """The unit of a sum or a comparison; plain numbers, and what has no unit, go with any."""
+        """Return the unit of a sum or a comparison; plain numbers and values without a unit fit any unit."""
         if a and b and a != b:
             raise ValueError(
                 f"{said} at character {place} takes {a} and {b} together; allowed: the same unit on both sides"
@@ -307,7 +322,7 @@ def _product_unit(a: str | None, b: str | None, said: str) -> str | None:
 
 
 def _unknown(said: str) -> str:
-    """What is wrong with a name, and the nearest that there are."""
+    """Return what is wrong with a name, with the nearest known ones."""
     from difflib import get_close_matches
 
     if "." in said and not said.startswith("sensed."):

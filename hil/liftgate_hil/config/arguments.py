@@ -1,4 +1,7 @@
-"""Arguments of the API: each is what it should be, or a ConfigError says what is allowed. For files see `toml`."""
+"""Validate arguments of the API: each function returns the value, or raises ConfigError with what is allowed.
+
+`toml` does the same for files.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,15 @@ _SIZE = re.compile(r"(\d+(?:\.\d+)?) ?((?:[KMGT]?B)?)", re.IGNORECASE | re.ASCII
 
 
 def number_of(name: str, value: object, low: float, high: float, unit: str) -> float:
-    """A number within [low, high]. Raises ConfigError."""
+    """Return a number within [low, high]. Raises ConfigError."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:  # type: ignore[operator]  # Real knows no floats
+    if not is_number or not low <= value <= high:  # type: ignore[operator]  # Real does not compare with float
         raise ConfigError(f"`{name}` {show(value)}: allowed: {low:g} to {high:g} {unit}".rstrip())
     return float(value)  # type: ignore[arg-type]
 
 
 def time_of(name: str, value: object) -> float:
-    """A time [s] above 0. Raises ConfigError."""
+    """Return a time [s] above 0, up to 1e9. Raises ConfigError."""
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0.0 < value <= 1e9:  # type: ignore[operator]
         raise ConfigError(f"`{name}` {show(value)}: allowed: above 0, up to 1e+09 s")
@@ -32,14 +35,14 @@ def time_of(name: str, value: object) -> float:
 
 
 def whole_of(name: str, value: object, least: int) -> int:
-    """A whole number of at least so much. Raises ConfigError."""
+    """Return a whole number of at least `least`. Raises ConfigError."""
     if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
         raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number from {least:,} on")
     return int(value)
 
 
 def size_of(name: str, value: object) -> int | None:
-    """Bytes, as a number or as a text with a unit ("500MB"), or None. Raises ConfigError."""
+    """Return a size in bytes from a number or a text with a unit ("500MB"); None for None. Raises ConfigError."""
     match = _SIZE.fullmatch(value) if isinstance(value, str) else None
     if match:
         return round(float(match[1]) * _UNITS[match[2].upper()])
@@ -49,14 +52,14 @@ def size_of(name: str, value: object) -> int | None:
 
 
 def seed_of(value: object, name: str = "seed") -> int:
-    """A seed. Raises ConfigError."""
+    """Return a seed, 0 to 2^32 - 1. Raises ConfigError."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < _SEEDS:
         raise ConfigError(f"`{name}` {show(value)}: allowed: a whole number of 0 to {_SEEDS - 1}")
     return int(value)
 
 
 def paths_of(name: str, values: object) -> tuple[str, ...]:
-    """A path, or a list of them. Raises ConfigError."""
+    """Return a path or a list of paths as a tuple of texts. Raises ConfigError."""
     if isinstance(values, str | Path):
         return (str(values),)
     if not isinstance(values, Sequence) or not all(isinstance(each, str | Path) for each in values):
@@ -65,7 +68,7 @@ def paths_of(name: str, values: object) -> tuple[str, ...]:
 
 
 def numbers_of(name: str, values: object) -> dict[str, float]:
-    """Numbers by their names, or None: none. Raises ConfigError."""
+    """Return numbers by their names as a dict, empty for None. Raises ConfigError."""
     if values is None:
         return {}
     if not isinstance(values, Mapping) or not all(isinstance(each, str) for each in values):
@@ -74,14 +77,17 @@ def numbers_of(name: str, values: object) -> dict[str, float]:
 
 
 def text_or_none(name: str, value: object) -> str | None:
-    """A text, or None. Raises ConfigError."""
+    """Return a text or None. Raises ConfigError."""
     if value is not None and not isinstance(value, str):
         raise ConfigError(f"`{name}` {show(value)}: allowed: a text")
     return value
 
 
 def texts_of(name: str, values: object) -> tuple[str, ...]:
-    """A list of texts, not one text alone: that would be its letters. Raises ConfigError."""
+    """Return a list of texts as a tuple. Raises ConfigError.
+
+    A single text is refused, as it would be split into letters.
+    """
     is_list = isinstance(values, Sequence) and not isinstance(values, str)
     if not is_list or not all(isinstance(each, str) for each in values):  # type: ignore[attr-defined]
         raise ConfigError(f"`{name}` {show(values)}: allowed: a list of texts")

@@ -1,4 +1,4 @@
-"""Faults on the bus, as a rig makes them of what a scenario says: which frames are meant."""
+"""Faults on the bus: a fault of a scenario, resolved with a rig into the frames that it affects."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.fault_kinds import BUS, FAULT_KINDS, MESSAGE
 from liftgate_hil.config.toml import show
-from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.stimuli.bus_faults import DIRECTIONS, EVERY, KINDS, RECEIVED, SENT, BusFault
+from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.stimuli.bus_fault_tables import DIRECTIONS, EVERY, KINDS, RECEIVED, SENT, BusFault
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
-    from liftgate_hil.config.scenario import Fault
+    from liftgate_hil.config.scenario_tables import Fault
 
 _STANDARD = 0x7FF  # the largest identifier of 11 bits
 
-# What a message must have so that it can be wrong.
+# The protection signal that a message needs for these kinds of faults.
 _NEEDED = {"wrong_counter": "counter", "wrong_checksum": "checksum"}
 
 
 def bus_faults_in(
     fault: Fault, rig: Rig | None, restbus: Collection[str], issues: ConfigIssues
 ) -> tuple[BusFault, ...]:
-    """What a fault does on a bus where these messages of the restbus are sent, too; nothing, where it is none of
-    those kinds.
+    """Return what a fault does on the bus; empty if its kind affects neither a message nor the bus.
+
+    `restbus` are the messages of the restbus, which are sent too. Without a rig an issue is noted.
     """
     if FAULT_KINDS[fault.kind].of not in (MESSAGE, BUS):
         return ()
@@ -53,7 +54,7 @@ def bus_faults_in(
 def _identifier(
     fault: Fault, rig: Rig, restbus: Collection[str], direction: int, issues: ConfigIssues
 ) -> int:
-    """Which frames are meant, or which are sent."""
+    """Return the identifier of the frames that are affected (EVERY: all), or that a babbling node sends."""
     if fault.kind == "babbling":
         identifier = int(fault.values["id"] or 0)
         return identifier | (EXTENDED if identifier > _STANDARD else 0)
@@ -77,6 +78,6 @@ def _identifier(
 
 
 def _of(rig: Rig, message: str, what: str) -> str | None:
-    """The signal that is a message's counter or checksum."""
+    """Return the signal that is a message's counter or checksum, as `what` says; None if there is none."""
     found: str | None = getattr(rig.options.get(message, MessageOptions()), what)
     return found

@@ -1,4 +1,4 @@
-"""The database that a rig names: DBC, ARXML, KCD or SYM, as cantools reads them."""
+"""Find and load the database that a rig names: DBC, ARXML, KCD or SYM, read by cantools."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING
 from liftgate_hil.config.files import is_there, read_bytes
 from liftgate_hil.config.shipped import data_root
 from liftgate_hil.config.toml import show, text
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-# Suffix: the encoding of a file that is not UTF-8.
+# File suffix: encoding of files that are not UTF-8.
 KINDS = {".dbc": "cp1252", ".arxml": "utf-8", ".kcd": "utf-8", ".sym": "cp1252"}
-# What is named by mistake, and what it is.
+# Suffixes that are named by mistake, and what such a file is.
 _OTHERS = {
     ".cdd": "a diagnostic database",
     ".odx": "a diagnostic database",
@@ -41,7 +40,7 @@ _MARKS = {
 
 
 def find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | None:
-    """The file of a rig's key `dbc`: beside the rig, or a shipped one."""
+    """Return the file of a rig's key `dbc`, beside the rig or shipped; None and an issue if there is none."""
     name = text(issues, "dbc", value)
     if not name:
         return None
@@ -52,7 +51,7 @@ def find_database(issues: ConfigIssues, value: object, folder: Path) -> Path | N
     return None
 
 
-# Where a format says where signals begin and how long they and their messages are [bits, bytes].
+# Where each format states start and length of signals [bits] and length of messages [bytes].
 _PLACES = {
     ".dbc": r"^[ \t]*SG_[ \t][^:\n]*:[ \t]*(\d+)[ \t]*\|[ \t]*(\d+)"
     r"|^[ \t]*BO_[ \t][^:\n]*:[ \t]*(\d+)",
@@ -61,11 +60,14 @@ _PLACES = {
     r"|^[ \t]*(?:Sig[ \t]*=[^\n]*?[ \t]|(?:DLC|Len)[ \t]*=[ \t]*)(\d+)",
     ".arxml": r"<(?:[\w-]+:)?START-POSITION>\s*(\d+)",
 }
-_MOST_BITS = 32_768  # the longest messages are those of ISO-TP's first edition, 4095 bytes
+_MOST_BITS = 32_768  # the longest messages have 4095 bytes (first edition of ISO-TP)
 
 
 def _out_of_place(written: str, kind: str) -> str:
-    """Where a number of bits is that no message has; "": there is none. cantools takes time with its square."""
+    """Return the first place or length beyond _MOST_BITS; "" if there is none.
+
+    The time that cantools takes grows with the square of such a number.
+    """
     for found in re.finditer(_PLACES[kind], written, re.MULTILINE):
         numbers = [each for each in found.groups() if each]
         if any(len(each) > 9 or int(each) > _MOST_BITS for each in numbers):
@@ -74,8 +76,8 @@ def _out_of_place(written: str, kind: str) -> str:
 
 
 def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
-    """Its messages by name; what is wrong with it is noted under `dbc`."""
-    from liftgate_hil.python_can import cantools
+    """Return the messages of a database by name; its issues are noted under `dbc`."""
+    from liftgate_hil.config.can_libraries import cantools
 
     kind = path.suffix.lower()
     try:
@@ -86,7 +88,7 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
     except ConfigError as error:
         issues.add("dbc", str(error))
         return {}
-    # cantools only logs what makes a database ambiguous; here that is a fault.
+    # cantools only logs what makes a database ambiguous; here it is an issue.
     handler = _Collector()
     logger = logging.getLogger("cantools")
     logger.addHandler(handler)
@@ -95,7 +97,7 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
         if wrong := _out_of_place(written, kind):
             raise ValueError(f"{wrong}: allowed: up to {_MOST_BITS} bits")
         database = cantools.database.load_string(written, kind[1:])
-    except Exception as error:  # cantools passes on what its parsers raise, of any kind
+    except Exception as error:  # cantools passes on exceptions of any kind from its parsers
         said = " ".join(str(error).split())[:200] or type(error).__name__
         issues.add("dbc", f"{path}: cannot be read: {said}")
         return {}
@@ -114,7 +116,10 @@ def load_messages(issues: ConfigIssues, path: Path) -> dict[str, Message]:
 
 
 def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]) -> None:
-    """Factors, offsets, ranges and what labels are of may have any number of digits there; a float holds 308."""
+    """Note factors, offsets, limits and label values that are too large for a float.
+
+    In a database they may have any number of digits; a float holds 308.
+    """
     for message in messages:
         for signal in message.signals:
             for what, value in (
@@ -124,7 +129,7 @@ def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]
                 ("maximum", signal.maximum),
                 *(("a label of", raw) for raw in signal.choices or ()),
             ):
-                # An infinite limit is none.
+                # An infinite minimum or maximum means no limit.
                 is_limit = (
                     what.endswith("imum") and isinstance(value, float) and not math.isnan(value)
                 )
@@ -137,7 +142,10 @@ def _check_numbers(issues: ConfigIssues, path: Path, messages: Iterable[Message]
 
 
 def _encoding(raw: bytes, kind: str) -> str:
-    """UTF-8 where it is: in cp1252 hardly any text with letters beyond ASCII looks like it."""
+    """Return the encoding: that of a byte order mark, else UTF-8 if it is valid, else that of the format.
+
+    Hardly any cp1252 text with letters beyond ASCII is valid UTF-8.
+    """
     for mark, encoding in _MARKS.items():
         if raw.startswith(mark):
             return encoding
@@ -149,7 +157,7 @@ def _encoding(raw: bytes, kind: str) -> str:
 
 
 class _Collector(logging.Handler):
-    """Keeps what is logged."""
+    """Logging handler that keeps all records."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""The table [diagnostics] of a rig file: how the bench's tester asks the ECU under test for its trouble codes."""
+"""The table [diagnostics] of a rig file: how the bench's tester reads the trouble codes of the ECU under test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.config.schema import Flag, Key, Number, Whole, read_table
 from liftgate_hil.config.toml import Table, show, table
 from liftgate_hil.diagnostics.tester import STATUS_MASK, Diagnostics
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -19,14 +19,14 @@ _LAST_BASE, _LAST = 0x7FF, 0x1FFFFFFF
 
 
 class _Identifier:
-    """Who is meant on the bus."""
+    """A message of the database, or an identifier."""
 
     allowed = (
         f"a message of the database, or an identifier, 0 to {_LAST}, above 0x7FF an extended one"
     )
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str | int:
-        """See Kind."""
+        """Return the name or the identifier; -1 and an issue if it is neither."""
         is_number = isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _LAST
         if not is_number and not isinstance(value, str):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
@@ -36,12 +36,12 @@ class _Identifier:
 
 
 class _Padding:
-    """What fills frames up."""
+    """The byte that pads frames, or none."""
 
     allowed = 'a byte, 0 to 255, or "none": frames are as long as what is in them'
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
-        """See Kind."""
+        """Return the padding byte, -1 for none; 0 and an issue if it is invalid."""
         if value == "none":
             return -1
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= 255:
@@ -66,8 +66,9 @@ KEYS = (
 def diagnostics_of(
     issues: ConfigIssues, raw: Table, messages: Mapping[str, Message], mapped: Mapping[int, str]
 ) -> Diagnostics | None:
-    """The table of a rig; None: it has none. `mapped` are the messages with quantities, by their identifiers:
-    diagnostics need others. Faults are noted.
+    """Return the diagnostics of a rig; None if it has no such table. Issues are noted.
+
+    `mapped` are the messages with quantities by their identifiers; diagnostics need other identifiers.
     """
     if "diagnostics" not in raw:
         return None
@@ -105,7 +106,7 @@ def diagnostics_of(
 def _identifier(
     issues: ConfigIssues, key: str, value: str | int | None, messages: Mapping[str, Message]
 ) -> int:
-    """With SocketCAN's flag where it is extended; -1: that is not known."""
+    """Return an identifier with SocketCAN's flag if it is extended; -1 if it is not known."""
     if isinstance(value, int):
         return value | (EXTENDED if value > _LAST_BASE else 0)
     if value is None:

@@ -1,4 +1,4 @@
-"""The sections [requests] and [reset] of a rig file: how an ECU on a bus is asked, and how it is started anew."""
+"""The sections [requests] and [reset] of a rig file: how an ECU on a bus gets requests, and how it is reset."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.config.schema import Choice, Key, Label, Number, Text, Texts, 
 from liftgate_hil.config.toml import Table, known_keys, table
 from liftgate_hil.diagnostics.services import RESETS
 from liftgate_hil.diagnostics.tester import Diagnostics
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.requests import BUTTONS
 from liftgate_hil.stimuli.restbus import BusTables, start_value
 
@@ -41,17 +41,17 @@ RESET = (
 
 @dataclass(frozen=True)
 class Reset:
-    """How the ECU is started anew."""
+    """How the ECU is reset."""
 
     press: Press | None = None
     uds: str = ""  # ECUReset's sub-function, one of services.RESETS
     command: tuple[str, ...] = ()
     ready: str = ""
-    timeout: float = 30.0  # s
+    timeout: float = 30.0  # s, for ECUReset, command and condition each
 
     @property
     def way(self) -> str:
-        """How while a scenario goes on, which is one way only: "signal", "uds" or "command"."""
+        """The one way of resetting the ECU while a scenario runs: "signal", "uds" or "command"."""
         if self.press is not None:
             return "signal"
         return "uds" if self.uds else "command"
@@ -59,7 +59,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class Driver:
-    """What a rig says of both; without a reset the ECU is left as it is."""
+    """Buttons and reset of a rig; without a reset the ECU is left as it is."""
 
     buttons: Mapping[str, Press]
     reset: Reset | None = None
@@ -75,7 +75,7 @@ def driver_of(
     diagnostics: Diagnostics | None,
     issues: ConfigIssues,
 ) -> Driver:
-    """The sections, of a rig with these diagnostics; what is wrong with them is noted."""
+    """Return the buttons and the reset of a rig with these diagnostics; issues are noted."""
     given = table(issues, "requests", raw.get("requests", {}))
     known_keys(issues, "requests", given, BUTTONS)
     buttons = {}

@@ -1,4 +1,4 @@
-"""The `values` of a mapped enumeration, against what its signal can say."""
+"""Check the `values` of a mapped enumeration against what its signal can hold."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.codec.bus_config import SignalMapping, physical_range
 from liftgate_hil.config.toml import show
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS
 from liftgate_plant.signals import Signal
 
@@ -24,7 +24,7 @@ def check_values(
     theirs: DatabaseSignal,
     ours: Signal,
 ) -> None:
-    """Every value is one of ours, the signal `name` can hold what stands for it, and no two are the same."""
+    """Check that every value is one of `ours`, that the signal `name` can hold it, and that no two are equal."""
     taken: dict[float, str] = {}
     for label, value in values.items():
         if label not in ours.values:
@@ -53,14 +53,14 @@ def check_values(
 def check_complete(
     issues: ConfigIssues, key: str, values: Mapping[str, float | str], ours: Signal
 ) -> None:
-    """All that we send has a value; what we receive may be sent by somebody who has fewer."""
+    """Check that an output has all values; an input may come from a sender that has fewer."""
     missing = [label for label in ours.values if label not in values]
     if missing:
         issues.add(key, f"{', '.join(missing)} missing; allowed: all that is sent has a value")
 
 
 def missing_values(mapping: SignalMapping) -> list[str]:
-    """The values of an input that its signal has none for."""
+    """Return the labels of an input for which its signal has no value."""
     ours = BUS_INPUTS[mapping.quantity]
     return (
         []
@@ -72,7 +72,7 @@ def missing_values(mapping: SignalMapping) -> list[str]:
 def _physical(
     issues: ConfigIssues, key: str, label: str, value: float | str, theirs: DatabaseSignal
 ) -> float:
-    """A label's or a number's physical value; NaN where there is none."""
+    """Return the physical value of a label or a number; NaN if there is none."""
     if not isinstance(value, str):
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return float(value) if is_number and abs(value) <= 1e15 else math.nan
@@ -87,7 +87,7 @@ def _physical(
 
 
 def _holds(theirs: DatabaseSignal, physical: float) -> bool:
-    """Whether a frame can carry exactly this."""
+    """Whether a frame can carry exactly this physical value."""
     low, high = physical_range(theirs)
     factor = float(theirs.scale)
     if factor == 0.0 or theirs.is_float:

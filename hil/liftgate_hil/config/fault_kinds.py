@@ -9,20 +9,20 @@ from typing import Any
 
 from liftgate_hil.config.schema import Choice, Key, Kind, Level, Number, Text, Whole
 from liftgate_hil.signals import DIRECTIONS
-from liftgate_hil.stimuli import bus_faults
+from liftgate_hil.stimuli import bus_fault_tables
 from liftgate_hil.stimuli.faults import ADD, SCALE, SET, Edit
 
 SIDES = ("left", "right")
 WHERE = (*SIDES, "both")
 
-# What a kind is a fault of.
+# What a kind of fault affects.
 DRIVE, GATE, MESSAGE, BUS = "a drive", "the gate", "a message", "the bus"
 
-# A drive that is disconnected is one whose clutch slips at once, so that it takes hold again wherever it is.
+# A disconnected drive is one whose clutch slips at once, so that it can engage again in any position.
 _NO_FORCE = 1e-9  # N
-_JAMMED = 1e6  # N m of dry friction: no motor turns it
+_JAMMED = 1e6  # N m of dry friction, which no motor overcomes
 
-# That there is something to look at at all.
+# Flags without which the plant skips broken lines and faults of its inputs.
 _BROKEN, _TOLD = Edit("plant.lines_broken", SET, 1.0), Edit("faults.inputs", SET, 1.0)
 
 Values = Mapping[str, Any]
@@ -30,7 +30,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One kind: what it means, its own keys, and its edits of one drive (`side`), or of the gate ("")."""
+    """A kind of fault: its meaning, its own keys, and its edits of one drive (`side`) or of the gate ("")."""
 
     name: str
     meaning: str
@@ -40,7 +40,7 @@ class FaultKind:
 
     @property
     def has_place(self) -> bool:
-        """Whether it has a `where`: a drive, or a message."""
+        """Whether the kind has a `where`: a drive or a message."""
         return self.of in (DRIVE, MESSAGE)
 
 
@@ -71,7 +71,7 @@ def _current(field: str, how: int, key: str = "") -> Callable[[Values, str], Seq
 
 
 def _gain(values: Values, side: str) -> Sequence[Edit]:
-    """A gain also of the offsets before it: several change the reading one after the other."""
+    """Return the edits of a gain, which also scales the offsets before it: faults act on the reading in turn."""
     offset = Edit(f"faults.{side}.current.offset", SCALE, float(values["factor"]))
     return [*_current("gain", SCALE, "factor")(values, side), offset]
 
@@ -115,7 +115,9 @@ def _key(name: str, kind: Kind, meaning: str) -> tuple[Key, ...]:
     return (Key(name, kind, meaning),)
 
 
-_DIRECTION = _key("direction", Choice(list(bus_faults.DIRECTIONS)), "by the gate, or from others")
+_DIRECTION = _key(
+    "direction", Choice(list(bus_fault_tables.DIRECTIONS)), "by the gate, or from others"
+)
 _LEVEL = _key("value", Level(), "the level that it stays at")
 _KINDS = (
     FaultKind("supply_open", "nothing can be drawn from or fed into the supply; braking still works",

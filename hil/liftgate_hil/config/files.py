@@ -1,4 +1,4 @@
-"""Files that a user names: what is wrong with one that cannot be read."""
+"""Read and write files that a user names, and report what is wrong with them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,19 @@ _KINDS = (
 
 
 def issue_with(path: Path) -> str:
-    """Why this is no file to read, as a message's end; "" where it is one. Opens nothing: a pipe would wait."""
+    """Return why a path is no readable file, as the end of a message; "" if it is one.
+
+    Opens nothing, as opening a pipe would block.
+    """
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
         return "a link to no file; allowed: a file" if path.is_symlink() else "no such file"
-    except OSError as error:  # no permission on the way, a loop of links, a name too long
+    except (
+        OSError
+    ) as error:  # e.g. no permission for a folder above it, a loop of links, a name too long
         return f"cannot be read: {error.strerror}"
-    except ValueError:  # a null character, or what no file's name can hold
+    except ValueError:  # a null character, or others that no file name can hold
         return "no such file"
     kind = next((said for is_kind, said in _KINDS if is_kind(mode)), "")
     if kind:
@@ -34,19 +39,19 @@ def issue_with(path: Path) -> str:
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is anything of that name, even what cannot be read."""
+    """Whether anything of that name exists, even if it cannot be read."""
     return issue_with(path) != "no such file"
 
 
 def check_file(path: Path, called: str = "") -> None:
-    """Raise ConfigError where this is no file to read; `called` is what messages call it, else its name."""
+    """Raise ConfigError if a path is no readable file; `called` is its name in messages, else the path is."""
     issue = issue_with(path)
     if issue:
         raise ConfigError(f"{called or path}: {issue}")
 
 
 def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
-    """A file's content, of up to `most` bytes; `called` see `check_file`. Raises ConfigError."""
+    """Return a file's content of up to `most` bytes; `called` as in `check_file`. Raises ConfigError."""
     check_file(path, called)
     try:
         size = path.stat().st_size
@@ -58,7 +63,7 @@ def read_bytes(path: Path, most: int | None = None, called: str = "") -> bytes:
 
 
 def write_text(path: Path, text: str) -> None:
-    """A new file. Raises ConfigError."""
+    """Write a new file. Raises ConfigError, also if it exists."""
     try:
         with path.open("x", encoding="utf-8") as stream:
             stream.write(text)

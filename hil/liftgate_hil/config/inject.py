@@ -1,8 +1,8 @@
-"""The section [inject] of a rig file: the test bench's messages that break something, ask the ECU for something or
-set a signal while the emulator runs, so that a panel can.
+"""The section [inject] of a rig file: messages of the test bench that act while the emulator runs.
 
-What a message's labels say is what counts: kinds of faults and requests by their names, places by a drive, a
-message or a key of the vehicle file, signals as `Message.Signal`. So another place is a line of the database.
+They inject faults, send requests to the ECU or set a signal, so that a panel can do so. The labels of a message
+decide: kinds of faults and requests go by their names, places by a drive, a message or a key of the vehicle file,
+signals by `Message.Signal`. So another place is one more line of the database.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from liftgate_hil.config.restbus import check_signal
 from liftgate_hil.config.schema import Key, Text, read_table
 from liftgate_hil.config.signal_name import find_signal
 from liftgate_hil.config.toml import Table, known_keys, show, table
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.requests import REQUESTS
 from liftgate_hil.stimuli.restbus import BusTables
 
 if TYPE_CHECKING:
     from cantools.database.can import Signal as DatabaseSignal
 
-NOTHING = "none"  # the label that says so
+NOTHING = "none"  # the label that selects nothing
 _SIGNAL = Text("MESSAGE.SIGNAL")
 
 FAULT, BABBLING, REQUEST, SIGNAL = "fault", "babbling", "request", "signal"
@@ -57,19 +57,19 @@ ORDERS: Mapping[str, tuple[Key, ...]] = {
 
 @dataclass(frozen=True)
 class OrderMessage:
-    """A message that gives an order where it holds all of these signals."""
+    """A message that gives an order if it holds all of these signals."""
 
-    what: str  # of ORDERS
+    what: str  # key of ORDERS
     message: str
-    identifier: int  # with SocketCAN's flag where it is extended
-    signals: Mapping[str, str]  # a key of ORDERS → the signal's name
+    identifier: int  # with SocketCAN's flag if it is extended
+    signals: Mapping[str, str]  # name of a Key in ORDERS: name of the signal
     labels: tuple[str, ...] = ()  # what can be ordered: kinds, actions, names of signals
 
 
 def orders_of(
     raw: Table, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> tuple[OrderMessage, ...]:
-    """The section; what is wrong with it is noted. `taken` are the messages that gate or ECU send."""
+    """Return the messages of the section; issues are noted. `taken` are the messages that gate or ECU send."""
     given = table(issues, "inject", raw.get("inject", {}))
     known_keys(issues, "inject", given, ORDERS)
     found = [_order(what, given[what], tables, taken, issues) for what in ORDERS if what in given]
@@ -117,9 +117,9 @@ def _labels(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> tuple[str, ...]:
-    """The labels that an order goes by; what is wrong with them is noted."""
+    """Return the labels that select what is ordered; issues are noted."""
     name, known = {
-        FAULT: ("kind", []),  # see rig_fit
+        FAULT: ("kind", []),  # checked in rig_fit
         REQUEST: ("action", list(REQUESTS)),
         SIGNAL: ("name", []),
     }.get(what, ("direction", ["sent", "received"]))

@@ -1,4 +1,4 @@
-"""The tables [messages.*] of a rig file: cycle, time-out, and how a message is protected."""
+"""The tables [messages.*] of a rig file: cycle, timeout and protection of messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from liftgate_hil.codec.e2e.profile_1 import DATA_ID_MODES
 from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.config.protection_tables import checksum_table, counter_table
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -29,7 +29,7 @@ _E2E = (
 def message_options(
     issues: ConfigIssues, raw: Table, messages: Mapping[str, Message]
 ) -> dict[str, MessageOptions]:
-    """What the tables [messages.*] say; faults are noted."""
+    """Return the options of messages from the tables [messages.*]; issues are noted."""
     section = table(issues, "messages", raw.get("messages", {}))
     known_keys(issues, "messages", section, messages)
     result = {}
@@ -51,7 +51,7 @@ def message_options(
 
 
 def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) -> dict[str, Any]:
-    """The fields of MessageOptions that say how a message is protected."""
+    """Return the fields of MessageOptions that say how a message is protected."""
     signals = [each.name for each in message.signals]
     counting, own = Counting(), None
     counter, checksum = given.get("counter"), given.get("checksum")
@@ -89,7 +89,7 @@ def _protection(issues: ConfigIssues, key: str, given: Table, message: Message) 
 def _end_to_end(
     issues: ConfigIssues, key: str, given: Table, signals: list[str]
 ) -> EndToEnd | None:
-    """The E2E profile of a message, if it has one."""
+    """Return the E2E profile of a message; None if it has none."""
     choice = text(
         issues, f"{key}.protection", given.get("protection", "simple"), ("simple", *PROFILES)
     )
@@ -136,7 +136,7 @@ def _end_to_end(
 
 
 def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tuple[int, ...]:
-    """The data ID, or profile 2's list."""
+    """Return the data ID, or the list of profile 2."""
     wanted, other = (
         ("data_id_list", "data_id") if profile == "e2e-p02" else ("data_id", "data_id_list")
     )
@@ -154,7 +154,7 @@ def _data_ids(issues: ConfigIssues, key: str, given: Table, profile: str) -> tup
 
 
 def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -> int:
-    """A whole number."""
+    """Return a whole number within [low, high]; `low` and an issue if it is invalid."""
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         issues.add(key, f"{show(value)}; allowed: a whole number of {low} to {high}")
         return low
@@ -162,7 +162,7 @@ def _whole(issues: ConfigIssues, key: str, value: object, low: int, high: int) -
 
 
 def _number(issues: ConfigIssues, key: str, value: object, low: float, high: float) -> float | None:
-    """A number that may be left out; a fault of it is told once."""
+    """Return a number that may be left out; None if it is invalid, which is reported once."""
     if value is None:
         return None
     unit = "ms" if key.endswith("_ms") else ""
@@ -178,5 +178,5 @@ def _own_signal(issues: ConfigIssues, key: str, value: object, signals: list[str
         return None
     found = text(issues, key, value, signals)
     if not found:
-        issues.settle(key)  # what uses it is not told that it is missing
+        issues.settle(key)  # so that it is not also reported as missing
     return found or None

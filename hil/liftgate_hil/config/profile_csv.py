@@ -1,4 +1,4 @@
-"""A profile's points from a CSV file: the columns `time_s` and the quantity's, among any others."""
+"""Read the points of a profile from a CSV file: the columns `time_s` and the quantity's, among any others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_BYTES = 100_000_000
 
 
 def read_points(path: Path, quantity: str) -> list[list[float]]:
-    """Points [time, value]. Raises ConfigError."""
+    """Return the points [time, value]. Raises ConfigError."""
     try:
         lines = read_bytes(path, _MOST_BYTES).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:

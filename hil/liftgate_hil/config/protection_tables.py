@@ -1,4 +1,4 @@
-"""The tables `checksum = {…}` and `counter = {…}` of a message in a rig file: a maker's own protection."""
+"""The tables `checksum = {…}` and `counter = {…}` of a message in a rig file: a manufacturer's own protection."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from liftgate_hil.codec.rocksoft import MOST_DATA_IDS, PARTS, Covered, Rocksoft
 from liftgate_hil.codec.tables import MOST_COVERED
 from liftgate_hil.config.schema import Flag, Key, Raw, Text, Whole, read_table
 from liftgate_hil.config.toml import Table, show
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -30,7 +30,7 @@ _DATA_ID = f"0 to 0x{_LARGEST_ID:X}, or a list of 2 to {MOST_DATA_IDS} of these"
 
 @dataclass(frozen=True)
 class _Bits:
-    """A number of as many bits as the checksum has, or fewer."""
+    """A number of at most as many bits as the signal has."""
 
     low: int = 0
 
@@ -40,7 +40,7 @@ class _Bits:
         return f"a whole number of {self.low} to 2^width - 1"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int | None:
-        """The number; None, and an issue, where it is none. Its width is checked once that is known."""
+        """Return the number; None and an issue if it is invalid. Its bits are checked once the width is known."""
         if isinstance(value, bool) or not isinstance(value, int) or value < self.low:
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return None
@@ -74,7 +74,7 @@ COUNTER = (
 def counter_table(
     issues: ConfigIssues, key: str, given: Table, message: Message
 ) -> tuple[str | None, Counting]:
-    """The signal of a counter, and how it counts; what is wrong is noted under `key` and keys below it."""
+    """Return the signal of a counter, and how it counts; issues are noted under `key` and keys below it."""
     before = issues.count
     values = read_table(issues, key, given, COUNTER)
     name, bits = _signal(issues, key, values["signal"], message)
@@ -104,8 +104,9 @@ def counter_table(
 def checksum_table(
     issues: ConfigIssues, key: str, given: Table, message: Message, counter: str | None
 ) -> tuple[str | None, Rocksoft | None]:
-    """The signal of a checksum, and its parameters; `counter` is the message's. What is wrong is noted under `key`
-    and keys below it.
+    """Return the signal of a checksum, and its parameters; issues are noted under `key` and keys below it.
+
+    `counter` is the counter signal of the message.
     """
     before = issues.count
     values = read_table(issues, key, given, CHECKSUM)
@@ -148,9 +149,9 @@ def checksum_table(
 
 
 def _signal(issues: ConfigIssues, key: str, name: Any, message: Message) -> tuple[str | None, int]:
-    """A signal of the message by its name, and its bits."""
+    """Return the name of a signal of the message and its length [bits]; None and 0 if there is none."""
     signals = {each.name: each.length for each in message.signals}
-    if name is None or name in signals:  # a missing one is told by now
+    if name is None or name in signals:  # a missing one is already reported
         return name, signals.get(name, 0)
     if name:
         issues.add(f"{key}.signal", f"{show(name)}; allowed: one of {', '.join(signals)}")
@@ -158,7 +159,7 @@ def _signal(issues: ConfigIssues, key: str, name: Any, message: Message) -> tupl
 
 
 def _data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -> tuple[int, ...]:
-    """The data ID, or the list of them; none where there is none."""
+    """Return the data ID or the list of data IDs as a tuple, empty if there is none."""
     if value is None:
         return ()
     given: Sequence[Any] = value if isinstance(value, list) else [value]
@@ -178,7 +179,7 @@ def _data_ids(issues: ConfigIssues, key: str, value: Any, counter: str | None) -
 
 @dataclass(frozen=True)
 class _Frame:
-    """What a checksum may be over."""
+    """The parts of a frame that a checksum may cover."""
 
     message: Message
     checksum: str
@@ -186,11 +187,11 @@ class _Frame:
     data_ids: tuple[int, ...]
 
     def bytes_of(self, part: str) -> int:
-        """How many bytes of a part may be named."""
+        """Return how many bytes of a part may be selected."""
         return {"payload": self.message.length, "identifier": 4, "counter": 8, "data_id": 4}[part]
 
     def whole(self, part: str) -> Iterator[Covered]:
-        """All of a part: of the payload all bytes that are not the checksum's alone."""
+        """Yield all of a part; of the payload all bytes that do not belong to the checksum alone."""
         if part == "payload":
             yield from self._payload()
             return
@@ -214,7 +215,7 @@ class _Frame:
 
 
 def _covers(issues: ConfigIssues, key: str, value: Any, frame: _Frame) -> tuple[Covered, ...]:
-    """What a checksum is over, byte by byte."""
+    """Return the bytes that a checksum covers, in order; issues are noted."""
     if not isinstance(value, list | tuple) or not value:
         issues.add(key, f"{show(value)}; allowed: {_COVERS}")
         return ()

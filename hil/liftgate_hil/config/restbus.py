@@ -1,4 +1,4 @@
-"""Signals of the restbus as files and programs say them: `Message.Signal`, and a value or its label."""
+"""Signals of the restbus in files and programs: `Message.Signal`, and a value or its label."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from liftgate_hil.codec.frames import MAX_BYTES
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.config.signal_name import find_signal, told, told_signals
 from liftgate_hil.config.toml import show
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant, moved
 from liftgate_hil.stimuli.restbus import BusTables, SignalChange
 
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SignalValue:
-    """That a signal has a value, in the database's unit or by its label, from an instant on."""
+    """The value of a signal from an instant on, in the database's unit or as a label."""
 
     when: Instant
     signal: str
     value: float | str
     source: str = ""  # the file
-    key: str = ""  # in it: signal[0]
-    # What messages call its value, where that is not the file's own.
+    key: str = ""  # in the file, e.g. signal[0]
+    # How issues name the value if it does not come from the file; "": by `key`.
     value_key: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
 class Press:
-    """A button that is a signal: it has `value` for `hold` [s], and `rest` else [the database's unit]."""
+    """A signal that acts as a button: `value` for `hold` [s], else `rest` [the database's unit]."""
 
     signal: str
     value: float
@@ -53,7 +53,7 @@ class Press:
 def changes_in(
     values: Sequence[SignalValue], tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> list[SignalChange]:
-    """The changes of a restbus; `taken` are the messages that gate or ECU send."""
+    """Return the signal changes of a restbus; issues are noted. `taken` are the messages that gate or ECU send."""
     found = []
     for each in values:
         value_key = f"{each.key}.value"
@@ -66,7 +66,7 @@ def changes_in(
 
 
 def pressed(press: Press, when: Instant) -> list[SignalChange]:
-    """A button's press at an instant."""
+    """Return the two signal changes of a button that is pressed at an instant."""
     if when.condition:
         end = moved(when, when.delay + press.hold)
     else:
@@ -85,7 +85,10 @@ def value_in(
     taken: Sequence[str],
     issues: ConfigIssues,
 ) -> float | None:
-    """A signal's value in the database's unit; what is wrong with either is noted under `key` signal, value."""
+    """Return a signal's value in the database's unit; None and an issue if signal or value is invalid.
+
+    `key` is the prefix of the keys signal and value in issues.
+    """
     signal = _signal_in(f"{key}signal", name, tables, taken, issues)
     if signal is None:
         return None
@@ -103,8 +106,9 @@ def value_in(
 
 
 def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str, ...]:
-    """All signals (`Message.Signal`) that the bench may send, on a bus that may be CAN FD; `taken` are the
-    messages that gate or ECU send. A message that has more pages than fit has none.
+    """Return all signals (`Message.Signal`) that the bench may send on a bus, with `is_fd` also in CAN FD frames.
+
+    `taken` are the messages that gate or ECU send. Messages with more than MAX_PAGES pages are left out.
     """
     found = []
     for message in tables.messages.values():
@@ -123,14 +127,14 @@ def sendable(tables: BusTables, taken: Sequence[str], is_fd: bool) -> tuple[str,
 def check_signal(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> None:
-    """Note what is wrong with a signal that the bench is to send."""
+    """Note what is wrong with a signal that the bench shall send."""
     _signal_in(key, name, tables, taken, issues)
 
 
 def _signal_in(
     key: str, name: str, tables: BusTables, taken: Sequence[str], issues: ConfigIssues
 ) -> DatabaseSignal | None:
-    """The database's signal of a name, where the bench may send it."""
+    """Return the database's signal of a name if the bench may send it; else None and an issue."""
     message = tables.messages.get(name.partition(".")[0])
     made = set() if message is None else _made(message, tables)
     free = [each for each in tables.messages if each not in taken]
@@ -149,7 +153,7 @@ def _signal_in(
 
 
 def _made(message: Message, tables: BusTables) -> set[str]:
-    """The signals that a message's protection or multiplexer makes."""
+    """Return the signals that a message's protection or multiplexer sets."""
     options = tables.options.get(message.name, MessageOptions())
     nibble = options.e2e.nibble if options.e2e else None
     multiplexers = [each.name for each in message.signals if each.is_multiplexer]
@@ -159,7 +163,7 @@ def _made(message: Message, tables: BusTables) -> set[str]:
 def _why_not(
     message: Message, is_taken: bool, options: MessageOptions, signal: DatabaseSignal
 ) -> str:
-    """Why a message cannot be the restbus's; "": it can."""
+    """Return why the restbus cannot send a message with this signal; "" if it can."""
     if is_taken:
         return "the rig has the gate or the ECU send it; allowed: a message of another control unit"
     if message.length > MAX_BYTES:

@@ -28,8 +28,7 @@ from liftgate_hil.config.restbus import sendable
 from liftgate_hil.config.signal_mapping import signal_mappings
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show
 from liftgate_hil.diagnostics.tester import Diagnostics
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_hil.stimuli.restbus import BusTables
 from liftgate_plant.signals import Signal
@@ -55,18 +54,18 @@ class Rig:
     options: Mapping[str, MessageOptions]
     is_fd: bool
     source: str
-    diagnostics: Diagnostics | None = None  # how the ECU is asked for its trouble codes
+    diagnostics: Diagnostics | None = None  # how trouble codes are read from the ECU
     driver: Driver = NO_DRIVER
-    orders: tuple[OrderMessage, ...] = ()  # of a test bench, what to inject
+    orders: tuple[OrderMessage, ...] = ()  # messages of a test bench that inject
 
     @cached_property
     def tables(self) -> BusTables:
-        """What the bench sends by it."""
+        """The tables of what the bench sends with this rig."""
         return BusTables(self.messages, self.outputs, self.options, self.source)
 
     @property
     def settable(self) -> tuple[str, ...]:
-        """The signals that can be set while a run goes on: by a test bench, and for requests."""
+        """The signals that can be set during a run: by a test bench, and for requests."""
         names = [each.signal for each in self.driver.buttons.values()]
         if self.driver.reset is not None and self.driver.reset.press is not None:
             names.append(self.driver.reset.press.signal)
@@ -85,15 +84,15 @@ class Rig:
 
     @property
     def mapped(self) -> tuple[str, ...]:
-        """The messages with inputs and outputs."""
+        """The names of the messages with inputs and outputs."""
         return tuple(dict.fromkeys(wire.message for wire in (*self.inputs, *self.outputs)))
 
     def input_config(self, sending: bool = False) -> BusConfig:
-        """The inputs' tables: received by the emulator, sent by an ECU."""
+        """Return the tables of the inputs: received by the emulator, sent by an ECU."""
         return self._bus_config(self.inputs, BUS_INPUTS, sending)
 
     def output_config(self, sending: bool = True) -> BusConfig:
-        """The outputs' tables: sent by the emulator, received by an ECU."""
+        """Return the tables of the outputs: sent by the emulator, received by an ECU."""
         return self._bus_config(self.outputs, BUS_OUTPUTS, sending)
 
     def _bus_config(
@@ -108,47 +107,47 @@ class Rig:
         return bus
 
     def command_message(self) -> str:
-        """The message with the motor command."""
+        """Return the name of the message with the motor command."""
         return next(wire.message for wire in self.inputs if wire.quantity == "left_duty")
 
     def command_identifier(self) -> int:
-        """Its identifier, with SocketCAN's flag where it is extended."""
+        """Return the identifier of the command message, with SocketCAN's flag if it is extended."""
         return self.identifier(self.command_message())
 
     def identifier(self, name: str) -> int:
-        """Of a message, with SocketCAN's flag where it is extended."""
+        """Return the identifier of a message, with SocketCAN's flag if it is extended."""
         return identifier_of(self.messages[name])
 
     def command_cycle_ms(self) -> float:
-        """Its cycle."""
+        """Return the cycle of the command message [ms]; 0 if it has none."""
         return self.cycle_ms(self.command_message())
 
     def current_cycle_ms(self) -> float:
-        """The cycle of the message with the left motor's current; 0: none, or the rig does not send it."""
+        """Return the cycle of the message with the left motor's current [ms]; 0 if it has none or is not sent."""
         names = [wire.message for wire in self.outputs if wire.quantity == "left_current"]
         return self.cycle_ms(names[0]) if names else 0.0
 
     def cycle_ms(self, name: str) -> float:
-        """Of a message; 0: it has none."""
+        """Return the cycle of a message [ms]; 0 if it has none."""
         return cycle_of(self.messages[name], self.options.get(name, MessageOptions()))
 
     def timeout_ms(self, name: str) -> float:
-        """How long a message may stay out [ms] until what it said last no longer counts; 0: it has no cycle."""
+        """Return how long a message may be missing until its last values expire [ms]; 0 if it has no cycle."""
         options = self.options.get(name, MessageOptions())
         return max(0.0, options.timeout_cycles * self.cycle_ms(name))
 
 
 def load_rig(path: Path) -> Rig:
-    """The rig of a file. Raises ConfigError with all faults of the file."""
+    """Return the rig of a file. Raises ConfigError with all issues of the file."""
     rig, issues = read_rig(path)
     issues.raise_if_any()
     return rig
 
 
 def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
-    """The rig of a file, as far as it can be made out, and what is wrong with it.
+    """Return the rig of a file, as far as it can be read, and its issues.
 
-    Raises ConfigError where the file is no TOML, a database perhaps.
+    Raises ConfigError if the file is not TOML, e.g. a database.
     """
     if path.suffix.lower() in KINDS:
         raise ConfigError(
@@ -160,8 +159,10 @@ def read_rig(path: Path) -> tuple[Rig, ConfigIssues]:
 def rig_of_content(
     raw: Table, path: Path, messages: Mapping[str, Message] | None = None
 ) -> tuple[Rig, ConfigIssues]:
-    """The same of a file's content; `path` names it, and the database lies beside it, with these messages where
-    they were read before.
+    """Return the rig of a file's content, as far as it can be read, and its issues.
+
+    `path` names the content, and the database is looked for beside it; `messages` are the database's messages if
+    they have been read before.
     """
     issues = ConfigIssues(str(path))
     known_keys(issues, "", raw, _SECTIONS)
@@ -170,7 +171,9 @@ def rig_of_content(
     before = issues.count
     if messages is None:
         messages = load_messages(issues, database) if database else {}
-    if not messages or issues.count > before:  # without a sound database nothing else can be said
+    if (
+        not messages or issues.count > before
+    ):  # without a valid database nothing else can be checked
         return Rig(database or Path(), bitrate, {}, (), (), {}, False, str(path)), issues
     inputs = signal_mappings(issues, raw, "inputs", BUS_INPUTS, messages)
     outputs = signal_mappings(issues, raw, "outputs", BUS_OUTPUTS, messages)
@@ -206,7 +209,7 @@ def _collecting(issues: ConfigIssues) -> Iterator[None]:
 
 
 def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
-    """What no single line of the file shows."""
+    """Check what no single line of the file shows."""
     mapped = {wire.quantity for wire in rig.inputs}
     if "left_duty" not in mapped:
         issues.add("inputs.left_duty", "missing; allowed: the signal with the left motor's duty")
@@ -249,7 +252,7 @@ def _check_whole(issues: ConfigIssues, rig: Rig) -> None:
 
 
 def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set[str]) -> None:
-    """Without a direction the duty's sign says which way the motor turns, so there must be one."""
+    """Check that a duty without a direction signal is signed, as its sign then says which way the motor turns."""
     direction = wire.quantity.replace("_duty", "_direction")
     low, high = wire.quantity_range(rig.messages[wire.message].get_signal_by_name(wire.signal))
     if direction not in mapped and not low < 0.0 < high:
@@ -261,7 +264,10 @@ def _check_duty(issues: ConfigIssues, rig: Rig, wire: SignalMapping, mapped: set
 
 
 def _is_diagnostic(identifier: int, is_extended: bool) -> bool:
-    """Whether cars speak diagnostics there: ISO 15765-4 for 11 bits, ISO 15765-2's fixed addresses for 29."""
+    """Whether cars use an identifier for diagnostics.
+
+    With 11 bits ISO 15765-4 says so, with 29 the fixed addresses of ISO 15765-2.
+    """
     if is_extended:
         return identifier >> 16 in (0x18DA, 0x18DB)
     return 0x7E0 <= identifier <= 0x7EF

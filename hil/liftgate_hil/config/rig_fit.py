@@ -1,8 +1,8 @@
-"""Does a rig fit a vehicle and a loop rate: ranges of signals against what the vehicle does, cycles against ticks.
+"""Check that a rig fits a vehicle and a loop rate: ranges of signals against quantities, cycles against ticks.
 
-A signal stays at the end of its range when the quantity goes on, and nothing on the bus shows it. What every
-opening and closing needs must therefore fit, unless the rig says `saturates = true`; what only a stalled motor or
-the like reaches is told.
+A signal stays at the end of its range when the quantity goes beyond, and nothing on the bus shows it. What every
+opening and closing needs must therefore fit, unless the rig says `saturates = true`; what is reached only in
+extremes, e.g. by a stalled motor, is reported as a note.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from liftgate_hil.config.fault_kinds import FAULT_KINDS
 from liftgate_hil.config.inject import FAULT
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.units import conversion
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 from liftgate_plant import gate
 from liftgate_plant.gate import GRAVITY
@@ -28,7 +28,7 @@ NS = 1_000_000_000
 
 
 class Expected(NamedTuple):
-    """What a quantity does in its unit: in every opening and closing, and at most."""
+    """The range of a quantity in its unit: in every opening and closing (low to high), and at most."""
 
     low: float
     high: float
@@ -41,12 +41,12 @@ def _whole(low: float, high: float) -> Expected:
 
 
 def _part(share: float, most: float) -> Expected:
-    """Both ways so much of `most`, and `most` in the extreme."""
+    """Return ranges of both signs: `share` of `most` in every motion, and `most` in the extreme."""
     return Expected(-share * most, share * most, -most, most)
 
 
 def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
-    """What the outputs of a rig do on this vehicle, as far as it is known beforehand."""
+    """Return the values that outputs of a rig have on this vehicle, as far as they are known beforehand."""
     link = gate.linkage(vehicle.gate)
     open_deg = math.degrees(vehicle.gate.open_angle)
     supply, slope = vehicle.supply.voltage, vehicle.environment.road_slope
@@ -60,7 +60,7 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
     lowest = max(0.0, supply - vehicle.supply.internal_resistance * stalled)
     found = {
         "gate_angle": _whole(0.0, open_deg),
-        "gate_rate": _part(0.1, open_deg),  # opened within a second, at most
+        "gate_rate": _part(0.1, open_deg),  # at most: opened within a second
         "terminal_voltage": Expected(max(lowest, 0.8 * supply), supply, lowest, supply),
         "supply_voltage": _whole(supply, supply),
         "ambient_temperature": _whole(ambient, ambient),
@@ -78,7 +78,10 @@ def expected_values(vehicle: Vehicle) -> dict[str, Expected]:
 
 
 def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str, Expected]:
-    """The same of one drive, by names without its side; a stalled motor and one without load are the extremes."""
+    """Return the expected values of one drive, by names without its side.
+
+    A stalled motor and one without load are the extremes.
+    """
     sensors, motor, supply = vehicle.sensors, drive.motor, vehicle.supply.voltage
     stall = supply / motor.resistance
     turns = stroke * drive.gear.ratio / drive.spindle.lead
@@ -99,8 +102,10 @@ def _of_a_drive(vehicle: Vehicle, drive: DriveTables, stroke: float) -> dict[str
 
 
 def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
-    """Raises ConfigError where the rig cannot carry what this vehicle does in every motion, or a message goes
-    more than once a tick at this rate [Hz].
+    """Raise ConfigError if a rig does not fit a vehicle and a rate [Hz].
+
+    That is: a signal cannot hold what every motion of the vehicle needs, a message is sent more than once a tick,
+    or a message that injects faults has labels of unknown kinds.
     """
     issues = ConfigIssues(rig.source)
     for wire, expected, held in _ranged(rig, vehicle):
@@ -127,7 +132,7 @@ def check_fit(rig: Rig, vehicle: Vehicle, rate: float) -> None:
 
 
 def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
-    """What is worth knowing before a run; a line each."""
+    """Return what is worth knowing before a run, a line each."""
     notes = []
     for wire, expected, held in _ranged(rig, vehicle):
         is_refused = not _holds(held, expected.low, expected.high)
@@ -156,7 +161,7 @@ def notes_on_fit(rig: Rig, vehicle: Vehicle, rate: float) -> list[str]:
 
 
 def _other_scales(rig: Rig) -> Iterator[str]:
-    """Scales of the rig that are not what the database's unit says."""
+    """Yield a note for each scale of the rig that is not what the database's unit says."""
     for section, wires, quantities in (
         ("inputs", rig.inputs, BUS_INPUTS),
         ("outputs", rig.outputs, BUS_OUTPUTS),
@@ -166,7 +171,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
             if wire.basis != "rig" or not wire.unit or not quantity.unit:
                 continue
             by_unit = conversion(quantity, wire.unit)
-            # A turned sign is what many rigs need.
+            # Many rigs need the opposite sign.
             if by_unit is None or not math.isclose(abs(wire.scale), by_unit[0], rel_tol=1e-3):
                 means = "is none of its units" if by_unit is None else f"means {by_unit[0]:g}"
                 yield (
@@ -178,7 +183,7 @@ def _other_scales(rig: Rig) -> Iterator[str]:
 def _ranged(
     rig: Rig, vehicle: Vehicle
 ) -> Iterator[tuple[SignalMapping, Expected, tuple[float, float]]]:
-    """Outputs with what the vehicle does to them, and what their signal holds."""
+    """Yield outputs with their expected values and the range that their signal holds."""
     expected = expected_values(vehicle)
     for wire in rig.outputs:
         name = wire.quantity
@@ -192,10 +197,10 @@ def _ranged(
 
 
 def _cycles(rig: Rig, mappings: Iterable[SignalMapping]) -> Iterator[tuple[str, int]]:
-    """The messages of these signals, and their cycles [ns]; 0: none."""
+    """Yield the messages of these signals and their cycles [ns], 0 if there is none."""
     for name in dict.fromkeys(wire.message for wire in mappings):
         cycle = cycle_of(rig.messages[name], rig.options.get(name, MessageOptions()))
-        if 0.0 <= cycle <= LONGEST_MS:  # else it is a fault of the rig
+        if 0.0 <= cycle <= LONGEST_MS:  # else it is an issue of the rig
             yield name, round(cycle * 1e6)
 
 

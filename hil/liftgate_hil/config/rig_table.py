@@ -30,11 +30,11 @@ class MappedSignal(NamedTuple):
     conversion: str
     low: float
     high: float
-    step: float  # 0: a float
+    step: float  # 0: a floating-point signal
 
 
 class MappedMessage(NamedTuple):
-    """A message with quantities."""
+    """A message that carries quantities."""
 
     message: str
     identifier: int
@@ -42,14 +42,14 @@ class MappedMessage(NamedTuple):
     direction: str  # "received" or "sent" by the gate
     length: int  # bytes
     cycle_ms: float  # 0: none
-    pages: int  # multiplexer values with which it is sent in turn
-    timeout_ms: float  # 0: it never goes stale
+    pages: int  # number of multiplexer values with which it is sent in turn
+    timeout_ms: float  # 0: its values never expire
     protection: str
     signals: Sequence[MappedSignal]
 
 
 def mapped_messages(rig: Rig) -> list[MappedMessage]:
-    """The messages that a rig maps, those that the gate receives first."""
+    """Return the messages that a rig maps, those that the gate receives first."""
     return [
         *_messages(rig, "received", rig.inputs, BUS_INPUTS),
         *_messages(rig, "sent", rig.outputs, BUS_OUTPUTS),
@@ -57,7 +57,7 @@ def mapped_messages(rig: Rig) -> list[MappedMessage]:
 
 
 def protected_besides(rig: Rig) -> dict[str, str]:
-    """How messages are protected that carry no quantity: those of the restbus."""
+    """Return the protection of messages that carry no quantity (those of the restbus), by name."""
     return {
         name: _protection(options)
         for name, options in rig.options.items()
@@ -66,7 +66,7 @@ def protected_besides(rig: Rig) -> dict[str, str]:
 
 
 def asked_by(rig: Rig) -> dict[str, str]:
-    """How an ECU on a bus is asked, and started anew: what stands for each request, in words."""
+    """Return in words how each request reaches an ECU on a bus, and how the ECU is reset."""
     found = {action: _press(press) for action, press in rig.driver.buttons.items()}
     reset = rig.driver.reset
     if reset is not None:
@@ -79,7 +79,7 @@ def asked_by(rig: Rig) -> dict[str, str]:
 
 
 def injected_by(rig: Rig) -> dict[str, str]:
-    """What a test bench may order: the message and its signals, in words."""
+    """Return what a test bench may order: the message and its signals, in words."""
     return {
         each.what: f"{each.message} 0x{each.identifier & ~EXTENDED:X}: "
         + ", ".join(f"{key} {signal}" for key, signal in each.signals.items())
@@ -118,7 +118,7 @@ def _messages(
 
 def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:
     signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
-    # A double times a factor may be more than a double.
+    # A double times a factor may exceed the range of a double.
     low, high = (min(max(end, -_MOST), _MOST) for end in wire.quantity_range(signal))
     return MappedSignal(
         quantity=wire.quantity,
@@ -133,7 +133,7 @@ def _signal(rig: Rig, wire: SignalMapping, quantity: Signal) -> MappedSignal:
 
 
 def _conversion(wire: SignalMapping, quantity: Signal) -> str:
-    """How theirs becomes ours, and who says so."""
+    """Return in words how the signal's value is converted to the quantity, and what defines that."""
     if wire.basis == "unknown":
         return "?"
     if wire.values is not None:
@@ -150,7 +150,7 @@ def _conversion(wire: SignalMapping, quantity: Signal) -> str:
 
 
 def _protection(options: MessageOptions) -> str:
-    """Counter and checksum, in words."""
+    """Return counter and checksum in words."""
     parts = []
     if options.e2e is not None:
         parts.append(options.e2e.profile)
@@ -165,7 +165,7 @@ def _protection(options: MessageOptions) -> str:
 
 
 def _counted(counting: Counting) -> str:
-    """How a counter counts, in words; nothing where it is as wide as its signal and goes up by one from 0."""
+    """Return in words how a counter counts; "" if it is as wide as its signal and goes up by one from 0."""
     if counting.highest is None:
         return ""
     span = f"{counting.lowest} to {counting.highest}"
@@ -173,7 +173,7 @@ def _counted(counting: Counting) -> str:
 
 
 def _parameters(own: Rocksoft) -> str:
-    """A checksum by its parameters, in words."""
+    """Return the parameters of a checksum in words."""
     digits = (own.width + 3) // 4
     told = [f"CRC of {own.width} bits, polynomial 0x{own.polynomial:0{digits}X}"]
     told.append(f"start 0x{own.start:0{digits}X}")

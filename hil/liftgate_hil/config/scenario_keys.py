@@ -21,7 +21,7 @@ from liftgate_hil.config.schema import (
 )
 from liftgate_hil.config.toml import number, show
 from liftgate_hil.diagnostics.trouble_code import ALLOWED, number_of
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.judging.expectation import STATES
 from liftgate_hil.signals import OBSTACLE as OBSTACLE_SIGNALS
 from liftgate_hil.signals import PROFILES
@@ -33,12 +33,12 @@ SEED = Whole(0, 2**32 - 1)
 
 
 class TroubleCode:
-    """What an ECU stores of a fault."""
+    """A diagnostic trouble code of an ECU."""
 
     allowed = ALLOWED
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """See Kind."""
+        """Return the trouble code as a text; "" and an issue if it is none."""
         try:
             number_of(value if isinstance(value, str) else show(value))
         except ValueError as error:
@@ -50,12 +50,12 @@ class TroubleCode:
 
 
 class _Initial:
-    """Where the gate starts."""
+    """The initial condition of the gate: closed, open or an angle."""
 
     allowed = "0 to 180 deg, or closed, or open"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
-        """See Kind."""
+        """Return closed, open or the angle [deg]; NaN and an issue if it is none of these."""
         if value in ("closed", "open"):
             return str(value)
         return number(issues, key, value, 0.0, 180.0, "deg, or closed, or open")

@@ -1,4 +1,4 @@
-"""What a table of a file may hold, said once: the reader checks by it, the documents are made from it."""
+"""Schema of the tables in files, defined once: files are validated by it, the documentation is made from it."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from liftgate_hil.config.toml import Table, known_keys, number, show, text
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.moments import Instant
 
 LATEST = 1e6  # s
 
 
 class Kind(Protocol):
-    """What may stand under a key."""
+    """Kind of the values that a key may have."""
 
     @property
     def allowed(self) -> str:
-        """In words."""
+        """The allowed values in words."""
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """The value in memory; a fault is noted."""
+        """Return the value as it is in memory; issues are noted."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number, converted to memory's unit by `scale`."""
+    """A number, converted to the unit in memory by `scale`."""
 
     low: float
     high: float
@@ -37,21 +37,21 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """The range with its unit."""
         return f"{self.low:g} to {self.high:g}{' ' + self.unit if self.unit else ''}"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
-        """See Kind."""
+        """Return the number in the unit in memory; NaN and an issue if it is invalid."""
         return self.scale * number(issues, key, value, self.low, self.high, self.unit)
 
 
 class Flag:
-    """Yes or no."""
+    """A boolean."""
 
     allowed = "true or false"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> bool:
-        """The value; an issue, and false, where it is none."""
+        """Return the value; false and an issue if it is no boolean."""
         if not isinstance(value, bool):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
         return value is True
@@ -59,18 +59,18 @@ class Flag:
 
 @dataclass(frozen=True)
 class Whole:
-    """A whole number."""
+    """A whole number within [low, high]."""
 
     low: int
     high: int
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """The range in words."""
         return f"a whole number of {self.low} to {self.high}"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> int:
-        """See Kind."""
+        """Return the number; `low` and an issue if it is invalid."""
         found = int(value) if isinstance(value, float) and value.is_integer() else value
         if (
             isinstance(found, bool)
@@ -84,33 +84,33 @@ class Whole:
 
 @dataclass(frozen=True)
 class Choice:
-    """One of some words."""
+    """One of several words."""
 
     words: Sequence[str]
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """The list of the words."""
         return f"one of {', '.join(self.words)}"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """See Kind."""
+        """Return the word; "" and an issue if it is none of them."""
         return text(issues, key, value, self.words)
 
 
 @dataclass(frozen=True)
 class Choices:
-    """A list, each of it one of a few."""
+    """A list of which each item is one of several words."""
 
     values: Sequence[str]
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """The list of the words."""
         return f"a list of {', '.join(self.values)}"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """See Kind."""
+        """Return the items; an empty tuple and an issue if they are invalid."""
         if not isinstance(value, list) or any(each not in self.values for each in value):
             issues.add(key, f"{show(value)}; allowed: {self.allowed}")
             return ()
@@ -119,17 +119,17 @@ class Choices:
 
 @dataclass(frozen=True)
 class Level:
-    """0 or 1, or what they are called."""
+    """0 or 1, or the word for it."""
 
     words: tuple[str, str] = ("low", "high")
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """Both levels with their words."""
         return f"0 ({self.words[0]}) or 1 ({self.words[1]})"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float:
-        """See Kind."""
+        """Return 0.0 or 1.0; NaN and an issue if it is neither."""
         if isinstance(value, str) and value in self.words:
             return float(self.words.index(value))
         if isinstance(value, int | float) and not isinstance(value, bool) and value in (0, 1):
@@ -145,11 +145,11 @@ class Label:
     allowed: str = "a number, or a label of the signal"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> float | str:
-        """See Kind."""
+        """Return the number or the label; NaN and an issue if it is neither."""
         if isinstance(value, str) and value:
             return value
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if is_number and abs(value) <= sys.float_info.max:  # which a whole number may be beyond
+        if is_number and abs(value) <= sys.float_info.max:  # a whole number may be beyond it
             return float(value)
         issues.add(key, f"{show(value)}; allowed: {self.allowed}")
         issues.settle(key)
@@ -164,11 +164,11 @@ class Text:
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """A description of the text."""
         return self.called
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> str:
-        """See Kind."""
+        """Return the text; "" and an issue if it is none."""
         if not isinstance(value, str) or not value.strip():
             issues.add(key, f"{show(value)}; allowed: {self.called}")
             return ""
@@ -177,17 +177,17 @@ class Text:
 
 @dataclass(frozen=True)
 class Texts:
-    """A list of texts, or one."""
+    """A list of texts, or a single text."""
 
     called: str
 
     @property
     def allowed(self) -> str:
-        """See Kind."""
+        """A description of the texts."""
         return self.called
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> tuple[str, ...]:
-        """See Kind."""
+        """Return the texts; an empty tuple and an issue if they are invalid."""
         given = [value] if isinstance(value, str) else value
         if not isinstance(given, list) or not all(isinstance(each, str) and each for each in given):
             issues.add(key, f"{show(value)}; allowed: {self.called}")
@@ -197,12 +197,12 @@ class Texts:
 
 @dataclass(frozen=True)
 class When:
-    """A time, or a condition."""
+    """A time or a condition."""
 
     allowed: str = f"0 to {LATEST:g} s, or a condition"
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Instant:
-        """See Kind."""
+        """Return the instant; an issue if it is neither a time nor a condition."""
         if isinstance(value, str) and value.strip():
             return Instant(math.nan, value, key=key, source=issues.source)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -213,12 +213,12 @@ class When:
 
 @dataclass(frozen=True)
 class Raw:
-    """Whatever its own reader makes of it."""
+    """Any value; its own reader validates it."""
 
     allowed: str
 
     def read(self, issues: ConfigIssues, key: str, value: Any) -> Any:
-        """See Kind."""
+        """Return the value as it is."""
         return value
 
 
@@ -227,7 +227,7 @@ REQUIRED = object()
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a table; `told` is its default in words, where the value does not say it."""
+    """A key of a table; `told` is its default in words if the value itself does not show it."""
 
     name: str
     kind: Kind
@@ -248,7 +248,7 @@ class Key:
 def read_table(
     issues: ConfigIssues, prefix: str, given: Table, keys: Sequence[Key]
 ) -> dict[str, Any]:
-    """The values of a table by its keys; what is wrong with it is noted."""
+    """Return the values of a table by its keys; issues are noted."""
     known_keys(issues, prefix, given, [key.name for key in keys])
     found: dict[str, Any] = {}
     for key in keys:
@@ -264,5 +264,5 @@ def read_table(
 
 
 def keys_by_name(keys: Sequence[Key]) -> Mapping[str, Key]:
-    """The same by their names."""
+    """Return the keys by their names."""
     return {key.name: key for key in keys}

@@ -1,4 +1,4 @@
-"""KEY=VALUE put over a vehicle file's content, by `set` or a scenario's [set]; faults name who said it."""
+"""Settings KEY=VALUE that override a vehicle file, from `set` or a scenario's [set]; issues name their source."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from liftgate_hil.config.arguments import texts_of
 from liftgate_hil.config.toml import Table, shortened
 from liftgate_hil.errors import ConfigError
 
-_DEEPEST = 3  # left.motor.resistance
+_DEEPEST = 3  # parts of a key, e.g. left.motor.resistance
 
 
 class Setting(NamedTuple):
-    """One value."""
+    """A value that overrides a key of a vehicle file."""
 
     names: tuple[str, ...]
     value: Any
-    source: str  # what stands before the key in messages
+    source: str  # prefix of the key in messages
 
     @property
     def key(self) -> str:
-        """Dotted."""
+        """The dotted key."""
         return ".".join(self.names)
 
 
 def settings_of(texts: object) -> list[Setting]:
-    """The settings of KEY=VALUE texts; the values are TOML, as in the file. Raises ConfigError with all faults."""
+    """Return the settings of KEY=VALUE texts; the values are TOML. Raises ConfigError with all issues."""
     result, issues = [], []
     for text in texts_of("settings", texts):
         try:
@@ -44,7 +44,7 @@ def _setting_of(text: str) -> Setting:
     key, equals, value = text.partition("=")
     try:
         content = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):  # TOMLDecodeError is one
+    except (ValueError, RecursionError):  # TOMLDecodeError is a ValueError
         content = {"value": _plain_number(value)}
     names = tuple(key.strip().split("."))
     if not equals or not all(names) or len(content) > 1:
@@ -59,12 +59,12 @@ def _setting_of(text: str) -> Setting:
 
 
 def _plain_number(text: str) -> float | str:
-    """`.5` and `5.` are no TOML, but mean what they say."""
+    """Return a number such as `.5` or `5.`, which TOML does not allow; any other text as it is."""
     return float(text) if re.fullmatch(r"\s*[+-]?(\d+\.|\.\d+)([eE][+-]?\d+)?\s*", text) else text
 
 
 def settings_in(table: Table, source: str) -> Iterator[Setting]:
-    """The settings of a table of a file; dotted keys, quoted or not, and tables in it mean the same."""
+    """Yield the settings of a table of a file; dotted keys, quoted or not, and nested tables mean the same."""
     for key, value in table.items():
         if isinstance(value, dict) and value:
             for inner in settings_in(value, source):
@@ -74,8 +74,9 @@ def settings_in(table: Table, source: str) -> Iterator[Setting]:
 
 
 def applied(raw: Table, settings: Sequence[Setting]) -> dict[str, str]:
-    """Put settings into a file's content; what is in it by them: dotted keys, and what messages call each. Raises
-    ConfigError.
+    """Apply settings to a file's content; return the dotted keys set by them, and how messages name each.
+
+    Raises ConfigError.
     """
     origins: dict[str, str] = {}
     for setting in settings:
@@ -85,7 +86,10 @@ def applied(raw: Table, settings: Sequence[Setting]) -> dict[str, str]:
 
 
 def apply_setting(raw: Table, setting: Setting) -> str:
-    """Put one into a file's content; the dotted key of what is in it by that. Raises ConfigError."""
+    """Apply a setting to a file's content; return the dotted key that it set. Raises ConfigError.
+
+    If tables had to be created for it, the key of the outermost of them is returned.
+    """
     place = raw
     made = ""
     for depth, name in enumerate(setting.names[:-1], start=1):

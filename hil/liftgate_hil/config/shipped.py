@@ -1,4 +1,4 @@
-"""Where the shipped files are: inside the wheel, or in the checkout."""
+"""Find the shipped files: inside the wheel, or in the checkout."""
 
 from __future__ import annotations
 
@@ -8,47 +8,48 @@ from liftgate_hil.config.files import is_there, issue_with
 from liftgate_hil.config.toml import shortened
 from liftgate_hil.errors import ConfigError
 
-_SHOWN = 12  # names that are told
-_SETS = ("pack",)  # of scenarios, in a folder of their own
+_SHOWN = 12  # names that a message lists
+_SETS = ("pack",)  # sets of scenarios, each in a folder of its own
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_root() -> Path:
-    """The folder with `dbc` and `configs`: `liftgate_hil/_data` of an installed wheel, else the checkout's top.
+    """Return the folder with `dbc` and `configs`.
 
-    The wheel's layout is `[tool.hatch.build.targets.wheel.sources]` in pyproject.toml.
+    It is `liftgate_hil/_data` of an installed wheel, else the top of the checkout. The wheel's layout is
+    `[tool.hatch.build.targets.wheel.sources]` in pyproject.toml.
     """
     shipped = _PACKAGE / "_data"
     return shipped if shipped.is_dir() else _PACKAGE.parents[1]
 
 
 def ecu_sources() -> list[Path]:
-    """The C ECU: its sources, its own headers and its Makefile."""
+    """Return the files of the C ECU: its sources, its own headers and its Makefile."""
     shipped = data_root() / "ecu"
     folder = shipped if shipped.is_dir() else data_root() / "tools" / "ecu"
     return sorted([*folder.glob("*.c"), *folder.glob("*.h"), folder / "Makefile"])
 
 
 def c_headers() -> list[Path]:
-    """The headers for an ECU's side, each beside the module whose other end it is."""
+    """Return the C headers for an ECU, each beside the module that it is the counterpart of."""
     return sorted(path for path in _PACKAGE.glob("*/*.h") if path.parent.name != "_data")
 
 
 def shipped_names(folder: str) -> list[str]:
-    """Names of the shipped files in a folder, without suffix."""
+    """Return the names of the shipped files in a folder, without suffix."""
     return sorted(path.stem for path in (data_root() / folder).glob("*.toml"))
 
 
 def shipped_folder(kind: str, name: str) -> Path | None:
-    """A shipped folder of that name below `kind`, such as the `pack` of scenarios; None: there is none."""
+    """Return the shipped folder of a name below `kind`, such as the `pack` of scenarios; None if there is none."""
     folder = data_root() / "configs" / kind / name
     is_name = name and len(Path(name).parts) == 1 and not name.startswith(".")
     return folder if is_name and folder.is_dir() else None
 
 
 def _told(kind: str) -> str:
-    """The shipped names of a kind, and its folders."""
+    """Return the shipped names of a kind and its folders, as a text."""
     folder = data_root() / "configs" / kind
     names = shipped_names(f"configs/{kind}")
     names = [*names[:_SHOWN], "…"] if len(names) > _SHOWN else names
@@ -56,10 +57,10 @@ def _told(kind: str) -> str:
 
 
 def find_config(kind: str, name: str, called: str = "") -> Path:
-    """The file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
+    """Return the file for a `vehicle`, `rig` or `scenario` value: a shipped name or a path.
 
-    `kind` is the folder under `configs`; `called` names the value in messages where it is none of these
-    arguments. Raises ConfigError where there is neither.
+    `kind` is the folder under `configs`; `called` names the value in messages if it is none of these
+    arguments. Raises ConfigError if there is no such file.
     """
     called = called or f"`{kind[:-1]}`"
     path = Path(name)

@@ -1,8 +1,8 @@
-"""The tables [inputs] and [outputs] of a rig file: which signal carries a quantity, and how it becomes ours.
+"""The tables [inputs] and [outputs] of a rig file: which signal carries a quantity, and how it is converted.
 
-In the order in which they count: `values` names an enumeration's values; `scale` and `offset` are taken as they
-are; `unit` says what the signal is in; else the database says it. What none of them says is asked for: a quantity
-in the wrong unit goes unnoticed until the ECU does something odd.
+In order of precedence: `values` names an enumeration's values; `scale` and `offset` are used as they are (before
+the conversion from `unit`, if that is given too); `unit` is the unit of the signal; else the database defines it.
+If none of them does, that is an issue: a quantity in the wrong unit goes unnoticed until the ECU misbehaves.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from liftgate_hil.config.units import (
     dimension_of,
     dimensions_named,
 )
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import renamed_output
 from liftgate_plant.signals import Signal
 
@@ -40,7 +40,7 @@ def signal_mappings(
     quantities: Mapping[str, Signal],
     messages: Mapping[str, Message],
 ) -> list[SignalMapping]:
-    """What a section maps; faults are noted."""
+    """Return the mappings of a section; issues are noted."""
     given = table(issues, section, raw.get(section, {}))
     old = {name: renamed_output(name) for name in given if section == "outputs"}
     for name, now in old.items():
@@ -115,7 +115,7 @@ def _mapping(
 
 
 def _given_factors(issues: ConfigIssues, key: str, given: Table) -> Conversion | None:
-    """`scale` and `offset`, if there is one of them."""
+    """Return `scale` and `offset`; None if neither is given."""
     if "scale" not in given and "offset" not in given:
         return None
     scale = number(issues, f"{key}.scale", given.get("scale", 1.0), -1e9, 1e9)
@@ -128,7 +128,7 @@ def _given_factors(issues: ConfigIssues, key: str, given: Table) -> Conversion |
 def _given_values(
     issues: ConfigIssues, key: str, given: Table, ours: Signal
 ) -> dict[str, Any] | None:
-    """`values`, if they are there."""
+    """Return `values`; None if they are not given."""
     if "values" not in given:
         if "unit" in given and ours.values:
             issues.add(f"{key}.unit", "allowed: values, this is an enumeration")
@@ -146,14 +146,14 @@ def _given_values(
 
 
 def _unit_of(issues: ConfigIssues, key: str, given: Table, theirs: DatabaseSignal) -> str:
-    """The unit that the rig says, else the database's."""
+    """Return the unit that the rig gives, else that of the database."""
     if "unit" in given:
         return text(issues, f"{key}.unit", given["unit"])
     return (theirs.unit or "").strip()
 
 
 def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal) -> Conversion:
-    """From the signal's unit to ours; a fault where it is not known or is of something else."""
+    """Return the conversion from the signal's unit to ours; an issue if it is unknown or of another dimension."""
     if not unit and dimension_of(ours) == "number":
         return SAME
     factors = conversion(ours, unit)
@@ -181,7 +181,10 @@ def _by_unit(issues: ConfigIssues, key: str, name: str, unit: str, ours: Signal)
 def _own_labels(
     issues: ConfigIssues, key: str, name: str, theirs: DatabaseSignal, ours: Signal
 ) -> dict[str, Any] | None:
-    """What the database's value table says where its labels are ours; None: the same numbers, too."""
+    """Return the labels of the database's value table by our values; None if their numbers are ours, too.
+
+    If labels for our values are missing, None is returned and an issue noted.
+    """
     labels = {str(label).casefold(): str(label) for label in (theirs.choices or {}).values()}
     if all(each in labels for each in ours.values):
         numbers = {str(label): float(raw) for raw, label in (theirs.choices or {}).items()}

@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from liftgate_hil.config.toml import show
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
     from cantools.database.can import Signal as DatabaseSignal
 
-_MOST_NAMES = 20  # that are told
+_MOST_NAMES = 20  # names that a message lists
 
 
 def find_signal(
@@ -23,8 +23,9 @@ def find_signal(
     offered: Collection[str] | None = None,
     left_out: Collection[str] = (),
 ) -> DatabaseSignal | None:
-    """The signal of a name; None, and an issue under `key`, where there is none. That tells which messages are
-    `offered` (None: all) and which signals a message has but those `left_out`.
+    """Return the signal of a name; None and an issue under `key` if there is none.
+
+    The issue lists the messages that are `offered` (None: all), or the signals of the message without `left_out`.
     """
     message_name, _, signal_name = name.partition(".")
     message = messages.get(message_name)
@@ -40,12 +41,12 @@ def find_signal(
 
 
 def told_signals(message: Message, left_out: Collection[str] = ()) -> str:
-    """A message's signals in words, but those `left_out`."""
+    """Return the signals of a message without `left_out`, as a text."""
     names = [each.name for each in message.signals if each.name not in left_out]
     return f"{message.name}.{{{told(names)}}}"
 
 
 def told(names: Sequence[str]) -> str:
-    """Names in words, the first ones of many."""
+    """Return names as a text; of many only the first ones."""
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return f"{', '.join(names[:_MOST_NAMES])}{more}" or "none"

@@ -9,21 +9,21 @@ from typing import NamedTuple
 
 
 class Source(NamedTuple):
-    """A file as it was read."""
+    """A file as it was read, with the hash of its content."""
 
     path: str
     sha256: str
 
 
 def sources_of(paths: Mapping[str, Path]) -> dict[str, Source]:
-    """The files by what they are for (vehicle, rig, dbc). What cannot be read is left out: its reader says so."""
+    """Return the files by purpose (vehicle, rig, dbc); unreadable ones are left out: their reader reports them."""
     found = {}
     for name, path in paths.items():
         try:
-            if path.is_file():  # no pipe, which can be read once only
+            if path.is_file():  # no pipe, which can be read only once
                 with path.open("rb") as stream:
                     digest = hashlib.file_digest(stream, "sha256").hexdigest()
                 found[name] = Source(str(path), digest)
-        except (OSError, ValueError):  # a NUL in the name
+        except (OSError, ValueError):  # ValueError: a NUL in the name
             continue
     return found

@@ -8,8 +8,8 @@
     [spread.sensors]
     current_offset = { absolute = 0.05 }                            # A
 
-What belongs to a drive is drawn for each drive. A draw depends on its seed and the key alone, so that another key
-in the table changes nothing of the rest. Normal and lognormal ones end at 3 σ, and every one at the key's range.
+Keys of a drive are drawn for each drive. A draw depends only on its seed and the key, so that another key in the
+table does not change the rest. Normal and lognormal draws are limited to 3 σ, and every draw to the key's range.
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from typing import Any, NamedTuple
 
 from liftgate_hil.config.toml import Table, known_keys, number, show, table, text
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, Key, keys_of
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.noise import gaussian, uniform
 
 DISTRIBUTIONS = ("normal", "lognormal", "uniform")
 _KEYS = ("distribution", "relative", "absolute", "low", "high", "follow")
-_MOST = 1e12  # of a value or a width; ranges of keys end before
+_MOST = 1e12  # limit of a value or a width, beyond the ranges of all keys
 _TAIL = 3.0  # σ
-_TRIALS = 64  # of a normal draw within it; all but one in 10¹⁶⁵ end before
+_TRIALS = 64  # attempts at a normal draw within _TAIL; one in 10¹⁶⁵ fails
 
 Names = tuple[str, ...]
 
 
 class Spread(NamedTuple):
-    """How the value of a key is distributed."""
+    """Distribution of the value of a key."""
 
     names: Names  # table and key, or side, table and key
     distribution: str
     relative: float  # σ, or half width, as a share of the value; of lognormal: σ of the logarithm
     absolute: float  # σ, or half width, in the key's unit
-    ends: tuple[float, float] | None  # of uniform, where these are given themselves
+    ends: tuple[float, float] | None  # low and high of uniform, if given instead of a width
     follow: tuple[Names, ...]  # keys that change by the same factor
 
 
 def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
-    """The table `[spread]` of a file's content; what is wrong with it is noted."""
+    """Return the table `[spread]` of a file's content; issues are noted."""
     result = []
     for names, entry in _entries(table(issues, "spread", raw.get("spread", {})), ()):
         dotted = ".".join(("spread", *names))
@@ -64,7 +64,7 @@ def spreads_of(issues: ConfigIssues, raw: Table) -> list[Spread]:
 
 
 def key_of(names: Names) -> Key | None:
-    """The key of a vehicle file with these names, if it is a number."""
+    """Return the key of a vehicle file with these names; None if there is none or it is no number."""
     is_sided = len(names) == 3 and names[0] in SIDES
     tables = DRIVE_TABLES if is_sided else {**DRIVE_TABLES, **BODY_TABLES}
     if len(names) != 2 + is_sided or names[-2] not in tables:
@@ -138,14 +138,14 @@ def _followers(issues: ConfigIssues, dotted: str, names: Names, entry: Table) ->
 
 
 def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float]:
-    """The values of one car, in the file's units, by their names; of what belongs to a drive one for each."""
+    """Return the values of one car, in the file's units, by name; keys of a drive have one for each drive."""
     result: dict[Names, float] = {}
     for spread in spreads:
         for place in _places(spread.names):
             if place[0] == "right" and raw.get("drives") == 1:
                 continue
             nominal = _value(raw, place)
-            if nominal is None:  # which the file's other messages are about
+            if nominal is None:  # reported by other issues of the file
                 continue
             result[place] = _within(place, _draw(spread, nominal, seed, place))
             factor = result[place] / nominal if nominal else 1.0
@@ -157,14 +157,14 @@ def drawn(raw: Table, spreads: Sequence[Spread], seed: int) -> dict[Names, float
 
 
 def _places(names: Names) -> list[Names]:
-    """Where a car has the key: once, or in each drive."""
+    """Return the names under which a car has the key: once, or in each drive."""
     if len(names) == 2 and names[0] in DRIVE_TABLES:
         return [(side, *names) for side in SIDES]
     return [names]
 
 
 def _value(raw: Mapping[str, Any], names: Names) -> float | None:
-    """The value of a key in the file's content, or its default, in the file's unit; None where it has none."""
+    """Return the value of a key in the file's content, or its default, in the file's unit; None if it has none."""
     key = key_of(names)
     assert key is not None
     for path in (names, names[-2:]):
@@ -198,7 +198,7 @@ def _draw(spread: Spread, nominal: float, seed: int, place: Names) -> float:
 
 
 def _within(place: Names, value: float) -> float:
-    """Within the range that the key allows."""
+    """Return a value limited to the range that the key allows."""
     key = key_of(place)
     assert key is not None
     within = min(max(value, key.quantity.low), key.quantity.high)

@@ -1,4 +1,4 @@
-"""A folder to start from: the shipped files that a user changes first, and the C ECU, ready to run."""
+"""Create a folder to start from: the shipped files that a user changes first, and the C ECU, ready to run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from liftgate_hil.config.shipped import c_headers, data_root, ecu_sources
 from liftgate_hil.errors import ConfigError
 
-# Name in the new folder → what it is a copy of. The rig finds its database beside itself, by the name it has.
+# Name in the new folder: the shipped file that is copied. The rig finds its database beside itself by this name.
 _FILES = {
     "liftgate.dbc": "dbc/liftgate.dbc",
     "vehicle.toml": "configs/vehicles/suv.toml",
@@ -21,21 +21,21 @@ _FILES = {
 
 
 README = "README.md"
-README_BESIDE = "LIFTGATE.md"  # where the folder has one
+README_BESIDE = "LIFTGATE.md"  # if the folder has a README
 
 
 def starter_readme() -> Path:
-    """The page that tells what to do with the files."""
+    """Return the page that says what to do with the files."""
     return data_root() / "configs/starter" / README
 
 
 def create_starter(folder: Path) -> list[Path]:
-    """Fill `folder`, which is made where it does not exist; the files written, relative to it.
+    """Fill `folder`, which is created if needed, and return the files written, relative to it.
 
-    It may be a new or an empty one, or a git repository, of which all that is there is kept: with a README of its
-    own, ours has another name. The ECU's sources and the headers they need go to its subfolder `ecu`. Raises
-    ConfigError where the folder is none of that, where something that is there would be overwritten (all of that
-    is named), or where it cannot be written to; then nothing that was there has changed.
+    It may be a new or an empty folder, or a git repository, of which all files are kept: if it has a README, ours
+    gets another name. The ECU's sources and the headers they need go to its subfolder `ecu`. Raises ConfigError if
+    the folder is none of these, if existing files would be overwritten (all of them are named), or if it cannot be
+    written to; existing files are unchanged then.
     """
     try:
         _check(folder)
@@ -49,7 +49,7 @@ def create_starter(folder: Path) -> list[Path]:
         for name, source in sources.items():
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            # The content alone: an installed file may be read-only.
+            # Only the content is copied: an installed file may be read-only.
             target.write_bytes(source.read_bytes())
     except OSError as error:
         where = error.filename or folder
@@ -58,7 +58,7 @@ def create_starter(folder: Path) -> list[Path]:
 
 
 def _check(folder: Path) -> None:
-    """Whether the folder may be filled. Raises ConfigError."""
+    """Raise ConfigError if the folder may not be filled."""
     if not folder.exists():
         return
     allowed = "allowed: a new or an empty folder, or a git repository"
@@ -69,7 +69,7 @@ def _check(folder: Path) -> None:
 
 
 def _sources(folder: Path) -> dict[Path, Path]:
-    """Name in the folder: what it is a copy of."""
+    """Return the files by name in the folder, each with the file that is copied."""
     sources = {Path(name): data_root() / source for name, source in _FILES.items()}
     there = folder.iterdir() if folder.exists() else ()
     has_readme = any(each.stem.casefold() == "readme" for each in there)
@@ -80,7 +80,7 @@ def _sources(folder: Path) -> dict[Path, Path]:
 
 
 def _in_the_way(folder: Path, name: Path) -> Path | None:
-    """What is there in place of a file, or of a folder above it, relative to `folder`; None: nothing."""
+    """Return what is in place of a file or of a folder above it, relative to `folder`; None if nothing is."""
     for part in reversed((name, *name.parents[:-1])):
         place = folder / part
         if os.path.lexists(place) and (part == name or not place.is_dir()):

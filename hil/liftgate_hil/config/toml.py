@@ -1,4 +1,4 @@
-"""Reading TOML so that all faults of a file come out at once, each with file, key, value and what is allowed."""
+"""Read TOML so that all issues of a file are reported at once, each with file, key, value and what is allowed."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from liftgate_hil.config.files import read_bytes
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 
 Table = dict[str, Any]
 
-# Beyond these a file is no configuration; Python's parser takes time with the square of a key's length.
+# Beyond these a file is no configuration; the time of Python's parser grows with the square of a key's length.
 MOST_BYTES = 2_000_000
-DEEPEST = 16  # tables and lists in each other, and parts of a key
-_MOST_KEYS = 20  # unknown keys told one by one
+DEEPEST = 16  # nested tables and lists, and parts of a key
+_MOST_KEYS = 20  # unknown keys that are reported one by one
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(  # where a key may begin
     rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}",
@@ -27,7 +26,7 @@ _LONG_KEY = re.compile(  # where a key may begin
 
 
 def read_text(path: Path) -> str:
-    """The text of a TOML file, without the mark that some editors begin it with. Raises ConfigError."""
+    """Return the text of a TOML file, without a byte order mark. Raises ConfigError."""
     raw = read_bytes(path, MOST_BYTES)
     try:
         return raw.decode("utf-8-sig")
@@ -36,14 +35,14 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> Table:
-    """The file's content. Raises ConfigError where it cannot be read or is not TOML."""
+    """Return the content of a file. Raises ConfigError if it cannot be read or is not TOML."""
     written = read_text(path)
     too_deep = f"{path}: keys or tables deeper than {DEEPEST}; allowed: up to {DEEPEST}"
     if _LONG_KEY.search(written):
         raise ConfigError(too_deep)
     try:
         content = tomllib.loads(written)
-    except ValueError as error:  # TOMLDecodeError is one
+    except ValueError as error:  # TOMLDecodeError is a ValueError
         raise ConfigError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise ConfigError(too_deep) from error
@@ -53,7 +52,7 @@ def read_toml(path: Path) -> Table:
 
 
 def _is_deeper(content: Table, levels: int) -> bool:
-    """Whether more tables and lists than `levels` are in each other."""
+    """Whether tables and lists are nested more than `levels` deep."""
     inner: list[Any] = [content]
     for _ in range(levels):
         inner = [
@@ -76,7 +75,7 @@ def number(
     unit: str = "",
     least: float = 0.0,
 ) -> float:
-    """`value` as a float within [low, high], and not between 0 and `least`; a fault and NaN where it is not."""
+    """Return `value` as a float within [low, high], not between 0 and `least`; else NaN and an issue."""
     begin = f"0, or {least:g}" if least else f"{low:g}"
     allowed = f"{begin} to {high:g}{' ' + unit if unit else ''}"
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -84,14 +83,14 @@ def number(
         return math.nan
     if (
         not low <= value <= high or 0.0 < value < least
-    ):  # NaN is not; whole numbers may be too large for a float
+    ):  # true for NaN, too; whole numbers may be too large for a float
         issues.add(key, f"{show(value)} is out of range; allowed: {allowed}")
         return math.nan
     return float(value)
 
 
 def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] = ()) -> str:
-    """`value` as a string, one of `allowed` where that is given; a fault and "" where it is not."""
+    """Return `value` as a string, one of `allowed` if that is given; "" and an issue if it is invalid."""
     choices = list(allowed)
     if not isinstance(value, str) or not value or (choices and value not in choices):
         said = f"one of {', '.join(choices)}" if choices else "a text"
@@ -101,7 +100,7 @@ def text(issues: ConfigIssues, key: str, value: object, allowed: Iterable[str] =
 
 
 def table(issues: ConfigIssues, key: str, value: object) -> Table:
-    """`value` as a table; a fault and an empty one where it is not."""
+    """Return `value` as a table; an empty one and an issue if it is none."""
     if not isinstance(value, dict):
         issues.add(key, f"{show(value)}; allowed: a table")
         return {}
@@ -111,7 +110,7 @@ def table(issues: ConfigIssues, key: str, value: object) -> Table:
 def known_keys(
     issues: ConfigIssues, prefix: str, given: Mapping[str, Any], known: Iterable[str]
 ) -> None:
-    """A fault for each key that does not exist; of very many the number."""
+    """Note an issue for each unknown key; beyond _MOST_KEYS of them only their number."""
     names = list(known)
     start = f"{prefix}." if prefix else ""
     unknown = [key for key in given if key not in names]
@@ -128,7 +127,7 @@ def known_keys(
 
 
 def show(value: object) -> str:
-    """A value as it may stand in a message: short, on one line."""
+    """Return a value as a message shows it: short, on one line."""
     try:
         said = repr(value)
     except ValueError:  # Python refuses to write out thousands of digits
@@ -137,5 +136,5 @@ def show(value: object) -> str:
 
 
 def shortened(said: str) -> str:
-    """Up to 60 characters of it."""
+    """Return a text, shortened to at most 60 characters."""
     return said if len(said) <= 60 else said[:57] + "..."

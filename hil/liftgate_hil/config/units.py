@@ -1,8 +1,8 @@
-"""Units, as files and databases spell them, and what they are in the unit of a quantity of the catalogue.
+"""Units as files and databases spell them, and their conversion to the unit of a quantity of the catalogue.
 
-A unit is a factor to the first one of its dimension, kept as numerator and denominator so that conversions are
-exact where they can be, and for temperatures an offset. Spellings are compared without spaces, dots and signs of
-multiplication; words of three letters and more in any case, shorter ones and what may begin with milli or mega
+A unit is a factor to the first unit of its dimension, kept as numerator and denominator so that conversions are
+exact if possible, and for temperatures an offset. Spellings are compared without spaces, dots and multiplication
+signs; words of three or more letters in any case, shorter ones and those that may begin with milli or mega
 (mA, mPa) as they stand.
 """
 
@@ -22,7 +22,7 @@ SAME: Conversion = (1.0, 0.0)
 
 
 class Unit(NamedTuple):
-    """first unit of the dimension = numerator / denominator · this one + offset."""
+    """A unit: first unit of its dimension = numerator / denominator · this one + offset."""
 
     numerator: float
     denominator: float = 1.0
@@ -33,7 +33,7 @@ _TURN = 2.0 * math.pi
 _NUMBER = Unit(1.0)
 _NONE = ("1", "-", "--", "n/a", "na", "none", "unitless", "dimensionless", "SED")
 
-# Spellings by unit, by dimension. The first spelling is what messages call it.
+# Spellings by dimension and unit. Messages use the first spelling.
 _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
     "current": {
         Unit(1): ("A", "amp", "amps", "ampere", "amperes", "amper", "A_DC"),
@@ -56,7 +56,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
         Unit(60): ("min", "minute", "minutes", "Minuten"),
         Unit(3600): ("h", "hour", "hours", "Stunden"),
     },
-    "angle": {  # of a gate, and what a motor has turned
+    "angle": {  # of a gate, and turns of a motor
         Unit(1): ("rev", "revs", "revolution", "revolutions", "turn", "turns", "Umdr", "Umdrehung",
                   "Umdrehungen"),
         Unit(1, 360): ("deg", "°", "degree", "degrees", "Grad", "degs", "ang_deg", "Winkelgrad",
@@ -133,7 +133,7 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
                   "bool", "boolean", "bit", "bits", "flag", "state", "status", "enum", "number", "#",
                   "Anzahl", "step", "raw", "digit", "Flanken"),
     },
-    # No quantity has these; known, they contradict.
+    # No quantity has these; they are known so that a contradiction is recognised.
     "speed": {Unit(1): ("m/s", "m/sec"), Unit(1, 3.6): ("km/h", "kph", "kmh"),
               Unit(0.44704): ("mph",), Unit(1, 1000): ("mm/s",)},
     "length": {Unit(1): ("m", "meter", "metre"), Unit(1, 1000): ("mm", "millimeter", "millimetre"),
@@ -145,12 +145,12 @@ _SPELLINGS: Mapping[str, Mapping[Unit, tuple[str, ...]]] = {
 
 
 def _folded(text: str) -> str:
-    """A spelling without what does not tell units apart."""
+    """Return a spelling without what does not distinguish units."""
     # UTF-8 that was read as cp1252 has a letter before each of these signs.
     text = re.sub("Â(?=[°²³µ·])", "", text)
     text = unicodedata.normalize("NFKC", text).replace("μ", "µ").replace("º", "°").replace("−", "-")
     text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", text.strip())
-    text = text.removeprefix("Unit_")  # Volkswagen's way
+    text = text.removeprefix("Unit_")  # Volkswagen's spelling
     text = re.sub(r"[\s·*×^]|\.(?!\.)(?<!\.\.)", "", text)
     letters = sum(each.isalpha() for each in text)
     return text if letters < 3 or (letters <= 5 and text[0] in "mM") else text.casefold()
@@ -158,7 +158,7 @@ def _folded(text: str) -> str:
 
 @functools.cache
 def _known() -> Mapping[str, Mapping[str, Unit]]:
-    """Units by folded spelling, by dimension."""
+    """Return the units by dimension and folded spelling."""
     return {
         dimension: {_folded(name): unit for unit, names in units.items() for name in names}
         for dimension, units in _SPELLINGS.items()
@@ -167,20 +167,23 @@ def _known() -> Mapping[str, Mapping[str, Unit]]:
 
 @functools.cache
 def dimension_of(signal: Signal) -> str:
-    """What a quantity of the catalogue measures. Without a unit it is a number, or, not being whole, a share."""
+    """Return the dimension of a quantity of the catalogue.
+
+    Without a unit it is a number, or a share if it is not whole.
+    """
     if signal.unit == "":
         return "number" if signal.is_whole or signal.values else "share"
     return dimensions_named(signal.unit)[0]
 
 
 def dimensions_named(unit: str) -> list[str]:
-    """What a unit may measure: `g` is a mass and an acceleration, `1` a share and a number."""
+    """Return the dimensions that a unit may have: `g` is a mass and an acceleration, `1` a share and a number."""
     return [dimension for dimension, units in _known().items() if _folded(unit) in units]
 
 
 @functools.cache
 def conversion(signal: Signal, unit: str) -> Conversion | None:
-    """From a unit to a quantity's; None where it is none of its units, or not known."""
+    """Return the conversion from a unit to a quantity's; None if it is none of its units or not known."""
     units = _known()[dimension_of(signal)]
     theirs = units.get(_folded(unit))
     if theirs is None:
@@ -196,12 +199,12 @@ def _own_unit(signal: Signal) -> Unit:
 
 
 def allowed_units(signal: Signal) -> str:
-    """The units that a quantity may be given in, for a message."""
+    """Return the units that a quantity may be given in, as a text for a message."""
     return ", ".join(units[0] for units in _SPELLINGS[dimension_of(signal)].values())
 
 
 def spellings(signal: Signal) -> Mapping[str, Conversion]:
-    """Each spelling of a quantity's units, with its conversion."""
+    """Return each spelling of a quantity's units with its conversion."""
     found = {
         name: conversion(signal, name)
         for names in _SPELLINGS[dimension_of(signal)].values()

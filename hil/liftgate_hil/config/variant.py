@@ -1,6 +1,6 @@
-"""Which car of a vehicle file: as the file has it, one of its `[spread]`, or one without imperfections.
+"""Variants of a vehicle file: the car as in the file, one drawn from its `[spread]`, or one without imperfections.
 
-Either is values put over the file, as by KEY=VALUE, and such values put over it hold.
+The latter two are values that override the file, as KEY=VALUE does; KEY=VALUE overrides them in turn.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from liftgate_hil.config.settings import Setting, applied
 from liftgate_hil.config.spread import drawn, spreads_of
 from liftgate_hil.config.toml import Table
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_plant.quantity import Points
 
-# What says how the sensors are built, and not how they err.
+# Keys that say how the sensors are built, not what errors they have.
 _BUILD = (
     "hall_counts",
     "hall_sample_period",
@@ -30,7 +29,7 @@ _BUILD = (
     "commutator_segments",
     "commutator_brushes",
 )
-_LAW = ("static_ratio", "stribeck_speed", "viscous")  # of friction over speed
+_LAW = ("static_ratio", "stribeck_speed", "viscous")  # keys of friction over speed
 _TABLES = {**DRIVE_TABLES, **BODY_TABLES}
 IDEAL = {
     "friction": tuple(key for key in keys_of(DRIVE_TABLES["friction"]) if key not in _LAW),
@@ -45,15 +44,15 @@ IDEAL = {
 
 
 class Variant(NamedTuple):
-    """Which car."""
+    """A variant of a vehicle file."""
 
-    draw: int | None = None  # the seed of one of the production
+    draw: int | None = None  # seed of a car drawn from the production; None: none is drawn
     is_ideal: bool = (
-        False  # the thesis's plant: no errors of sensors, torsion, source resistance, wear
+        False  # the thesis's plant: no sensor errors, torsion, source resistance or wear
     )
 
     def check(self) -> None:
-        """Raises ConfigError where both are asked for."""
+        """Raise ConfigError if both a draw and the ideal car are requested."""
         if self.draw is not None and self.is_ideal:
             raise ConfigError(f"`draw` {self.draw}: allowed without `ideal`, which has no spread")
 
@@ -64,7 +63,7 @@ AS_FILED = Variant()
 def settings_for(
     raw: Table, variant: Variant, settings: Sequence[Setting], source: str
 ) -> list[Setting]:
-    """The values of that car and then `settings`, to be put over a file's content `raw`. Raises ConfigError."""
+    """Return the values of a variant and then `settings`, to override the content `raw`. Raises ConfigError."""
     variant.check()
     if variant.is_ideal:
         own = _ideal(raw)
@@ -76,7 +75,7 @@ def settings_for(
 
 
 def _ideal(raw: Table) -> list[Setting]:
-    """The defaults, which are ideal, in place of the file's values."""
+    """Return settings that replace values of the file by the defaults, which are ideal."""
     result = []
     for path in [*((name,) for name in IDEAL), *itertools.product(SIDES, IDEAL)]:
         given: Any = raw

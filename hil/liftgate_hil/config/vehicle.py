@@ -1,4 +1,4 @@
-"""A vehicle file to a vehicle: the allowed keys and ranges stand at the parameters themselves, in `plant`."""
+"""Read a vehicle file; the allowed keys and ranges are defined at the parameters themselves, in `plant`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from liftgate_hil.config.spread import spreads_of
 from liftgate_hil.config.toml import Table, known_keys, number, read_toml, show, table, text
 from liftgate_hil.config.variant import AS_FILED, Variant, settings_for
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES, SIDES, keys_of
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant import gate as gate_body
 from liftgate_plant import hall
 from liftgate_plant.friction_profile import MOST_PLACES, places_of
@@ -28,16 +28,16 @@ _ROUNDED = 1.01  # data sheets round the constants of a motor, and measurements 
 def load_vehicle(
     path: Path, settings: Sequence[Setting] = (), variant: Variant = AS_FILED
 ) -> Vehicle:
-    """The vehicle of a file, that variant of it, with settings put over it. Raises ConfigError with all faults."""
+    """Return a variant of the vehicle of a file, with settings applied. Raises ConfigError with all issues."""
     raw = read_toml(path)
     origins = applied(raw, settings_for(raw, variant, settings, str(path)))
     return vehicle_of(raw, str(path), origins)
 
 
 def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None) -> Vehicle:
-    """The vehicle of a file's content; `source` names it in messages, `origins` see ConfigIssues."""
+    """Return the vehicle of a file's content; `source` names it in messages, `origins` is as in ConfigIssues."""
     issues = ConfigIssues(source, origins)
-    # Where values were estimated, the file says how; nothing here depends on it.
+    # `identification` says how values were estimated; nothing here depends on it.
     known_keys(
         issues, "", raw, ["drives", *DRIVE_TABLES, *BODY_TABLES, *SIDES, "spread", "identification"]
     )
@@ -49,7 +49,7 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
     if drives == 1 and "right" in raw:
         issues.add("right", "this gate has drives = 1, the left one; allowed: no such table")
     left = _drive_tables(issues, raw, "left")
-    # The right drive of a gate that has none gets the left one's constants, and is never stepped.
+    # If a gate has no right drive, that gets the left one's constants, and is never stepped.
     right = left if drives == 1 else _drive_tables(issues, raw, "right")
     parts = {
         name: _fields(issues, name, table(issues, name, raw.get(name, {})), kind)
@@ -72,15 +72,16 @@ def vehicle_of(raw: Table, source: str, origins: Mapping[str, str] | None = None
 
 
 def faults_with(vehicle: Vehicle) -> list[str]:
-    """What is wrong with a vehicle as a whole: what no single value of it shows."""
+    """Return the issues of a vehicle as a whole, which no single value of it shows."""
     issues = ConfigIssues("")
     _check_whole(issues, vehicle)
     return [line.removeprefix(": ") for line in issues.lines]
 
 
 def refusals_of(vehicle: Vehicle) -> list[str]:
-    """All that the loader would refuse of a vehicle whose values are within their ranges, a line each: what
-    `faults_with` finds, and friction that cannot be tabulated.
+    """Return all issues, a line each, for which the loader refuses a vehicle with values within their ranges.
+
+    That is what `faults_with` finds, or else friction that cannot be tabulated.
     """
     issues = ConfigIssues("")
     _check_whole(issues, vehicle)
@@ -106,7 +107,7 @@ def _drive_tables(issues: ConfigIssues, raw: Table, side: str) -> dict[str, dict
         known_keys(issues, side, own, DRIVE_TABLES)
     result = {}
     for name, kind in DRIVE_TABLES.items():
-        # What is wrong with a shared table is the same line for both drives, and so told once.
+        # An issue of a shared table is the same line for both drives, and so is reported once.
         shared = table(issues, name, raw.get(name, {}))
         mine = table(issues, f"{side}.{name}", own.get(name, {}))
         result[name] = _fields(issues, name, {**shared, **mine}, kind, side, mine)
@@ -121,7 +122,7 @@ def _fields(
     side: str = "",
     own: Table | None = None,
 ) -> dict[str, Any]:
-    """The fields of one table, converted to SI and radians; keys in `own` were given for one side."""
+    """Return the fields of one table, converted to SI and radians; keys in `own` were given for one side."""
     keys = keys_of(kind)
     known_keys(issues, prefix, {k: v for k, v in given.items() if k not in (own or {})}, keys)
     known_keys(issues, f"{side}.{prefix}", own or {}, keys)
@@ -158,7 +159,7 @@ def _value(issues: ConfigIssues, key: str, value: object, quantity: Quantity, or
 
 
 def _points(issues: ConfigIssues, key: str, value: object, quantity: Quantity) -> Any:
-    """Pairs of a share, rising, and a value."""
+    """Return pairs of a share and a value, the shares rising; issues are noted."""
     pairs = value if isinstance(value, list) else [value]
     if not isinstance(value, list) or not all(isinstance(p, list) and len(p) == 2 for p in pairs):
         issues.add(
@@ -189,12 +190,15 @@ def _allowed(quantity: Quantity, form: str = "") -> str:
 
 
 def _unit(quantity: Quantity) -> str:
-    """As a person reads it; none of a pure number."""
+    """Return the unit as shown to the user; "" for a pure number."""
     return "" if quantity.unit == "1" else quantity.unit
 
 
 def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """A motor's shaft gives c1Φ i ω for the c2Φ n i that its EMF takes: c1Φ of more than c2Φ/2π makes energy."""
+    """Check that no motor makes energy, as one with c1Φ of more than c2Φ/2π does.
+
+    Its shaft delivers c1Φ i ω for the c2Φ n i that its EMF takes.
+    """
     limits = [each.motor.speed_constant / (2.0 * math.pi) for each in (vehicle.left, vehicle.right)]
     given = [each.motor.torque_constant for each in (vehicle.left, vehicle.right)]
     for side, value, limit in zip(SIDES[: vehicle.drives], given, limits, strict=False):
@@ -208,8 +212,10 @@ def _check_motors(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
-    """A gate's inertia about its hinge is m r² of its centre of gravity at least, and no part of the gate is
-    further from the hinge than that and its length; ten times beyond that it is a mistake, no rough estimate.
+    """Check that the inertia of a gate about its hinge is plausible.
+
+    It is at least m r² of the centre of gravity, and no part of the gate is further from the hinge than r plus the
+    diagonal of the gate. A value beyond these limits by more than a factor of ten is a mistake, no rough estimate.
     """
     radius = gate_body.linkage(gate).gravity_radius
     reach = radius + math.hypot(gate.length, gate.thickness)
@@ -223,7 +229,7 @@ def _check_inertia(issues: ConfigIssues, gate: Gate) -> None:
 
 
 def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
-    """The edges of the Hall sensors must come one after the other."""
+    """Check that the edges of the Hall sensors come one after the other."""
     most, beside = hall.MOST_DISPLACED, hall.farthest(encoder_of(sensors))
     if beside > most + 1e-9:
         issues.add(
@@ -235,7 +241,7 @@ def _check_encoder(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
-    """What goes together."""
+    """Check the keys of shunt and current window: flags are 0 or 1, some exclude or require others."""
     for key in ("shunt_low_side", "shunt_sampled_on"):
         if getattr(sensors, key) not in (0.0, 1.0):
             issues.add(f"sensors.{key}", f"{getattr(sensors, key):g}; allowed: 0 or 1")
@@ -249,7 +255,7 @@ def _check_shunt(issues: ConfigIssues, sensors: Sensors) -> None:
 
 
 def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Freewheeling goes with a PWM."""
+    """Check that freewheeling other than slow has a PWM frequency."""
     for side, own in zip(SIDES[: vehicle.drives], (vehicle.left, vehicle.right), strict=False):
         frequency, freewheeling = own.bridge.pwm_frequency, own.bridge.freewheeling
         prefix = "bridge" if vehicle.left.bridge == vehicle.right.bridge else f"{side}.bridge"
@@ -262,7 +268,7 @@ def _check_bridges(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_latch(issues: ConfigIssues, own: Latch) -> None:
-    """A striker meets the claw, then its half and then its full position."""
+    """Check that a striker meets the claw, then its half and then its full position."""
     if own.half == 0.0:
         return
     if own.full >= own.half:
@@ -272,7 +278,7 @@ def _check_latch(issues: ConfigIssues, own: Latch) -> None:
 
 
 def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
-    """Friction over the travel is tabulated, with so many places that nothing of it is lost."""
+    """Check that friction over the travel can be tabulated with so many places that nothing of it is lost."""
     stroke = gate_body.linkage(vehicle.gate).stroke
     if places_of(vehicle, stroke) > MOST_PLACES:
         issues.add(
@@ -283,7 +289,7 @@ def _check_friction(issues: ConfigIssues, vehicle: Vehicle) -> None:
 
 
 def _check_geometry(issues: ConfigIssues, gate: Gate) -> None:
-    """The actuator must get longer all the way from closed to open."""
+    """Check that the actuator gets longer all the way from closed to open."""
     link = gate_body.linkage(gate)
     if min(link.body_radius, link.gate_radius) < 1e-6:
         issues.add("gate", "gate_point or body_point lies on the hinge; allowed: a lever arm")

@@ -1,4 +1,4 @@
-"""A vehicle file with other values: its comments and order stay."""
+"""Change values in a vehicle file; its comments and order are kept."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ def vehicle_text(
     values: Mapping[str, float],
     origin: Mapping[str, Any],
 ) -> str:
-    """The text of `source` with `settings` and `values` (by their dotted names) put into it, and a
-    table `[identification]` that says where they come from.
+    """Return the text of `source` with `settings` and `values` (by their dotted names) applied.
+
+    `origin` becomes the table `[identification]`, which states the provenance of the values.
     """
     import tomlkit
 
-    read_toml(source)  # tells what is wrong with it
+    read_toml(source)  # raises ConfigError if it is invalid
     document: Any = tomlkit.parse(read_text(source))
     for setting in settings:
         apply_setting(document, setting)
@@ -38,7 +39,7 @@ def vehicle_text(
 
 
 def _put(document: Any, name: str, value: float) -> None:
-    """One value; where a drive has a table of its own with that key, there too."""
+    """Set one value, also in the table of a drive that has that key itself."""
     match = _COORDINATE.fullmatch(name)
     names = (match[1] if match else name).split(".")
     places = [names]

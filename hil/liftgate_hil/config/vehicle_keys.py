@@ -1,4 +1,4 @@
-"""The keys of a vehicle file, by table: what stands at the parameters themselves, in `plant`."""
+"""The keys of a vehicle file, by table, as defined at the parameters themselves, in `plant`."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ SIDES = ("left", "right")
 
 
 class Key(NamedTuple):
-    """What stands under a key of a table."""
+    """A key of a table: its field, quantity, type and default."""
 
-    field: str  # of the table's class
+    field: str  # field of the table's class
     quantity: Quantity
     kind: type  # float, str, Points, or a point
-    default: Any  # in memory's unit; None: there must be a value
+    default: Any  # in the unit in memory; None: the key is required
 
 
 @functools.cache
 def keys_of(kind: type) -> Mapping[str, Key]:
-    """The keys of a table, as the file has them."""
+    """Return the keys of a table as they are named in the file."""
     defaults: Mapping[str, Any] = kind._field_defaults  # type: ignore[attr-defined]
     result = {}
     for field, hint in get_type_hints(kind, include_extras=True).items():

@@ -1,1 +1,1 @@
-"""Recordings into other formats, drawn, and compared."""
+"""Recordings converted into other formats, plotted, and compared."""

@@ -1,4 +1,4 @@
-"""Two recordings against each other: of each column the difference at the times that both have."""
+"""Comparison of two recordings: the difference of each column at the times that both have."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from liftgate_hil.conversion.compare_frames import FramesCompared
 from liftgate_hil.conversion.table import Floats, Table, Window, chosen
 from liftgate_hil.errors import ConfigError
 
-_LONGEST_S = 1e9  # of any recording
+_LONGEST_S = 1e9  # latest time in a recording
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one column: what the second recording has more than the first, where that is furthest from zero."""
+    """Difference of one column: second recording minus first, where that is furthest from zero."""
 
     name: str
-    largest: float  # NaN: at that time only one of them has a value
-    time_s: float  # when; NaN: never
+    largest: float  # NaN: only one of them has a value at that time
+    time_s: float  # time of the largest one; NaN: there is none
     rms: float  # over all times at which both have a value
     tolerance: float
 
     @property
     def is_equal(self) -> bool:
-        """Whether it is within its tolerance everywhere."""
+        """Whether the difference is within its tolerance everywhere."""
         return bool(abs(self.largest) <= self.tolerance)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is unlike in two recordings."""
+    """Differences between two recordings."""
 
     columns: tuple[Difference, ...]
-    rows: int  # that both have
+    rows: int  # rows at times that both have
     alone: tuple[int, int]  # rows at times that the other does not have
     missing: tuple[tuple[str, ...], tuple[str, ...]]  # columns that the other does not have
     frames: FramesCompared | None = None
 
     @property
     def is_equal(self) -> bool:
-        """Whether nothing is."""
+        """Whether the recordings are equal within the tolerances."""
         return (
             all(each.is_equal for each in self.columns)
             and not any(self.alone)
@@ -54,7 +54,7 @@ class Comparison:
 
 
 class _Pair(NamedTuple):
-    """Rows of both at the same times, and how many times only one of them has."""
+    """Rows of both recordings at the same times, and how many times only one of them has."""
 
     first: Floats
     second: Floats
@@ -68,8 +68,9 @@ def compare_tables(
     tolerance: float = 0.0,
     window: Window = Window(),  # noqa: B008  # a tuple
 ) -> Comparison:
-    """Compare columns, all that both have where none are named. `tolerances` are of columns by name, `tolerance`
-    is that of all others. Raises ConfigError.
+    """Compare columns of two tables: these, or all that both have. Raises ConfigError.
+
+    `tolerances` are of columns by name, `tolerance` is that of all others.
     """
     window.check()
     first, second = tables
@@ -99,7 +100,7 @@ def compare_tables(
 
 
 class _Sums:
-    """What is known of the columns so far."""
+    """Differences of the columns in the rows read so far."""
 
     def __init__(self, names: Sequence[str], tolerances: Floats) -> None:
         self._names, self._tolerances = names, tolerances
@@ -109,14 +110,14 @@ class _Sums:
         self.rows, self.alone = 0, [0, 0]
 
     def add(self, pair: _Pair) -> None:
-        """Take in a block."""
+        """Take in a block of rows."""
         self.rows += len(pair.first)
         self.alone = [own + more for own, more in zip(self.alone, pair.alone, strict=True)]
         if not len(pair.first):
             return
         differences = differences_of(pair.first[:, 1:], pair.second[:, 1:])
         known = np.isfinite(differences)
-        # A value where the other has none is further from it than any number.
+        # A value that only one of them has is a larger difference than any number.
         sizes = np.where(known, np.abs(differences), np.inf)
         places = np.argmax(sizes, axis=0)
         columns = np.arange(len(self._names))
@@ -129,7 +130,7 @@ class _Sums:
         self._counts += known.sum(axis=0)
 
     def result(self) -> tuple[Difference, ...]:
-        """Of each column."""
+        """Return the difference of each column."""
         rms = np.sqrt(self._squares / np.maximum(self._counts, 1.0))
         values = zip(self._names, self._largest, self._times, rms, self._tolerances, strict=True)
         return tuple(
@@ -139,7 +140,7 @@ class _Sums:
 
 
 def differences_of(first: Floats, second: Floats) -> Floats:
-    """What the second has more; 0 where neither has a value, NaN where one has none."""
+    """Return second minus first; 0 where neither has a value, NaN where only one has."""
     with np.errstate(invalid="ignore", over="ignore"):
         result: Floats = second - first
     result[(first == second) | (np.isnan(first) & np.isnan(second))] = 0.0
@@ -147,7 +148,7 @@ def differences_of(first: Floats, second: Floats) -> Floats:
 
 
 def _pairs(tables: tuple[Table, Table], blocks: list[Iterator[Floats]]) -> Iterator[_Pair]:
-    """Rows of both as far as both are read."""
+    """Yield the rows of both recordings as far as both are read."""
     first, second = (_Rising(table, each) for table, each in zip(tables, blocks, strict=True))
     while first.has_more or second.has_more:
         bound = min(each.last_ns for each in (first, second))
@@ -165,7 +166,7 @@ def _ns(rows: Floats) -> NDArray[np.int64]:
 
 
 class _Rising:
-    """Rows of a table in the order of time, as many as are wanted."""
+    """Rows of a table in order of time, as many as are wanted."""
 
     def __init__(self, table: Table, blocks: Iterator[Floats]) -> None:
         self._path, self._blocks = table.path, blocks
@@ -195,11 +196,11 @@ class _Rising:
 
     @property
     def last_ns(self) -> int:
-        """The time up to which rows are known; the end of time after the last."""
+        """Time up to which rows are known [ns]; 2^62 after the last row."""
         return int(_ns(self._rows)[-1]) if self._rows is not None else 2**62
 
     def taken(self, bound: int) -> Floats:
-        """The rows up to a time [ns]."""
+        """Return the rows up to a time [ns], and remove them."""
         if self._rows is None:
             return np.zeros((0, 1))
         count = int(np.searchsorted(_ns(self._rows), bound, side="right"))

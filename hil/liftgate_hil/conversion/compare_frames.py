@@ -1,4 +1,4 @@
-"""The frames of two recordings against each other, one after the other."""
+"""Comparison of the frames of two recordings, one after the other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
-from liftgate_hil.measurement.recorded import Recorded
+from liftgate_hil.formats.recording import Recording
 
 _FIELDS = {
     "identifier": "identifier",
@@ -16,23 +16,24 @@ _FIELDS = {
     "is_sent": "direction",
     "payload": "data",
 }
-_SAME_NS = 1000  # formats keep microseconds, rounded or cut off
-_COARSE_NS = 1_000_000  # resolution in which ASC and TRC say when they began
+_SAME_NS = 1000  # formats keep microseconds, rounded or truncated
+_COARSE_NS = 1_000_000  # resolution of the start time in ASC and TRC
 
 
 @dataclass(frozen=True)
 class FramesCompared:
-    """The frames of both, one after the other."""
+    """Result of the comparison of the frames of two recordings."""
 
-    counts: tuple[int, int]
-    first: int | None  # the first that is not the same, from 0; None: all are
-    time_s: float  # its time
-    what: str = ""  # is unlike in it
+    counts: tuple[int, int]  # frames in each recording
+    first: int | None  # index of the first frame that differs; None: all are equal
+    time_s: float  # time of that frame
+    what: str = ""  # fields that differ in that frame
 
 
-def compare_frames(first: Recorded, second: Recorded) -> FramesCompared:
-    """The frames of two recordings, with their times to the microsecond: since the start of the run, or where one
-    does not know that, by the clock.
+def compare_frames(first: Recording, second: Recording) -> FramesCompared:
+    """Compare the frames of two recordings, with their times to the microsecond.
+
+    Times count from the start of the run or, if one recording does not know it, by the wall clock.
     """
     counts, unlike, time, offset, what = [0, 0], None, float("nan"), None, ""
     heads = [_Frames(first), _Frames(second)]
@@ -61,7 +62,7 @@ def compare_frames(first: Recorded, second: Recorded) -> FramesCompared:
 
 
 def _offset(shift: int, first_ns: int, second_ns: int) -> int:
-    """What lies between the stamps of both [ns], by those of their first frames and when each began."""
+    """Return the offset between the times of both [ns], from those of their first frames and when each began."""
     by_clock = second_ns - first_ns
     if abs(shift - by_clock) <= _SAME_NS:
         return by_clock
@@ -72,12 +73,12 @@ def _offset(shift: int, first_ns: int, second_ns: int) -> int:
 class _Frames:
     """Frames of a recording, as many as are wanted."""
 
-    def __init__(self, source: Recorded) -> None:
+    def __init__(self, source: Recording) -> None:
         self._blocks = source.frames()
         self.block = no_logged()
 
     def fill(self) -> bool:
-        """Whether there are some, in `block`."""
+        """Make sure that `block` holds frames; return whether there are any."""
         while not len(self.block):
             following = next(self._blocks, None)
             if following is None:
@@ -86,6 +87,6 @@ class _Frames:
         return True
 
     def take(self, count: int) -> NDArray[np.void]:
-        """So many of them."""
+        """Return the first `count` frames of `block`, and remove them."""
         taken, self.block = self.block[:count], self.block[count:]
         return taken

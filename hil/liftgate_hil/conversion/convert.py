@@ -1,4 +1,4 @@
-"""A recording into another format: every row and every frame, or a reason why not."""
+"""Conversion of a recording into another format: every row and every frame, or a reason why not."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, REMOTE
 from liftgate_hil.conversion.table import Table, decoded
 from liftgate_hil.errors import ConfigError, RecordingError
-from liftgate_hil.loop.recorder import Recorder
-from liftgate_hil.measurement.recorded import Recorded, open_recorded
-from liftgate_hil.recording.content import Content, lines_about
-from liftgate_hil.recording.guarded import raise_failures
-from liftgate_hil.recording.open import FORMATS, check_file, open_recorder
-from liftgate_hil.recording.target import is_special
+from liftgate_hil.formats.content import Content, lines_about
+from liftgate_hil.formats.guarded import raise_failures
+from liftgate_hil.formats.open import FORMATS, check_file, open_recording, open_writer
+from liftgate_hil.formats.recording import Recording
+from liftgate_hil.formats.target import is_special
+from liftgate_hil.formats.writer import Writer
 
-# What of frames a format, or who reads it, loses: flags of the identifier.
+# Kinds of frames (flags of the identifier) that a format, or its reader, loses.
 _LOST = {".trc": ERROR | REMOTE | FD, ".log": ERROR, ".asc": ERROR, ".blf": ERROR}
 _CALLED = {ERROR: "an error frame", REMOTE: "a remote frame", FD: "a CAN FD frame"}
-_MOST = 2.0**53  # of a count
+_MOST = 2.0**53  # largest count
 
 
 @dataclass(frozen=True)
 class Converted:
-    """What became of a recording."""
+    """Result of a conversion."""
 
     rows: int
     frames: int
-    notes: tuple[str, ...]  # what was left out, and what was noticed
-    is_complete: bool = True  # else it was stopped, and nothing is written
+    notes: tuple[str, ...]  # remarks on what was left out or noticed
+    is_complete: bool = True  # false: it was stopped, and nothing was written
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """What goes from one to the other."""
+    """What is converted from the source into the target."""
 
-    source: Recorded
-    table: Table | None  # the rows
+    source: Recording
+    table: Table | None  # source of the rows; None: no rows
     has_frames: bool
     notes: tuple[str, ...]
 
@@ -54,16 +54,17 @@ def _never() -> bool:
 def convert(
     source: Path, target: Path, rig: str | None = None, stopped: Callable[[], bool] = _never
 ) -> Converted:
-    """Write the recording in `source` to `target`, in the format of its suffix. `rig`, a rig or a database,
-    decodes the frames into a table. A target that cannot hold what there is, or not as it was, is not written.
-    `stopped` is asked whether to end before.
+    """Write the recording in `source` to `target`, in the format of the target's suffix.
+
+    `rig`, a rig or a database, decodes the frames into a table. A target that cannot hold the content unchanged is
+    not written. `stopped` returns whether to end early.
 
     Raises ConfigError, RecordingError.
     """
     target = _checked(target)
     if os.path.realpath(source) == os.path.realpath(target):
         raise ConfigError(f"{target}: it is read; allowed: another file")
-    plan = _plan(open_recorded(source), target, rig)
+    plan = _plan(open_recording(source), target, rig)
     return _written(plan, target, stopped)
 
 
@@ -74,8 +75,8 @@ def _checked(target: Path) -> Path:
         raise ConfigError([each.removeprefix("`OUT` ") for each in error.issues]) from error
 
 
-def _plan(source: Recorded, target: Path, rig: str | None) -> _Plan:
-    """Raises ConfigError where nothing of the recording could be in the target."""
+def _plan(source: Recording, target: Path, rig: str | None) -> _Plan:
+    """Return the plan of a conversion. Raises ConfigError if the target can hold nothing of the recording."""
     form, has_frames = FORMATS[target.suffix], source.channel is not None
     holds = " and ".join(
         what for what, there in (("rows", source.signals), ("frames", has_frames)) if there
@@ -122,7 +123,7 @@ def _plan(source: Recorded, target: Path, rig: str | None) -> _Plan:
 
 
 def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converted:
-    """Write to a file beside the target, which it replaces once it is complete."""
+    """Write to a file beside the target, and replace the target once that file is complete."""
     path = target
     if not is_special(target):
         path = target.with_name(f"{target.stem}.part-{os.getpid()}{target.suffix}")
@@ -134,7 +135,7 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
         about=plan.source.about,
         row=signals,
     )
-    recorder = open_recorder(path, content, argument="OUT", is_salvaged=False)
+    recorder = open_writer(path, content, argument="OUT", is_salvaged=False)
     try:
         try:
             recorder.begin(plan.source.start_ns)
@@ -156,10 +157,10 @@ def _written(plan: _Plan, target: Path, stopped: Callable[[], bool]) -> Converte
 
 
 class _Copied:
-    """Rows and frames on their way into a recorder, about in the order of time."""
+    """Copier of rows and frames to a writer, roughly in order of time."""
 
     def __init__(
-        self, plan: _Plan, recorder: Recorder, target: Path, ended: Callable[[], bool]
+        self, plan: _Plan, recorder: Writer, target: Path, ended: Callable[[], bool]
     ) -> None:
         self._plan, self._recorder, self._target, self._ended = plan, recorder, target, ended
         self._blocks = _checked_frames(plan.source, target) if plan.has_frames else iter(())
@@ -167,7 +168,7 @@ class _Copied:
         self.rows = self.frames = 0
 
     def all(self) -> None:
-        """Until there are no more, or `ended` says so."""
+        """Copy until there are no more rows and frames, or `ended` returns true."""
         table = self._plan.table
         signals = table.signals if table else {}
         whole = [k for k, signal in enumerate(signals.values()) if signal.is_whole]
@@ -181,7 +182,7 @@ class _Copied:
         self._frames_up_to(np.inf)
 
     def _frames_up_to(self, time_ns: float) -> None:
-        """Blocks of frames that begin by then."""
+        """Copy the blocks of frames that begin by this time [ns]."""
         while self._waiting is not None and self._waiting["time_ns"][0] <= time_ns:
             if self._ended():
                 return
@@ -190,8 +191,8 @@ class _Copied:
             self._waiting = next(self._blocks, None)
 
 
-def _checked_frames(source: Recorded, target: Path) -> Iterator[NDArray[np.void]]:
-    """The frames. Raises ConfigError where the target, or who reads it, would lose something of one."""
+def _checked_frames(source: Recording, target: Path) -> Iterator[NDArray[np.void]]:
+    """Yield the frames. Raises ConfigError if the target, or its reader, would lose something of one."""
     lost = _LOST.get(target.suffix, 0)
     for block in source.frames():
         for flag, called in _CALLED.items():
@@ -208,7 +209,7 @@ def _checked_frames(source: Recorded, target: Path) -> Iterator[NDArray[np.void]
         yield block
 
 
-def _refuse(source: Recorded, frame: np.void, called: str, target: Path) -> None:
+def _refuse(source: Recording, frame: np.void, called: str, target: Path) -> None:
     whole = ".mf4, .mcap"
     raise ConfigError(
         f"{source.path}: {called} at {frame['time_ns'] / 1e9:.6f} s, which {target.suffix} cannot hold as it is; "
@@ -217,9 +218,9 @@ def _refuse(source: Recorded, frame: np.void, called: str, target: Path) -> None
 
 
 def _check_rows(
-    source: Recorded, rows: NDArray[np.float64], whole: list[int], target: Path
+    source: Recording, rows: NDArray[np.float64], whole: list[int], target: Path
 ) -> None:
-    """Raises ConfigError where the target would lose something of a row. `whole` are the places of counts."""
+    """Raise ConfigError if the target would lose something of a row. `whole` are the places of counts."""
     counts = rows[:, whole]
     if not (np.isnan(counts) | ((counts == np.round(counts)) & (np.abs(counts) < _MOST))).all():
         raise ConfigError(f"{source.path}: a count that is no whole number; allowed: a recording")

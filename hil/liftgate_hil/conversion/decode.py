@@ -1,5 +1,6 @@
-"""Frames to a table of their database's signals: a row for each time at which a frame came, each signal as of its
-message's last frame.
+"""Decodes frames into a table of their database's signals.
+
+It has a row for each time at which a frame came, with each signal as of its message's last frame.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Bits:
-    """Where a signal's bits are, the highest first: places in a payload's bits, of each byte the highest first."""
+    """Indices of a signal's bits in the bits of a payload, MSB first; those of each byte are MSB first, too."""
 
     places: NDArray[np.intp]
     signed: bool
@@ -34,11 +35,11 @@ class Bits:
 
     @property
     def length(self) -> int:
-        """Bytes that a frame must have."""
+        """Bytes that a frame must have to hold the signal."""
         return int(self.places.max()) // 8 + 1
 
     def raw(self, bits: NDArray[np.uint8]) -> NDArray[Any]:
-        """Of frames' bits (n, 512) the number that they hold."""
+        """Return the raw number in frames' bits (n, 512)."""
         count = len(self.places)
         weights = np.uint64(1) << np.arange(count - 1, -1, -1, dtype=np.uint64)
         raw: NDArray[Any] = bits[:, self.places].astype(np.uint64) @ weights
@@ -50,12 +51,12 @@ class Bits:
         return raw
 
     def values(self, bits: NDArray[np.uint8]) -> Floats:
-        """Of frames' bits the physical value."""
+        """Return the physical value in frames' bits (n, 512)."""
         return self.raw(bits).astype(np.float64) * self.scale + self.offset
 
 
 def bits_of(signal: BusSignal) -> Bits:
-    """Where a database's signal is."""
+    """Return the places of the bits of a database's signal."""
     if signal.byte_order == "little_endian":
         lowest_first = range(signal.start, signal.start + signal.length)
         places = [8 * (at // 8) + 7 - at % 8 for at in reversed(lowest_first)]
@@ -72,8 +73,9 @@ def bits_of(signal: BusSignal) -> Bits:
 
 
 class Decoder:
-    """Decodes frames of these messages. Frames must come in the order of time; it holds what was told last.
-    `source` is what messages call the file.
+    """Decoder of the frames of these messages, in order of time; it holds the last value of each signal.
+
+    `source` is the name of the file in error messages.
     """
 
     def __init__(self, messages: Iterable[Message], source: str = "") -> None:
@@ -94,14 +96,14 @@ class Decoder:
         self._last_ns = -(2**62)
 
     def rows(self, blocks: Iterable[NDArray[np.void]]) -> Iterator[Floats]:
-        """Rows (n, len(signals)). Raises ConfigError where the frames are not in the order of time."""
+        """Yield rows (n, len(signals)). Raises ConfigError if the frames are not in order of time."""
         waiting = no_logged()
         for block in blocks:
             ours = np.isin(block["identifier"] & ~FD, list(self._messages))
             frames = np.concatenate([waiting, block[ours]])
             if not len(frames):
                 continue
-            # What has the last time may go on in the next block.
+            # Frames of the last time may continue in the next block.
             is_last = frames["time_ns"] == frames["time_ns"][-1]
             waiting = frames[is_last]
             if not is_last.all():
@@ -130,7 +132,7 @@ class Decoder:
             for signal in message.signals:
                 there = self._is_there(message, signal, frames["length"][those], bits)
                 values = self._bits[message.name, signal.name].values(bits[there])
-                # Of several in one row the last one stays.
+                # Of several frames in one row the last one counts.
                 table[row_of[those[there]], place[f"{message.name}.{signal.name}"]] = values
         self._fill(table)
         table[:, 0] = stamps / 1e9
@@ -139,7 +141,7 @@ class Decoder:
     def _is_there(
         self, message: Message, signal: BusSignal, lengths: Any, bits: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """In which of a message's frames a signal is: those long enough, with its multiplexer's value."""
+        """Return which frames of a message hold a signal: those long enough, with its multiplexer's value."""
         there: NDArray[np.bool_] = lengths >= self._bits[message.name, signal.name].length
         if signal.multiplexer_signal and signal.multiplexer_ids:
             selector = message.get_signal_by_name(signal.multiplexer_signal)
@@ -149,7 +151,7 @@ class Decoder:
         return there
 
     def _fill(self, table: Floats) -> None:
-        """Hold each signal's last value."""
+        """Hold each signal's last value where there is none."""
         rows = np.arange(len(table))[:, np.newaxis]
         since = np.maximum.accumulate(np.where(np.isnan(table), -1, rows), axis=0)
         held = np.take_along_axis(table, np.maximum(since, 0), axis=0)
@@ -158,7 +160,7 @@ class Decoder:
 
 
 def seen_in(blocks: Iterable[NDArray[np.void]], messages: Mapping[str, Message]) -> list[Message]:
-    """Those of the messages that there are frames of."""
+    """Return those messages that there are frames of."""
     found: set[int] = set()
     for block in blocks:
         sound = block["identifier"] & (REMOTE | ERROR) == 0

@@ -1,6 +1,4 @@
-"""Pictures of recordings: columns over time, those of one kind in one panel; two beside each other, and their
-difference.
-"""
+"""Plots of recordings: columns over time, related ones in one panel; or two recordings and their difference."""
 
 from __future__ import annotations
 
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 
 Columns = Mapping[str, Floats]
 SUFFIXES = (".png", ".svg", ".html")
-MOST = 8  # panels
+MOST = 8  # most panels of a plot
 _USUAL = (
     "gate_angle_deg",
     "left_current_a",
@@ -46,7 +44,7 @@ _USUAL = (
     "pinch_force_n",
     "terminal_voltage_v",
 )
-_WIDTH, _HEIGHT = 11.0, 2.1  # inch; of a panel
+_WIDTH, _HEIGHT = 11.0, 2.1  # inch, of a panel
 _FONT = 10.0
 _DPI = 110
 # A wide line under a narrow, dashed one shows that there are two.
@@ -58,18 +56,18 @@ _LOOKS: Sequence[tuple[str, Any, float]] = (
     (INK, (0, (5, 1, 1, 1)), 0.9),
 )
 _DIFFERENCE = "#a8246e"
-# What tells the columns of a panel apart: the drive, and whether a sensor says so.
+# What distinguishes the columns of a panel: the drive, and whether it is a sensor's value.
 _SIDES = re.compile(r"^sensed_|left_?|right_?", re.IGNORECASE)
 
 
 def usual_columns(table: Table) -> list[str]:
-    """What a picture shows where nobody says: what matters of a gate, or the first few."""
+    """Return the columns that are plotted by default: those that matter for a gate, or the first few."""
     names = [name for name in _USUAL if name in table.signals]
     return names or [name for name in table.signals if name != "time_s"][:MOST]
 
 
 def panels_of(names: Sequence[str], table: Table) -> list[list[str]]:
-    """Columns that go together: both drives' and what the sensors make of them. Raises ConfigError."""
+    """Group related columns: those of both drives, with their sensor values. Raises ConfigError."""
     panels: dict[tuple[str, str], list[str]] = {}
     for name in names:
         panels.setdefault((_SIDES.sub("", name), table.signals[name].unit), []).append(name)
@@ -80,7 +78,7 @@ def panels_of(names: Sequence[str], table: Table) -> list[list[str]]:
 
 
 def one_of_each(names: Sequence[str]) -> list[str]:
-    """Of columns that go together the first."""
+    """Return the first column of each group of related ones."""
     found: dict[str, str] = {}
     for name in names:
         found.setdefault(_SIDES.sub("", name), name)
@@ -90,7 +88,7 @@ def one_of_each(names: Sequence[str]) -> list[str]:
 def run_picture(
     title: str, columns: Columns, panels: Sequence[Sequence[str]], units: Mapping[str, str]
 ) -> Figure:
-    """Columns of one recording over time, a panel below the other."""
+    """Plot columns of one recording over time, one panel below the other."""
     with style():
         _settings()
         figure = new_figure(_HEIGHT * len(panels) + 0.6, _WIDTH)
@@ -115,7 +113,7 @@ def two_pictures(
     names: Sequence[str],
     units: Mapping[str, str],
 ) -> Figure:
-    """Columns of two recordings over each other, and beside them what the second has more than the first."""
+    """Plot columns of two recordings over each other, and beside them second minus first."""
     first, second = both
     _, here, there = np.intersect1d(
         np.round(first["time_s"] * 1e9), np.round(second["time_s"] * 1e9), return_indices=True
@@ -140,7 +138,7 @@ def two_pictures(
 
 
 def write_picture(path: Path, figure: Figure, title: str, caption: str) -> None:
-    """The picture in the format of a suffix of SUFFIXES. Raises ConfigError where it cannot be written."""
+    """Write the plot in the format of its suffix, one of SUFFIXES. Raises ConfigError if it cannot be written."""
     try:
         if path.suffix.lower() == ".png":
             path.write_bytes(png(figure, _DPI))
@@ -173,7 +171,7 @@ def _finish(figure: Figure) -> None:
 
     figure.align_ylabels()
     for axis in figure.findobj(Axes):
-        axis.tick_params(labelsize=_FONT)  # the labels are made when they are drawn
+        axis.tick_params(labelsize=_FONT)  # tick labels are created when drawn
 
 
 def _repeated(count: int) -> list[tuple[str, Any, float]]:
@@ -190,7 +188,7 @@ def _draw(
 
 
 def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
-    """With its largest value, when it is."""
+    """Draw a difference, with its largest value and the time of that."""
     axis.axhline(0.0, color=GRID, linewidth=1.0, zorder=0)
     line(axis, times, difference, _DIFFERENCE, linewidth=1.2)
     known = np.flatnonzero(np.isfinite(difference))
@@ -207,7 +205,7 @@ def _draw_difference(axis: Axes, times: Floats, difference: Floats) -> None:
 
 
 def _label(name: str, unit: str) -> str:
-    """A column's, or several ones', on two lines where it is long."""
+    """Return the axis label of one or several columns, on two lines if it is long."""
     told = axis_label(name)
     if "[" not in told and unit:
         told = f"{told} [{clean(unit, 12)}]"
@@ -216,12 +214,12 @@ def _label(name: str, unit: str) -> str:
 
 
 def _common(names: Sequence[str]) -> str:
-    """What both drives' columns have in common."""
+    """Return what the names of both drives' columns have in common."""
     name = _SIDES.sub("", _SIDES.sub("", names[0]))
     return name if names[0] in COLUMNS else name.strip("._") or names[0]
 
 
 def _short(name: str) -> str:
-    """Of a panel's column what tells it from the others."""
+    """Return what distinguishes a column from the others in its panel."""
     said = [word for word in ("sensed", "left", "right") if word in name.lower()]
     return " ".join(said) or clean(name, 40)

@@ -1,4 +1,4 @@
-"""A recording's columns: its own, or what a rig's database makes of its frames."""
+"""Columns of a recording: its own, or those that a rig's database decodes from its frames."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from liftgate_hil.config.database import KINDS, load_messages
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.conversion.decode import Decoder, seen_in
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.measurement.recorded import Recorded, open_recorded
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.recording import Recording
 from liftgate_plant.signals import Signal
 
 if TYPE_CHECKING:
@@ -27,47 +27,47 @@ Floats = NDArray[np.float64]
 
 
 class Table(Protocol):
-    """Columns of a recording; iterating opens the file anew."""
+    """Columns of a recording; each iteration opens the file anew."""
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
 
     @property
     def signals(self) -> Mapping[str, Signal]:
-        """The columns, the time first."""
+        """Columns, the time first."""
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """Rows (n, len(wanted)) of these columns; NaN: no value."""
+        """Yield rows (n, len(wanted)) of these columns; NaN: no value."""
 
 
 @dataclass(frozen=True)
 class DecodedTable:
-    """See Table: a row for each time at which a frame of these messages came."""
+    """Table decoded from frames: a row for each time at which a frame of these messages came."""
 
-    source: Recorded
+    source: Recording
     messages: tuple[Message, ...]
 
     @property
     def path(self) -> Path:
-        """See Table."""
+        """Path of the file."""
         return self.source.path
 
     @cached_property
     def signals(self) -> Mapping[str, Signal]:
-        """See Table."""
+        """Signals of the messages, the time first."""
         return Decoder(self.messages).signals
 
     def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
-        """See Table."""
+        """Yield rows (n, len(wanted)) of these signals; NaN: no value yet."""
         order = list(self.signals)
         places = [order.index(name) for name in wanted]
         for rows in Decoder(self.messages, str(self.path)).rows(self.source.frames()):
             yield rows[:, places]
 
 
-def decoded(source: Recorded, rig: str) -> DecodedTable:
-    """The frames of a recording by a rig, or by a database. Raises ConfigError."""
+def decoded(source: Recording, rig: str) -> DecodedTable:
+    """Decode the frames of a recording by a rig or a database. Raises ConfigError."""
     if source.channel is None:
         raise ConfigError(f"`rig` {rig}: allowed with a recording that holds frames; this has rows")
     messages = tuple(seen_in(source.frames(), messages_of(rig)))
@@ -77,7 +77,7 @@ def decoded(source: Recorded, rig: str) -> DecodedTable:
 
 
 def messages_of(rig: str) -> Mapping[str, Message]:
-    """The messages of a rig's database, or of a database itself. Raises ConfigError."""
+    """Return the messages of a rig's database, or of a database itself. Raises ConfigError."""
     path = Path(rig)
     if path.suffix.lower() in KINDS:
         issues = ConfigIssues(f"`rig` {rig}")
@@ -90,8 +90,8 @@ def messages_of(rig: str) -> Mapping[str, Message]:
 
 
 def open_table(path: Path, rig: str | None = None) -> Table:
-    """The columns of a recording; with `rig` those of its frames. Raises ConfigError."""
-    source = open_recorded(path)
+    """Open the columns of a recording; with `rig` those decoded from its frames. Raises ConfigError."""
+    source = open_recording(path)
     if rig is not None:
         return decoded(source, rig)
     if not source.signals:
@@ -100,18 +100,18 @@ def open_table(path: Path, rig: str | None = None) -> Table:
 
 
 class Window(NamedTuple):
-    """From when to when [s]; both ends are in it."""
+    """Time window [s], with both ends included."""
 
     begin: float = -np.inf
     end: float = np.inf
 
     def check(self) -> None:
-        """Raises ConfigError where nothing can be in it."""
+        """Raise ConfigError if nothing can be in the window."""
         if not self.begin <= self.end:
             raise ConfigError(f"`from` {self.begin:g}: after `to` {self.end:g}; allowed: before it")
 
     def of(self, blocks: Iterator[Floats]) -> Iterator[Floats]:
-        """The rows in it, the time in the first column."""
+        """Yield the rows in the window; the time is in the first column."""
         for rows in blocks:
             inside = (rows[:, 0] >= self.begin) & (rows[:, 0] <= self.end)
             if inside.any():
@@ -119,7 +119,7 @@ class Window(NamedTuple):
 
 
 def chosen(table: Table, columns: Sequence[str]) -> list[str]:
-    """These columns of a table, once each. Raises ConfigError with those that it has not."""
+    """Return these columns of a table, once each. Raises ConfigError with those that it does not have."""
     issues = []
     for name in columns:
         if name not in table.signals or name == "time_s":
@@ -131,7 +131,7 @@ def chosen(table: Table, columns: Sequence[str]) -> list[str]:
 
 
 def columns_in(table: Table, names: Sequence[str], window: Window) -> dict[str, Floats]:
-    """Times, as `time_s`, and columns as arrays. Raises ConfigError where there is none in the window."""
+    """Return the times, as `time_s`, and columns as arrays. Raises ConfigError if the window holds no rows."""
     wanted = ["time_s", *names]
     blocks = list(window.of(table.rows(wanted)))
     if not blocks:

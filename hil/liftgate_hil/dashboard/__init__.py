@@ -1,1 +1,1 @@
-"""The operator's page of a run or of a recording: a process of its own, with a web server."""
+"""Operator's page of a run or of a recording: a web server in a process of its own."""

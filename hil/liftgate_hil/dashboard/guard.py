@@ -1,7 +1,7 @@
-"""Who may talk to the server: those with the token, from pages of its own alone.
+"""Access control of the server: for clients with the token, and from its own pages only.
 
-A web page of anybody's can have its reader's browser ask a server on the same machine; Host and Origin tell those
-apart, on HTTP and on WebSockets, to which a middleware for HTTP would not look.
+Any web page can have its reader's browser send requests to a server on the same machine; Host and Origin reveal
+these, on HTTP and on WebSockets, which a middleware for HTTP would not check.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-# Of a page that holds its own styles and script, and asks nobody else.
+# For a page that holds its own styles and script, and loads nothing from elsewhere.
 POLICY = (
     "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -25,13 +25,13 @@ POLICY = (
 
 
 class Guard:
-    """An ASGI application before another one: 403 for what is not its own, 401 without the token."""
+    """ASGI middleware: 403 for other hosts and origins, 401 without the token."""
 
     def __init__(self, app: ASGIApp, token: str, hosts: Collection[str]) -> None:
         self._app, self._token, self._hosts = app, token.encode(), hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """See ASGI."""
+        """Pass a connection on to the application, or refuse it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -46,7 +46,7 @@ class Guard:
             await response(scope, receive, send)
 
     def _refusal(self, scope: Scope) -> tuple[int, str]:
-        """The status and why; 0: it may."""
+        """Return the status and the reason of a refusal; 0: the connection is allowed."""
         headers = Headers(scope=scope)
         host = _with_port(headers.get("host", "").lower())
         own = [*self._hosts, _address_in(scope)]
@@ -65,8 +65,9 @@ class Guard:
 
 
 def hosts_of(address: str, port: int) -> list[str]:
-    """What a Host may say for a server that listens at an address, beside the address that a connection came to:
-    that, and this machine's names.
+    """Return what Host may be for a server that listens at an address: that, and this machine's names.
+
+    The address that a connection came to is allowed besides.
     """
     found = [f"[{address}]" if ":" in address else address]
     try:
@@ -85,12 +86,12 @@ def _is_from(origin: str, host: str) -> bool:
 
 
 def _address_in(scope: Scope) -> str:
-    """The address that a connection came to."""
+    """Return the address that a connection came to."""
     host, port = scope.get("server") or ("", 0)
-    host = host.removeprefix("::ffff:")  # of IPv4 on a socket for both
+    host = host.removeprefix("::ffff:")  # an IPv4 address on a socket for both versions
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def _with_port(host: str) -> str:
-    """Browsers leave out that of HTTP."""
+    """Return a host with its port; browsers leave out that of HTTP."""
     return host if host.rpartition(":")[2].isdecimal() else f"{host}:80"

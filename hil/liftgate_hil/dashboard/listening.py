@@ -1,4 +1,4 @@
-"""Where a page is served: an address of this machine, and the token that lets one in."""
+"""Where a page is served: an address of this machine, and the token that grants access."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import socket
 from liftgate_hil.errors import ConfigError
 
 _TOKEN = "LIFTGATE_HIL_TOKEN"
-_WAITS = 32_768  # bytes of one connection, some 0.3 s of what is told
+_WAITS = 32_768  # bytes of one connection, some 0.3 s of the stream
 _GOOD = re.compile(r"[A-Za-z0-9_-]{16,}")
 
 
 def bound(address: tuple[str, int]) -> socket.socket:
-    """A socket that listens there. Raises ConfigError."""
+    """Return a socket that listens at an address. Raises ConfigError."""
     host, port = address
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         found = socket.create_server((host, port), family=family, dualstack_ipv6=host == "::")
-        # Connections inherit these. Without the one, an answer may wait 40 ms for the last one's acknowledgement;
-        # with a buffer as the system has it (some 3 MB), who reads slowly would see what was so 20 s ago.
+        # Connections inherit these. Without TCP_NODELAY a reply may wait 40 ms for the last one's acknowledgement;
+        # with the system's own buffer size (some 3 MB) a slow reader would see a state 20 s old.
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _WAITS)
         return found
@@ -33,7 +33,7 @@ def bound(address: tuple[str, int]) -> socket.socket:
 
 
 def new_token() -> str:
-    """Which nobody guesses, or LIFTGATE_HIL_TOKEN of the environment. Raises ConfigError."""
+    """Return a random token, or LIFTGATE_HIL_TOKEN of the environment. Raises ConfigError."""
     given = os.environ.get(_TOKEN)
     if given is None:
         return secrets.token_urlsafe(24)
@@ -43,7 +43,7 @@ def new_token() -> str:
 
 
 def url_of(wire: socket.socket, host: str, token: str) -> str:
-    """What to open; where it listens at all addresses, by this machine's name."""
+    """Return the URL to open; where the server listens at all addresses, with this machine's name."""
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     return f"http://{shown}:{wire.getsockname()[1]}/?token={token}"

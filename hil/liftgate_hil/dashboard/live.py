@@ -1,4 +1,4 @@
-"""A run that this process is attached to: what its memory shows, and what it tells."""
+"""A run that this process is attached to, as a page's source: what its memory shows, and what it reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from liftgate_hil.attachment.guest import Guest
 from liftgate_hil.codec.frames import EXTENDED, FD
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.dashboard.source import Told, split, times_of, units_of
@@ -18,16 +17,17 @@ from liftgate_hil.errors import ConfigError, RunGoneError
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, RingReader
+from liftgate_hil.running.attachment.client import Client
 from liftgate_hil.signals import COLUMN_PLACE, Bench
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-_HISTORY_S = 60.0  # that a page which comes later is shown
+_HISTORY_S = 60.0  # s of history that a page opened later is shown
 _LINES = 200
 _MOST_HEARD = 500  # messages on the bus that are shown
-_ASK_S = 0.1  # between two questions how it goes
-_LOAD_S = 1.0  # over which the bus load is taken
+_ASK_S = 0.1  # s between two queries of the run's progress
+_LOAD_S = 1.0  # s over which the bus load is taken
 
 
 @dataclass
@@ -37,27 +37,27 @@ class Heard:
     is_sent: bool
     count: int
     time_ns: int
-    cycle_ms: float  # the last one
+    cycle_ms: float  # between the last two frames
     payload: bytes
 
 
 class Live:
-    """See Source; `update` is to be called now and then."""
+    """Data source of a page for a run; `update` shall be called regularly."""
 
-    def __init__(self, guest: Guest) -> None:
-        self._guest, self._told = guest, guest.told
-        self._lock = threading.Lock()  # of what is asked
+    def __init__(self, client: Client) -> None:
+        self._client, self._told = client, client.told
+        self._lock = threading.Lock()  # of queries and commands to the run
         self._updating = threading.Lock()
         self._names: list[str] = self._told["columns"]
         self._places = np.array([COLUMN_PLACE[name] for name in self._names])
-        shared = guest.memory.shared
+        shared = client.memory.shared
         self._shared, self._control = shared, shared.control
         self._rows = RingReader(shared.rows, shared.control, "rows")
         self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         self._row = np.full(len(self._names), np.nan)
         self._history: deque[tuple[float, Any, Any]] = deque()
         self._heard: dict[tuple[int, bool], Heard] = {}
-        self._untold = 0  # frames of others that there was no room for
+        self._untold = 0  # frames of messages beyond _MOST_HEARD, not shown
         self._messages = _messages(Path(self._told["rig"]))
         self._news: Told = {"state": "waiting", "status": None, "in_force": {}}
         self._lines: deque[list[Any]] = deque(maxlen=_LINES)
@@ -66,19 +66,20 @@ class Live:
         self.has_ended = False
 
     def about(self) -> Told:
-        """See Source."""
+        """Return the run's description, its process, its columns and their units."""
         told = {name: each for name, each in self._told.items() if name not in ("rows", "frames")}
         return {
             **told,
             "kind": "run",
-            "pid": self._guest.pid,
+            "pid": self._client.pid,
             "columns": self._names,
             "units": units_of(self._names),
         }
 
     def update(self, now: float) -> Told:
-        """Take what has come since the last time, at a time [s]: of each column `low` and `high` in it; empty:
-        nothing came.
+        """Read all that is new at a time [s]; return `low` and `high` of each column in it.
+
+        Empty where no row is new.
         """
         with self._updating:
             return self._update(now)
@@ -124,7 +125,7 @@ class Live:
         if self.has_ended or not self._lock.acquire(blocking=False):
             return
         try:
-            news = self._guest.news(self.last_line)
+            news = self._client.news(self.last_line)
             self._lines.extend(news.pop("lines", ()))
             self._news = news or {**self._news, "state": "silent"}
         except RunGoneError:
@@ -134,30 +135,30 @@ class Live:
             self._lock.release()
 
     def command(self, command: object) -> Told:
-        """Have a command obeyed. Raises ConfigError, RunGoneError."""
+        """Send a command to the run, and return its reply. Raises ConfigError, RunGoneError."""
         with self._lock:
-            done = self._guest.command(command)
-            if done:  # who asks next is told of it
-                news = self._guest.news(self.last_line)
+            done = self._client.command(command)
+            if done:  # so that the next page's update shows it
+                news = self._client.news(self.last_line)
                 self._lines.extend(news.pop("lines", ()))
                 self._news = news or self._news
             return done
 
     def state(self, time: float | None = None) -> Told:
-        """See Source."""
+        """Return the latest state, with the log and the messages on the bus."""
         return {**self.moment(), "log": list(self._lines), "messages": self.messages()}
 
     @property
     def last_line(self) -> int:
-        """The number of the last line that was told."""
+        """Number of the last line of the log."""
         return int(self._lines[-1][0]) if self._lines else 0
 
     def lines(self, after: int) -> list[list[Any]]:
-        """What was told after that line."""
+        """Return the lines of the log after that number."""
         return [each for each in list(self._lines) if each[0] > after]
 
     def moment(self) -> Told:
-        """What changes with each tick."""
+        """Return what changes with each tick."""
         row, control = self._row.tolist(), self._control
         truth, sensed = split(self._names, row)
         status = self._news.get("status") or {}
@@ -204,7 +205,7 @@ class Live:
         }
 
     def _load(self) -> float | None:
-        """Over the last second [%]."""
+        """Return the bus load over the last second [%]; None: it is not known."""
         bitrate = self._told["bitrate"]
         if len(self._bits) < 2 or not bitrate:
             return None
@@ -212,7 +213,7 @@ class Live:
         return float(100.0 * (now - before) / (bitrate * (end - begin)))
 
     def messages(self) -> list[Told]:
-        """The last frame of each message on the bus, by identifier."""
+        """Return the last frame of each message on the bus, by identifier."""
         return [
             {
                 "id": f"{identifier & ~EXTENDED:X}{'x' if identifier & EXTENDED else ''}",
@@ -228,7 +229,7 @@ class Live:
         ]
 
     def plot(self) -> Told:
-        """See Source."""
+        """Return `time_s`, `low` and `high` over the history that is kept."""
         history = list(self._history)
         low = np.array([each for _, each, _ in history]).T
         high = np.array([each for _, _, each in history]).T
@@ -240,7 +241,7 @@ class Live:
 
 
 def _messages(rig: Path) -> dict[int, Message]:
-    """The messages of a rig's database by their identifiers; none where it cannot be read any more."""
+    """Return the messages of a rig's database by identifier; none where it cannot be read any more."""
     try:
         found = load_rig(rig)
     except ConfigError:
@@ -249,7 +250,7 @@ def _messages(rig: Path) -> dict[int, Message]:
 
 
 def _decoded(message: Message | None, payload: bytes) -> Told:
-    """A frame's signals, by their labels where they have some; none where it does not fit."""
+    """Return a frame's signals, by their labels where they have some; none where it does not fit."""
     if message is None:
         return {}
     import cantools

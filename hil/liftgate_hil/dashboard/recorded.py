@@ -1,4 +1,4 @@
-"""A recording: its columns, thinned so that they have room here, with what was lowest and highest in between."""
+"""A recording as a page's source: its columns, decimated, with the lowest and highest values in between."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import numpy as np
 from liftgate_hil.conversion.table import Table, open_table
 from liftgate_hil.dashboard.source import Told, split
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.session import rig_from
+from liftgate_hil.running.setup import rig_from
 from liftgate_hil.signals import OUTPUT_COLUMNS, Bench
 
-_MOST_ROWS = 20_000  # that are kept
+_MOST_ROWS = 20_000  # rows that are kept
 
 
 class Recording:
-    """See Source. Raises ConfigError where the file cannot be read, or holds no rows."""
+    """Data source of a page for a recording.
+
+    Raises ConfigError where the file cannot be read, or holds no rows.
+    """
 
     def __init__(self, path: Path, rig: str | None = None) -> None:
         table = open_table(path, rig)
@@ -32,7 +35,7 @@ class Recording:
             raise ConfigError(f"{path}: time_s does not go up; allowed: a recording whose times do")
 
     def _thinned(self, table: Table) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of every so many rows the last, and what is lowest and highest in them."""
+        """Return the last row of each `every` rows, and the lowest and highest values in these."""
         rest = np.zeros((0, len(self._names)))
         kept: list[list[np.ndarray]] = [[], [], []]
         for block in table.rows(self._names):
@@ -45,7 +48,7 @@ class Recording:
         return last, low, high
 
     def about(self) -> Told:
-        """See Source."""
+        """Return the file, its columns and their units, the decimation, and its first and last time."""
         return {
             "kind": "recording",
             "file": str(self._path),
@@ -58,7 +61,7 @@ class Recording:
         }
 
     def state(self, time: float | None = None) -> Told:
-        """See Source."""
+        """Return the state at a time [s]; None: at the end."""
         times = self._last[:, 0]
         place = len(times) - 1
         if time is not None:
@@ -79,7 +82,7 @@ class Recording:
         }
 
     def plot(self) -> Told:
-        """See Source."""
+        """Return `time_s`, `low` and `high` of the whole recording."""
         low, high = self._low.T.tolist(), self._high.T.tolist()
         return {
             "time_s": self._last[:, 0].tolist(),
@@ -89,7 +92,7 @@ class Recording:
 
 
 def _ours_in(rig: str, names: list[str]) -> dict[str, str]:
-    """Which of the bus's signals stand for which of our columns, by a rig's file; a database does not tell."""
+    """Return which signals on the bus stand for which of our columns, by a rig's file; none for a database."""
     try:
         outputs = rig_from(rig).outputs
     except ConfigError:

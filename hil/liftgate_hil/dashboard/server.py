@@ -1,11 +1,11 @@
-"""The web server of a page: HTTP and a WebSocket, for those who know the token.
+"""Web server of a page: HTTP and a WebSocket, for clients with the token.
 
 GET /                 the page
-GET /api/about        what it is, and what can be commanded
-GET /api/state        the latest; of a recording `?time=12.5`
-GET /api/plot         what has been so far
-WS  /api/stream       the latest, 30 times a second; of a recording it plays
-POST /api/command     see `injection.operator`
+GET /api/about        what it shows, and what can be commanded
+GET /api/state        the latest state; of a recording `?time=12.5`
+GET /api/plot         the curves so far
+WS  /api/stream       the latest state, 30 times a second; a recording is played
+POST /api/command     see `running.commands.operator`
 """
 
 from __future__ import annotations
@@ -36,19 +36,19 @@ from liftgate_hil.dashboard.recorded import Recording
 from liftgate_hil.errors import ConfigError, RunGoneError
 
 PERIOD_S = 1.0 / 30.0
-_IDLE_S = 0.25  # between two looks where nobody has the page open
-_MESSAGES_EVERY = 6  # of the periods, what is heard on the bus
+_IDLE_S = 0.25  # s between two reads where nobody has the page open
+_MESSAGES_EVERY = 6  # periods between two lists of the messages on the bus
 _LARGEST = 65_536  # bytes of a command
 _PAGE = Path(__file__).parent / "page"
 
 
 class Page:
-    """The application around a run or a recording."""
+    """Web application for a run or a recording."""
 
     def __init__(self, source: Live | Recording, is_read_only: bool) -> None:
         self._source, self._is_read_only = source, is_read_only
         self._viewers: set[asyncio.Queue[bytes]] = set()
-        # A thread each: a run that stands still keeps commands waiting, but not what is seen of it.
+        # A thread each: a run that stands still keeps commands waiting, but not the view of it.
         self._looks, self._commands = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         self._failure: BaseException | None = None
         routes = [
@@ -69,24 +69,24 @@ class Page:
         task.cancel()
 
     def _followed(self, task: asyncio.Task[None]) -> None:
-        """It ends with the server, or has failed: that ends the server."""
+        """End the server where the task has failed; a task that was cancelled ended with the server."""
         if not task.cancelled() and task.exception() is not None:
             self._failure = task.exception()
             signal.raise_signal(signal.SIGTERM)
 
     def check(self) -> None:
-        """Raises what it has failed with."""
+        """Raise the error that the application has failed with, if any."""
         if self._failure is not None:
             raise self._failure
 
     async def _look(self) -> dict[str, Any]:
-        """What has come since the last look."""
+        """Read what is new in the run; return `low` and `high` of each column in it."""
         assert isinstance(self._source, Live)
         running = asyncio.get_running_loop()
         return await running.run_in_executor(self._looks, self._source.update, time.monotonic())
 
     async def _follow(self) -> None:
-        """Take what comes, and hand it to all viewers."""
+        """Read what is new in the run regularly, and send it to all viewers."""
         source, count, line = self._source, 0, 0
         if not isinstance(source, Live):
             return
@@ -104,7 +104,7 @@ class Page:
 
     def _publish(self, told: bytes) -> None:
         for viewer in self._viewers:
-            if viewer.full():  # it is slow: the latest is what counts
+            if viewer.full():  # a slow viewer gets the latest only
                 viewer.get_nowait()
             viewer.put_nowait(told)
 
@@ -194,14 +194,14 @@ class Page:
 
 
 async def _left(wire: WebSocket) -> None:
-    """Until the viewer goes."""
+    """Wait until the viewer has left."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             await wire.receive_text()
 
 
 async def _play(wire: WebSocket, source: Recording) -> None:
-    """From begin to end at the pace it was recorded with; a viewer says {"time_s": 12.5} where to go on."""
+    """Play a recording at the pace it was recorded with; a viewer sends {"time_s": 12.5} to go on from there."""
     about = source.about()
     offset, began = float(about["begin_s"]), time.monotonic()
     hears = asyncio.create_task(wire.receive_json())
@@ -219,14 +219,14 @@ async def _play(wire: WebSocket, source: Recording) -> None:
             wanted = said.get("time_s") if isinstance(said, dict) else None
             if isinstance(wanted, int | float) and not isinstance(wanted, bool):
                 offset, began = float(wanted), time.monotonic()
-    except ValueError:  # no JSON
+    except ValueError:  # not JSON
         return
     finally:
         hears.cancel()
 
 
 def _json(told: Any, status: int = 200) -> Response:
-    """NaN is null."""
+    """Return a JSON response, in which NaN is null."""
     return Response(
         orjson.dumps(told),
         status,
@@ -240,7 +240,7 @@ def _refused(status: int, issues: list[str]) -> Response:
 
 
 def _page_with(nonce: str) -> str:
-    """The page, whole: nothing of it is asked for without the token."""
+    """Return the whole page in one: no part of it is fetched without the token."""
     text = (_PAGE / "index.html").read_text(encoding="utf-8")
     for name in ("uPlot.min.css", "page.css", "uPlot.iife.min.js", "page.js"):
         text = text.replace(f"/*{name}*/", (_PAGE / name).read_text(encoding="utf-8"), 1)
@@ -248,7 +248,7 @@ def _page_with(nonce: str) -> str:
 
 
 class _Server(uvicorn.Server):
-    """Without handlers of its own for signals: those end it in order, with exit code 0."""
+    """Server without signal handlers of its own: a signal ends it in order, with exit code 0."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Any:
@@ -258,8 +258,9 @@ class _Server(uvicorn.Server):
 def serve(
     page: Page, wire: socket.socket, host: str, token: str, ready: Callable[[], None]
 ) -> None:
-    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM; `ready` is called as soon as those are
-    heard.
+    """Serve on a socket that listens at a host, until Ctrl-C or SIGTERM.
+
+    `ready` is called as soon as these signals are handled.
     """
     app = Guard(page.app, token, hosts_of(host, wire.getsockname()[1]))
     config = uvicorn.Config(

@@ -1,1 +1,1 @@
-"""Diagnostics on the bus: transport protocol, the bench's tester, trouble codes, and what answers say of them."""
+"""Diagnostics on the bus: transport protocol, the bench's tester, trouble codes, and decoding of responses."""

@@ -1,6 +1,7 @@
-"""What an ECU's answers say of trouble codes, from the frames of a run: while it goes on, and from its recording.
+"""Trouble codes in an ECU's responses, from the frames of a run: while it runs, and from its recording.
 
-A listener that sends nothing: it puts together what comes with the response's identifier, whoever asked.
+This listener sends nothing: it reassembles what comes with the identifier of the response, whoever made the
+request.
 """
 
 from __future__ import annotations
@@ -19,23 +20,25 @@ from liftgate_hil.diagnostics.services import answer_of
 from liftgate_hil.diagnostics.tester import Diagnostics
 from liftgate_hil.diagnostics.trouble_code import number_of
 
-NO_ANSWER = -1  # of a frame that ends none
+NO_ANSWER = -1  # mark of a frame that completes no reading
 MOST_CODES = 62  # bits of a mark
 
 
 class Answers:
-    """Takes frames as they come. `codes` are the texts of those that are watched."""
+    """Decodes responses in frames as they come; `codes` are the texts of the watched trouble codes."""
 
     def __init__(self, diagnostics: Diagnostics, codes: Sequence[str]) -> None:
         self._own = diagnostics
         self._codes = [number_of(each) for each in codes]
         self._link = isotp.new_link(diagnostics.request, diagnostics.response)
-        self.refused = ""  # the last request that was, and why
-        self._times: list[float] = []  # s, of the readings
+        self.refused = ""  # last refused request, and why
+        self._times: list[float] = []  # s, of complete readings
 
     def marks(self, frames: Any) -> NDArray[np.int64]:
-        """For each of frames (n,) LOGGED (n,): NO_ANSWER, or the trouble codes that a reading reports which is
-        whole with it, a bit each in their order.
+        """Return a mark (n,) for each of frames (n,) LOGGED.
+
+        A frame that completes a reading has the watched trouble codes that it reports as its mark, one bit each in
+        their order, any other frame NO_ANSWER.
         """
         found = np.full(len(frames), NO_ANSWER, dtype=np.int64)
         seen = Frames(len(frames), frames["identifier"], frames["length"], frames["payload"])
@@ -58,13 +61,13 @@ class Answers:
         return found
 
     def last_before(self, time: float) -> float:
-        """When the last reading up to a time [s] was whole [s]; NaN: there was none."""
+        """Return the time [s] at which the last reading up to a time [s] was complete; NaN: there was none."""
         place = bisect.bisect_right(self._times, time)
         return self._times[place - 1] if place else math.nan
 
     @property
     def longest_wait(self) -> float:
-        """How long after a reading the next one is whole at the latest [s], of an ECU that answers in time."""
+        """The longest time [s] from one complete reading to the next, of an ECU that responds in time."""
         return self._own.period + self._own.patience
 
     def _mark(self, reported: Sequence[int]) -> int:

@@ -1,9 +1,9 @@
 """ISO-TP (ISO 15765-2:2016) as a state machine without I/O: messages of up to 4095 bytes as CAN frames.
 
-Normal addressing, physical, classic frames of up to eight bytes, both roles at a time. A `Link` is one end. Give
-it each frame with `hear`, which gives the length of a message that is whole then; ask it once a tick with `speak`
-for what it has to send. Time is whatever the caller says it is [ns]. Nothing that comes can be wrong enough to
-raise: what the standard says to ignore is ignored, what it says to end ends, with the reason in the link.
+Normal addressing, physical, classic frames of up to eight bytes, sending and receiving at the same time. A `Link`
+is one endpoint: pass each received frame to `hear`, which returns the length of a message once it is complete, and
+call `speak` once a tick for the frames to send. The caller supplies the time [ns]. No input raises an exception:
+what the standard says to ignore is ignored, what it says to abort is aborted, with the reason in the link.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from liftgate_hil.codec.frames import Frames
 from liftgate_plant.compiler import compilable, outlined
 
-LONGEST = 4095  # bytes: what the twelve bits of a first frame's FF_DL can say
-MOST_SPOKEN = 2  # frames a tick: one of flow control, one with data
-MOST_WAITS = 10  # FC.WAIT in a row that a sender bears
+LONGEST = 4095  # bytes: the largest value of the twelve bits of a first frame's FF_DL
+MOST_SPOKEN = 2  # frames per tick: one of flow control, one with data
+MOST_WAITS = 10  # FC.WAIT in a row that a sender tolerates
 
 # Network layer timing parameters: both time out after 1000 ms.
 N_BS_NS = 1_000_000_000  # a sender waits for flow control
@@ -27,7 +27,7 @@ _SINGLE, _FIRST, _CONSECUTIVE, _FLOW = 0, 1, 2, 3  # N_PCItype
 CONTINUE, WAIT, OVERFLOW = 0, 1, 2  # flow status
 _NONE = -1
 
-IDLE, TO_BEGIN, AWAITS, IN_BLOCK = 0, 1, 2, 3  # of sending
+IDLE, TO_BEGIN, AWAITS, IN_BLOCK = 0, 1, 2, 3  # states of sending
 
 # Why the last message was not sent, or not received: N_Result.
 OK, TIMEOUT_BS, TIMEOUT_CR, WRONG_SN, INVALID_FS, BUFFER_OVERFLOW, WAIT_OVERRUN, UNEXPECTED = range(
@@ -41,16 +41,16 @@ LINK = np.dtype(
         (
             "padding",
             "i8",
-        ),  # the byte that fills frames up to eight; -1: they end where the data end
-        ("block_size", "i8"),  # of what it receives; 0: no limit
-        ("st_min", "i8"),  # the byte that says so
+        ),  # byte that pads frames to eight bytes; -1: no padding
+        ("block_size", "i8"),  # requested when receiving; 0: no limit
+        ("st_min", "i8"),  # requested when receiving, as a byte
         ("sending", "i8"),
         ("out_length", "i8"),
-        ("out_at", "i8"),  # bytes sent
+        ("out_at", "i8"),  # bytes sent so far
         ("out_number", "i8"),  # sequence number of the next frame
         ("out_block", "i8"),  # frames until the next flow control; 0: no limit
-        ("gap_ns", "i8"),  # STmin as the receiver wants it
-        ("next_ns", "i8"),  # the next frame not before
+        ("gap_ns", "i8"),  # STmin requested by the receiver
+        ("next_ns", "i8"),  # earliest time of the next frame
         ("answer_by_ns", "i8"),
         ("waits", "i8"),  # FC.WAIT in a row
         ("send_result", "i8"),
@@ -60,16 +60,16 @@ LINK = np.dtype(
         ("in_number", "i8"),
         ("in_block", "i8"),
         ("next_by_ns", "i8"),
-        ("owed", "i8"),  # flow status to be told; -1: none
+        ("owed", "i8"),  # flow status that shall be sent; -1: none
         ("receive_result", "i8"),
-        ("out", "u1", (LONGEST,)),  # what is being sent
-        ("into", "u1", (LONGEST,)),  # what was received
+        ("out", "u1", (LONGEST,)),  # message being sent
+        ("into", "u1", (LONGEST,)),  # message received
     ]
 )
 
 
 class Link(NamedTuple):
-    """One end; written in place."""
+    """One endpoint of an ISO-TP connection; written in place."""
 
     head: Any  # (1,) LINK
 
@@ -77,7 +77,7 @@ class Link(NamedTuple):
 def new_link(
     send_id: int, receive_id: int, padding: int = 0xCC, block_size: int = 0, st_min: int = 0
 ) -> Link:
-    """An end that is idle. `padding` -1: frames are not filled up; `st_min` is the byte of the flow control."""
+    """Return an idle endpoint; `padding` -1: frames are not padded, `st_min`: the byte in its flow control."""
     head = np.zeros(1, dtype=LINK).view(np.recarray)
     head.send_id, head.receive_id, head.padding = send_id, receive_id, padding
     head.block_size, head.st_min, head.owed = block_size, st_min, _NONE
@@ -85,20 +85,20 @@ def new_link(
 
 
 def put_message(link: Link, message: bytes) -> None:
-    """Send a message (1 to LONGEST bytes)."""
+    """Start sending a message (1 to LONGEST bytes)."""
     link.head.out[0, : len(message)] = np.frombuffer(message, dtype=np.uint8)
     begin(link, len(message))
 
 
 def message_in(link: Link, length: int) -> bytes:
-    """What was received last."""
+    """Return the message that was received last, of `length` bytes."""
     message: bytes = link.head.into[0, :length].tobytes()
     return message
 
 
 @compilable
 def begin(link: Link, length: int) -> None:
-    """Send the first `length` bytes (1 to LONGEST) of the link's `out`, in place of what was being sent."""
+    """Start sending the first `length` bytes (1 to LONGEST) of the link's `out`, replacing what was being sent."""
     head = link.head[0]
     head.sending, head.out_length, head.out_at = TO_BEGIN, length, 0
     head.send_result = OK
@@ -106,7 +106,7 @@ def begin(link: Link, length: int) -> None:
 
 @compilable
 def gap_of(st_min: int) -> int:
-    """STmin [ns] of its byte; what is reserved means the longest, 127 ms."""
+    """Return STmin [ns] for its byte; reserved values mean the longest, 127 ms."""
     if st_min <= 0x7F:
         return st_min * 1_000_000
     if 0xF1 <= st_min <= 0xF9:
@@ -116,7 +116,7 @@ def gap_of(st_min: int) -> int:
 
 @compilable
 def lapse(head: Any, now_ns: int) -> None:
-    """End what has waited for too long."""
+    """Abort sending and receiving where they have timed out."""
     if head.sending == AWAITS and now_ns > head.answer_by_ns:
         head.sending, head.send_result = IDLE, TIMEOUT_BS
     if head.is_receiving != 0 and now_ns > head.next_by_ns:
@@ -125,8 +125,10 @@ def lapse(head: Any, now_ns: int) -> None:
 
 @outlined
 def hear(link: Link, frames: Frames, frame: int, now_ns: int) -> int:
-    """Take a frame at a time [ns]. The length of the message that is whole with it, in its `into` until the next
-    one begins; 0: none. A frame that is not for this end says nothing.
+    """Process a frame received at a time [ns] and return the length of the message that it completes; 0: none.
+
+    The message is in the link's `into` until the next one begins. A frame that is not for this endpoint is
+    ignored.
     """
     head = link.head[0]
     if frames.identifiers[frame] != head.receive_id:
@@ -150,7 +152,7 @@ def hear(link: Link, frames: Frames, frame: int, now_ns: int) -> int:
 
 @compilable
 def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
-    """A message in one frame; it ends another one that was on its way."""
+    """Receive a message in a single frame and return its length; it aborts a message being received."""
     head, size = link.head[0], int(frames.data[frame, 0])
     if size < 1 or size > length - 1:
         return 0
@@ -163,14 +165,14 @@ def hear_single(link: Link, frames: Frames, frame: int, length: int) -> int:
 
 @compilable
 def hear_first(link: Link, frames: Frames, frame: int, length: int, now_ns: int) -> None:
-    """The begin of a message; it ends another one that was on its way."""
+    """Receive the first frame of a message; it aborts a message being received."""
     head, data = link.head[0], frames.data
     size = (int(data[frame, 0]) & 0xF) << 8 | int(data[frame, 1])
-    if length < 8 or 0 < size < 8:  # a single frame could have said it
+    if length < 8 or 0 < size < 8:  # it would have fitted into a single frame
         return
     if head.is_receiving != 0:
         head.receive_result = UNEXPECTED
-    if size == 0:  # the escape sequence of longer ones
+    if size == 0:  # escape sequence for longer messages
         head.is_receiving, head.owed = 0, OVERFLOW
         return
     for k in range(6):
@@ -182,7 +184,7 @@ def hear_first(link: Link, frames: Frames, frame: int, length: int, now_ns: int)
 
 @compilable
 def hear_next(link: Link, frames: Frames, frame: int, length: int, now_ns: int) -> int:
-    """More of a message; the length of one that is whole then."""
+    """Receive a consecutive frame and return the length of the message that it completes; 0: none."""
     head = link.head[0]
     if head.is_receiving == 0:
         return 0
@@ -209,7 +211,7 @@ def hear_next(link: Link, frames: Frames, frame: int, length: int, now_ns: int) 
 
 @compilable
 def hear_flow(head: Any, status: int, block_size: int, st_min: int, now_ns: int) -> None:
-    """Flow control; where nobody waits for it, it says nothing."""
+    """Process flow control; it is ignored unless the sender waits for it."""
     if head.sending != AWAITS:
         return
     if status == CONTINUE:
@@ -227,8 +229,9 @@ def hear_flow(head: Any, status: int, block_size: int, st_min: int, now_ns: int)
 
 @outlined
 def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
-    """Put what is to be sent at a time [ns] into `frames` behind so many: flow control, and one frame with data.
-    How many there are then, up to MOST_SPOKEN more.
+    """Add what shall be sent at a time [ns] to `frames` after the first `count`, and return the new count.
+
+    That is flow control and one frame with data, up to MOST_SPOKEN frames.
     """
     head = link.head[0]
     lapse(head, now_ns)
@@ -247,7 +250,7 @@ def speak(link: Link, frames: Frames, count: int, now_ns: int) -> int:
 
 @compilable
 def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
-    """A frame with the next data: the only one, the first, or a consecutive one."""
+    """Write the frame with the next data: a single frame, the first one, or a consecutive one."""
     head, data = link.head[0], frames.data
     first, size = 1, 7
     if head.sending == IN_BLOCK:
@@ -275,7 +278,7 @@ def speak_data(link: Link, frames: Frames, frame: int, now_ns: int) -> None:
 
 @compilable
 def put_end(head: Any, frames: Frames, frame: int, length: int) -> None:
-    """Identifier, length, and what fills the frame behind so many bytes."""
+    """Write the identifier and the length of a frame, and its padding after `length` bytes."""
     frames.identifiers[frame] = head.send_id
     frames.lengths[frame] = length if head.padding < 0 else 8
     for k in range(length, 8):
@@ -284,5 +287,5 @@ def put_end(head: Any, frames: Frames, frame: int, length: int) -> None:
 
 @compilable
 def is_sending(link: Link) -> bool:
-    """Whether a message is on its way out."""
+    """Whether a message is being sent."""
     return bool(link.head[0].sending != IDLE)

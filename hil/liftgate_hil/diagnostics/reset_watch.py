@@ -1,4 +1,4 @@
-"""Was each ECUReset that a tester asked for made? From the frames of a recorded run."""
+"""Check from the frames of a recorded run whether each ECUReset that a tester requested was made."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _RESET, _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x11, 0x51, 0x7F, 0x21, 0x78
 
 
 class ResetWatch:
-    """Takes frames as they come; single frames of ISO-TP, as an ECUReset and its responses are."""
+    """Observes frames as they come: single frames of ISO-TP, as an ECUReset and its responses are."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self._own = diagnostics
@@ -18,7 +18,7 @@ class ResetWatch:
         self._failure = NO_FAILURE
 
     def take(self, frames: Any) -> None:
-        """Frames (n,) LOGGED."""
+        """Process frames (n,) LOGGED."""
         for row in frames[
             (frames["identifier"] == self._own.request)
             | (frames["identifier"] == self._own.response)
@@ -36,7 +36,7 @@ class ResetWatch:
 
     @property
     def failure(self) -> int:
-        """As `tester.failure_of` tells it."""
+        """The outcome of the resets, with the values of `tester.failure_of`."""
         if self._failure == NO_FAILURE and self._is_asked:
             return NO_RESPONSE
         return self._failure

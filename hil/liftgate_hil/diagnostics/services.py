@@ -1,4 +1,4 @@
-"""UDS (ISO 14229-1) as bytes: the tester's requests and what answers say, encoded and decoded by udsoncan."""
+"""UDS (ISO 14229-1) as bytes: the tester's requests and the responses to them, encoded and decoded by udsoncan."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _ALL = 0xFFFFFF  # group of all trouble codes
 
 
 class Answer(NamedTuple):
-    """What an ECU said: the trouble codes with their status, or why it refused a request."""
+    """A decoded response: the trouble codes with their status, or why the ECU refused a request."""
 
-    codes: Mapping[int, int] | None  # number: status; None: no reading
-    refused: str = ""  # which request and why; "": it was not
+    codes: Mapping[int, int] | None  # status by number; None: no reading
+    refused: str = ""  # which request and why; "": none was
 
 
 def is_there() -> bool:
@@ -29,7 +29,7 @@ def is_there() -> bool:
 
 
 def read_request(status_mask: int) -> bytes:
-    """ReadDTCInformation, reportDTCByStatusMask."""
+    """Return the request ReadDTCInformation, reportDTCByStatusMask."""
     from udsoncan.services.ReadDTCInformation import ReadDTCInformation
 
     kind = ReadDTCInformation.Subfunction.reportDTCByStatusMask
@@ -39,28 +39,31 @@ def read_request(status_mask: int) -> bytes:
 
 
 def clear_request() -> bytes:
-    """ClearDiagnosticInformation, of all groups."""
+    """Return the request ClearDiagnosticInformation, of all groups."""
     from udsoncan.services.ClearDiagnosticInformation import ClearDiagnosticInformation
 
     return bytes(ClearDiagnosticInformation.make_request(_ALL).get_payload())
 
 
 def reset_request(kind: str) -> bytes:
-    """ECUReset, one of RESETS."""
+    """Return the request ECUReset, of one of RESETS."""
     from udsoncan.services.ECUReset import ECUReset
 
     return bytes(ECUReset.make_request(reset_type=RESETS[kind]).get_payload())
 
 
 def refusal_of(code: int) -> str:
-    """A negative response code in words: ConditionsNotCorrect (0x22)."""
+    """Return a negative response code in words, such as ConditionsNotCorrect (0x22)."""
     from udsoncan.Response import Response
 
     return f"{Response.Code.get_name(code)} (0x{code:02X})"
 
 
 def answer_of(message: bytes) -> Answer | None:
-    """What a message says of trouble codes; None: nothing, as it is of another service, or malformed."""
+    """Return the decoded response about trouble codes in a message.
+
+    None: there is none, as the message is of another service, says that the response is pending, or is malformed.
+    """
     from udsoncan.exceptions import InvalidResponseException
     from udsoncan.Response import Response
     from udsoncan.services.ReadDTCInformation import ReadDTCInformation
@@ -80,5 +83,5 @@ def answer_of(message: bytes) -> Answer | None:
             return None
         found = ReadDTCInformation.interpret_response(response, subfunction=kind).service_data
         return Answer({each.id: each.status.get_byte_as_int() for each in found.dtcs})
-    except (InvalidResponseException, ValueError):  # an ECU may say anything
+    except (InvalidResponseException, ValueError):  # an ECU may send anything
         return None

@@ -1,4 +1,4 @@
-"""Single requests to the ECU under test, and their responses, while a caller's own loop steps gate and ECU."""
+"""Single requests to the ECU under test and their responses, while a caller's own loop steps gate and ECU."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from liftgate_hil.diagnostics.trouble_code import text_of
 from liftgate_hil.errors import ConfigError, DiagnosticsError
 
 _READ, _CLEAR = "ReadDTCInformation", "ClearDiagnosticInformation"
-_LONGEST = 60.0  # s, also with an ECU that says "response pending" again and again
+_LONGEST = 60.0  # s, even if the ECU keeps responding "response pending"
 
 
 class Bench(NamedTuple):
-    """A caller's loop, and the gate in it."""
+    """A caller's loop and the gate in it."""
 
-    put: Callable[[Tester], None]  # a tester on the gate's bus, in place of the one before
-    cycle: Callable[[], object]  # once through the loop
+    put: Callable[[Tester], None]  # puts a tester on the gate's bus, in place of the one before
+    cycle: Callable[[], object]  # runs the loop once
     now: Callable[[], float]  # the gate's model time [s]
 
 
 def read_codes(diagnostics: Diagnostics, bench: Bench) -> dict[str, int]:
-    """The status bytes of trouble codes by their texts. Raises as `response_to`."""
+    """Return the status bytes of trouble codes by their texts. Raises like `response_to`."""
     request = services.read_request(diagnostics.status_mask)
     response = response_to(_READ, asking_once(diagnostics, request), bench)
     answer = services.answer_of(response)
@@ -47,14 +47,14 @@ def read_codes(diagnostics: Diagnostics, bench: Bench) -> dict[str, int]:
 
 
 def clear_codes(diagnostics: Diagnostics, bench: Bench) -> None:
-    """Clear all trouble codes. Raises as `response_to`."""
+    """Clear all trouble codes. Raises like `response_to`."""
     response_to(_CLEAR, asking_once(diagnostics, services.clear_request()), bench)
 
 
 def response_to(service: str, tester: Tester, bench: Bench) -> bytes:
-    """The positive response to the request that a tester makes once, of that service.
+    """Return the positive response to the single request of a tester for a service.
 
-    Raises DiagnosticsError where there is none, ConfigError where a cycle takes no time, and what a cycle raises.
+    Raises DiagnosticsError if there is none, ConfigError if a cycle takes no time, and what a cycle raises.
     """
     began = bench.now()
     bench.put(tester)

@@ -1,8 +1,8 @@
-"""The bench's tester: clears the trouble codes of the ECU under test and reads them again and again, and makes
-single requests, such as an ECUReset; in model time.
+"""The bench's tester: clears and periodically reads the ECU's trouble codes, and makes single requests.
 
-It shares the gate's way to the bus: its frames go out beside those that the gate sends, and it hears what the gate
-receives. Its requests were encoded beforehand; of the answers it looks at no more than whether they are positive.
+A single request is, for example, an ECUReset. The tester runs in model time and shares the gate's access to the
+bus: its frames are sent along with those of the gate, and it receives what the gate receives. Its requests are
+encoded beforehand; of the responses it only evaluates whether they are positive.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from liftgate_hil.diagnostics.isotp import MOST_SPOKEN, Link, message_in, new_li
 from liftgate_hil.diagnostics.services import CLEAR
 from liftgate_plant.compiler import compilable, outlined
 
-STATUS_MASK = 0x09  # testFailed and confirmedDTC: it fails now, or has and is stored
-MOST = 2048  # frames a tick beside its own; more leave it no room
+STATUS_MASK = 0x09  # testFailed and confirmedDTC: failing now, or failed and stored
+MOST = 2048  # frames per tick besides its own; more leave no room for these
 
-# In place of a negative response code, which is a byte: there was no response, or nothing has failed.
+# In place of a negative response code, which is a byte: there was no response, or nothing failed.
 NO_RESPONSE, NO_FAILURE = 0x100, -1
 
 _POSITIVE, _NEGATIVE, _BUSY, _PENDING = 0x40, 0x7F, 0x21, 0x78
 _EXTENDED_NS = 5_000_000_000  # P2* of a client: after "response pending"
 _NOTHING, _CLEAR, _READ, _ONCE = -1, 0, 1, 2  # rows of requests
-_MOST_BYTES = 8  # of a request
+_MOST_BYTES = 8  # longest request
 
 TESTER = np.dtype(
     [
         ("is_on", "i8"),
         ("period_ns", "i8"),
-        ("patience_ns", "i8"),  # for an answer
-        ("wants", "i8"),  # what it asks again and again: _CLEAR, then _READ; _NOTHING
-        ("takes_resets", "i8"),  # 1: a scenario's requests `reset` make _ONCE due
-        ("due", "i8"),  # how often _ONCE is to be asked, with that which is being asked
-        ("is_repeated", "i8"),  # 1: without an answer _ONCE is asked again
+        ("patience_ns", "i8"),  # longest wait for a response
+        ("wants", "i8"),  # periodic request: _CLEAR, then _READ; or _NOTHING
+        ("takes_resets", "i8"),  # 1: `reset` requests of a scenario make _ONCE due
+        ("due", "i8"),  # how often _ONCE shall be made, including the current one
+        ("is_repeated", "i8"),  # 1: _ONCE is repeated if there is no response
         ("failure", "i8"),  # of _ONCE: the negative response code, NO_RESPONSE, NO_FAILURE
-        ("answer_length", "i8"),  # of the positive response to _ONCE, in the link
-        ("asked", "i8"),  # the row whose answer is waited for; _NOTHING
-        ("next_ns", "i8"),  # the next request of `wants`; -1: at once
-        ("once_ns", "i8"),  # that of _ONCE not before
+        ("answer_length", "i8"),  # of the positive response to _ONCE in the link
+        ("asked", "i8"),  # row of the request whose response is awaited, or _NOTHING
+        ("next_ns", "i8"),  # time of the next request of `wants`; -1: at once
+        ("once_ns", "i8"),  # earliest time of _ONCE
         ("answer_by_ns", "i8"),
         ("requests", "u1", (3 * _MOST_BYTES,)),
         ("lengths", "i8", (3,)),
@@ -52,20 +52,20 @@ TESTER = np.dtype(
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """How the ECU under test is asked, as a rig says it."""
+    """Settings for requests to the ECU under test, as given in a rig."""
 
-    request: int  # identifiers, with SocketCAN's flag where they are extended
+    request: int  # identifiers, with SocketCAN's flag if they are extended
     response: int
     padding: int = 0xCC  # -1: none
     period: float = 0.1  # s, from one reading to the next
-    patience: float = 1.0  # s for an answer
+    patience: float = 1.0  # s, longest wait for a response
     status_mask: int = STATUS_MASK
-    clears: bool = True  # all codes, before the first reading
-    names: tuple[str, str] = ("", "")  # of request and response in the database
+    clears: bool = True  # clear all codes before the first reading
+    names: tuple[str, str] = ("", "")  # request and response message in the database
 
 
 class Tester(NamedTuple):
-    """Written in place."""
+    """State of the tester; written in place."""
 
     head: Any  # (1,) TESTER
     link: Link
@@ -73,20 +73,22 @@ class Tester(NamedTuple):
 
 
 def no_tester() -> Tester:
-    """Nobody reads."""
+    """Return a tester that makes no requests."""
     return _tester(Diagnostics(0, 0), (b"", b"", b""), 0, 0)
 
 
 def quiet(tester: Tester) -> Tester:
-    """The same, asking nobody."""
+    """Return the same tester, switched off."""
     head = tester.head.copy()
     head.is_on = 0
     return tester._replace(head=head)
 
 
 def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes) -> Tester:
-    """A tester with its requests of up to 8 bytes, from the run's time 0 on: it clears trouble codes and reads
-    them again and again, and resets the ECU whenever `wants_reset` says so; an empty request is never made.
+    """Return a tester with these encoded requests (up to 8 bytes), which works from the run's time 0 on.
+
+    It clears trouble codes, reads them periodically, and resets the ECU for each call of `wants_reset`; an empty
+    request is never made.
     """
     tester = _tester(diagnostics, (clear, read, reset), MOST + MOST_SPOKEN, 1)
     tester.head.takes_resets = int(bool(reset))
@@ -94,8 +96,9 @@ def tester_of(diagnostics: Diagnostics, clear: bytes, read: bytes, reset: bytes)
 
 
 def asking_once(diagnostics: Diagnostics, request: bytes, is_repeated: bool = False) -> Tester:
-    """A tester that makes one request (1 to 8 bytes) at once, and nothing more when it is answered; `is_repeated`:
-    where no answer comes in time, it asks again.
+    """Return a tester that makes one request (1 to 8 bytes) at once, and no more once it has a response.
+
+    `is_repeated`: the request is repeated if no response comes in time.
     """
     tester = _tester(diagnostics, (b"", b"", request), MOST + MOST_SPOKEN, 1)
     tester.head.due, tester.head.is_repeated = 1, int(is_repeated)
@@ -103,17 +106,17 @@ def asking_once(diagnostics: Diagnostics, request: bytes, is_repeated: bool = Fa
 
 
 def is_asking_once(tester: Tester) -> bool:
-    """Whether a single request is still to be answered."""
+    """Whether a single request still waits for its response."""
     return bool(tester.head[0].due)
 
 
 def failure_of(tester: Tester) -> int:
-    """What became of its single requests: a negative response code, NO_RESPONSE, or NO_FAILURE."""
+    """Return the outcome of the single requests: a negative response code, NO_RESPONSE, or NO_FAILURE."""
     return int(tester.head[0].failure)
 
 
 def answer_in(tester: Tester) -> bytes:
-    """The positive response to what was asked once."""
+    """Return the positive response to a single request."""
     return message_in(tester.link, int(tester.head[0].answer_length))
 
 
@@ -133,7 +136,7 @@ def _tester(own: Diagnostics, requests: tuple[bytes, ...], room: int, is_on: int
 
 @compilable
 def wants_reset(tester: Tester) -> None:
-    """The ECU is to be reset once more, as soon as what was asked before is answered."""
+    """Request one more ECU reset, made as soon as earlier requests have their responses."""
     head = tester.head[0]
     if head.due == 0:
         head.once_ns = 0
@@ -142,15 +145,16 @@ def wants_reset(tester: Tester) -> None:
 
 @compilable
 def tester_hears(tester: Tester, frames: Frames, now_ns: int) -> None:
-    """What has come to the gate by a time [ns]."""
+    """Process the frames that the gate has received by a time [ns]."""
     if tester.head[0].is_on != 0:
         take_answers(tester, frames, now_ns)
 
 
 @compilable
 def with_requests(tester: Tester, frames: Frames, now_ns: int) -> Frames:
-    """The gate's frames of a tick, and behind them what the tester sends at a time [ns]. Good until the next
-    tick.
+    """Return the gate's frames of a tick, followed by those that the tester sends at a time [ns].
+
+    The result is valid until the next tick.
     """
     if tester.head[0].is_on == 0:
         return frames
@@ -163,10 +167,10 @@ def with_requests(tester: Tester, frames: Frames, now_ns: int) -> Frames:
 
 @outlined
 def take_answers(tester: Tester, frames: Frames, now_ns: int) -> None:
-    """Note the answers among frames."""
+    """Process the responses among received frames."""
     head = tester.head[0]
     for i in range(frames.count):
-        if head.is_on == 0:  # the answer is to stay in the link
+        if head.is_on == 0:  # the response shall stay in the link
             break
         length = isotp.hear(tester.link, frames, i, now_ns)
         if length > 0 and head.asked != _NOTHING:
@@ -175,7 +179,7 @@ def take_answers(tester: Tester, frames: Frames, now_ns: int) -> None:
 
 @compilable
 def take_answer(tester: Tester, length: int, now_ns: int) -> None:
-    """Note a message of so many bytes in the link, if it answers what was asked."""
+    """Process a message of `length` bytes in the link, if it is a response to the current request."""
     head, answer = tester.head[0], tester.link.head[0].into
     row = head.asked
     service = int(head.requests[row * _MOST_BYTES])
@@ -185,7 +189,7 @@ def take_answer(tester: Tester, length: int, now_ns: int) -> None:
         head.answer_by_ns = now_ns + _EXTENDED_NS
     elif is_refused and row == _ONCE and answer[2] != _BUSY:
         end_once(head, int(answer[2]), 0)
-    elif is_refused:  # asked again, a period later
+    elif is_refused:  # the request is repeated a period later
         head.asked, head.once_ns = _NOTHING, now_ns + head.period_ns
     elif answer[0] == service + _POSITIVE and row != _ONCE:
         head.asked = _NOTHING
@@ -199,18 +203,21 @@ def take_answer(tester: Tester, length: int, now_ns: int) -> None:
 
 @compilable
 def end_once(head: Any, failure: int, length: int) -> None:
-    """What was asked once has its answer, of so many bytes, or has failed."""
+    """End a single request, which has its response of `length` bytes or has failed."""
     head.asked, head.answer_length = _NOTHING, length
     if failure != NO_FAILURE:
         head.failure = failure
     if head.wants == _NOTHING and head.takes_resets == 0:
         head.is_on = 0
-    head.due -= 1  # last: others look at it meanwhile
+    head.due -= 1  # last, as it is polled from outside
 
 
 @outlined
 def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
-    """Ask where it is time; how many frames there are then in `tester.frames`, or as many as there were."""
+    """Start a request if one is due, and add the tester's frames to those of the gate in `tester.frames`.
+
+    Returns how many frames are there, or `frames.count` if the tester sends none.
+    """
     head, link = tester.head[0], tester.link
     if head.asked != _NOTHING and now_ns > head.answer_by_ns:
         if head.asked == _ONCE and head.is_repeated == 0:
@@ -241,7 +248,7 @@ def ask(tester: Tester, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def next_request(head: Any, now_ns: int) -> int:
-    """The row of what is to be asked now; _NOTHING."""
+    """Return the row of the request that is due now, or _NOTHING."""
     if head.asked != _NOTHING:
         return _NOTHING
     if head.due != 0 and now_ns >= head.once_ns:

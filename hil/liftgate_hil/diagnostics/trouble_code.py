@@ -13,10 +13,10 @@ _AREAS = "PCBU"
 
 
 def number_of(text: str) -> tuple[int, int]:
-    """The number of a trouble code's text, and the mask of what of it counts: without a failure type any fits.
+    """Return the number of a trouble code's text, and the mask of the bits that count.
 
-    The letter is in bits 23 and 22, the digit in 21 and 20, then three hexadecimal digits, and the failure type
-    in the low byte. Raises ValueError.
+    Without a failure type, any failure type matches. The letter is in bits 23 and 22, the digit in 21 and 20, then
+    come three hexadecimal digits, and the failure type in the low byte. Raises ValueError.
     """
     found = _TEXT.fullmatch(text)
     if found is None:
@@ -29,7 +29,7 @@ def number_of(text: str) -> tuple[int, int]:
 
 
 def text_of(number: int) -> str:
-    """The text of a number of three bytes, with the failure type: 0x9A0162 is B1A01-62."""
+    """Return the text of a number of three bytes, with the failure type: 0x9A0162 is B1A01-62."""
     return (
         f"{_AREAS[number >> 22 & 3]}{number >> 20 & 3}{number >> 8 & 0xFFF:03X}-{number & 0xFF:02X}"
     )

@@ -1,4 +1,4 @@
-"""CAN interfaces, adapters that python-can finds, serial ports."""
+"""Checks of CAN interfaces, adapters that python-can finds, and serial ports."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ _CAN = "280"  # ARPHRD_CAN
 _UP = 0x1  # IFF_UP
 _FD_MTU = 72
 _QUEUE = 10  # frames; the gate sends up to six at once
-PATIENCE = 10.0  # s that drivers get to answer
+PATIENCE = 10.0  # s that drivers have to answer
 VCAN = "sudo modprobe vcan; sudo ip link add vcan0 type vcan; sudo ip link set vcan0 up"
 
-# Drivers log what they miss; only the answer counts. Its own process, since one may hang or crash.
+# Runs in a process of its own, as a driver may hang or crash. Drivers log what they miss; only the answer counts.
 _ASK = """
 import json, logging, warnings
 logging.disable(logging.CRITICAL)
 warnings.simplefilter("ignore")
-from liftgate_hil.python_can import can
+from liftgate_hil.config.can_libraries import can
 found = can.detect_available_configs()
 print("\\n" + json.dumps([[str(each["interface"]), str(each["channel"])] for each in found]))
 """
 
 
 def open_can() -> None:
-    """Try to make a CAN socket. Raises OSError."""
+    """Try to create a CAN socket. Raises OSError."""
     if not hasattr(socket, "AF_CAN"):
         raise OSError("Python was built without it")
     socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
 
 
 def socketcan(attempt: Callable[[], None] = open_can) -> Check:
-    """Whether the kernel knows CAN."""
+    """Check whether the kernel supports CAN."""
     try:
         attempt()
     except OSError as error:
@@ -55,7 +55,7 @@ def socketcan(attempt: Callable[[], None] = open_can) -> Check:
 
 
 def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
-    """A check for each CAN interface; `details` gives what `ip -details -json link show NAME` says."""
+    """Check each CAN interface; `details` returns the output of `ip -details -json link show NAME`."""
     paths = sorted((root / "sys/class/net").glob("*/type"))
     names = [path.parent.name for path in paths if read(path.parent, "type") == _CAN]
     if not names:
@@ -71,7 +71,7 @@ def interfaces(root: Path, details: Callable[[str], str]) -> list[Check]:
 
 
 def link_of(text: str) -> dict[str, Any]:
-    """`ip`'s answer for an interface: kind, bitrate [bit/s], state; empty where there is none."""
+    """Return `ip`'s answer for an interface: kind, bitrate [bit/s], state; empty where there is none."""
     try:
         link = json.loads(text)[0]["linkinfo"]
         data = link.get("info_data", {})
@@ -109,7 +109,7 @@ def _interface(root: Path, name: str, link: dict[str, Any]) -> Check:
 
 
 def ask_ip(name: str) -> str:
-    """What iproute2 says of an interface; "" where it is not installed."""
+    """Return iproute2's description of an interface; "" where it is not installed."""
     with contextlib.suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(
             ["ip", "-details", "-json", "link", "show", name],
@@ -119,18 +119,18 @@ def ask_ip(name: str) -> str:
 
 
 class Detection:
-    """python-can's own search, in a process of its own, begun at once; it takes seconds."""
+    """python-can's own search for adapters, started at once in a process of its own; it takes seconds."""
 
     def __init__(self, command: Sequence[str] = (sys.executable, "-P", "-c", _ASK)) -> None:
         self._child: subprocess.Popen[str] | None = None
-        with contextlib.suppress(OSError):  # told by `wait`
+        with contextlib.suppress(OSError):  # reported by `wait`
             self._child = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL, text=True, start_new_session=True,
             )  # fmt: skip
 
     def wait(self, patience: float = PATIENCE) -> Check:
-        """What it found."""
+        """Return what the search found, waiting at most `patience` [s]."""
         if self._child is None:
             return _undetected("python-can's search could not be started")
         try:
@@ -144,7 +144,7 @@ class Detection:
         return adapters(found)
 
     def close(self) -> None:
-        """End it, whether it is done or not."""
+        """End the search, whether it is done or not."""
         if self._child is not None:
             self._child.kill()
             self._child.communicate()
@@ -160,7 +160,7 @@ def _undetected(why: str) -> Check:
 
 
 def adapters(found: Sequence[Sequence[str]]) -> Check:
-    """What python-can found, as `--bus` takes it; serial ports and SocketCAN have checks of their own."""
+    """List what python-can found, as for `--bus`; serial ports and SocketCAN have checks of their own."""
     with_hardware = [
         f"{interface}:{channel}"
         for interface, channel in found
@@ -171,14 +171,14 @@ def adapters(found: Sequence[Sequence[str]]) -> Check:
 
 
 def list_ports() -> list[Any]:
-    """Pyserial's search."""
+    """Return the serial ports that pyserial finds."""
     from serial.tools.list_ports import comports
 
     return list(comports())
 
 
 def serial_ports(ports: Sequence[Any], user: str) -> Check:
-    """Ports, and whether this user may open those that something is plugged into."""
+    """Check the serial ports, and whether this user may open those that a device is plugged into."""
     if not ports:
         return Check("serial ports", "ok", "none")
     words, shut = [], []
@@ -195,7 +195,7 @@ def serial_ports(ports: Sequence[Any], user: str) -> Check:
 
 
 def _group_of(device: str) -> str:
-    """The group that may open a device."""
+    """Return the group that may open a device."""
     with contextlib.suppress(OSError, KeyError):
         return grp.getgrgid(Path(device).stat().st_gid).gr_name
     return "dialout"

@@ -1,5 +1,7 @@
-"""What a check says. Checks are functions from the machine's own files to a `Check` or a list of them; they take
-the root of these files, so that any machine can be shown to them.
+"""Result of a check, and helpers for checks.
+
+Checks are functions from the machine's own files to a `Check` or a list of them; they take the root of these
+files, so that the files of any machine can be checked.
 """
 
 from __future__ import annotations
@@ -13,15 +15,15 @@ ROOT = Path("/")
 
 
 class Check(NamedTuple):
-    """One thing looked at."""
+    """The result of one check."""
 
-    check: str  # what was looked at
+    check: str  # name of what was checked
     level: Level  # ok; warning: works, but not at its best; problem: no real time
     found: str
-    advice: str = ""  # how to mend it; "" where it is ok
+    advice: str = ""  # how to fix it; "" where it is ok
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Return the result as lines of text."""
         lines = [f"{self.level:<8} {self.check:<18} {self.found}"]
         if self.advice:
             lines.append(f"{'':<8} {'':<18} -> {self.advice}")
@@ -29,12 +31,12 @@ class Check(NamedTuple):
 
 
 def judged(check: str, found: str, mend: str = "", level: Level = "warning") -> Check:
-    """`ok` where there is nothing to mend, else `level`."""
+    """Return a check that is `ok` where there is nothing to mend, else of `level`."""
     return Check(check, level if mend else "ok", found, mend)
 
 
 def read(root: Path, name: str) -> str:
-    """A file of the machine, stripped; "" where it cannot be read."""
+    """Return the text of a file of the machine, stripped; "" where it cannot be read."""
     try:
         return (root / name).read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
@@ -42,7 +44,7 @@ def read(root: Path, name: str) -> str:
 
 
 def number(text: str, default: int) -> int:
-    """A whole number, or a default where there is none."""
+    """Return a text as a whole number, or `default` where it is none."""
     try:
         return int(text)
     except ValueError:
@@ -50,7 +52,7 @@ def number(text: str, default: int) -> int:
 
 
 def ranges(cpus: list[int]) -> str:
-    """Numbers as a list such as 0-3,6."""
+    """Return CPU numbers as a list such as 0-3,6."""
     parts: list[str] = []
     first = last = None
     for cpu in [*sorted(cpus), None]:

@@ -1,4 +1,4 @@
-"""All checks of this machine, one after the other."""
+"""Examination of this machine: all checks, one after the other."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from liftgate_plant import compiler
 
 @dataclass
 class Examination:
-    """What was asked, and what was found; `tell` gets each check as soon as it is done."""
+    """Settings and results of an examination; `tell` is called with each check as soon as it is done."""
 
     rate: float  # Hz
     duration: float  # s, of each measurement
     realtime: bool
     cpu: int | None
     tell: Callable[[Check], None]
-    say: Callable[[str], None]  # what takes a while
+    say: Callable[[str], None]  # called with what takes a while
     checks: list[Check] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
     _modes: dict[str, timing.Wakeups] = field(default_factory=dict)
     _tick: Distribution | None = None
 
     def run(self) -> None:
-        """Look at everything; what would disturb the measurements is over before they begin."""
+        """Run all checks; what would disturb the measurements ends before they begin."""
         self._add(machine.platform())
         if not self.problems():
             with contextlib.closing(buses.Detection()) as detection:
@@ -44,7 +44,7 @@ class Examination:
         self._add(timing.verdict(self.rate, self._modes, self._tick, self.problems()))
 
     def problems(self) -> int:
-        """How many so far."""
+        """Return the number of problems so far."""
         return sum(check.level == "problem" for check in self.checks)
 
     def _add(self, *checks: Check) -> None:
@@ -103,7 +103,7 @@ class Examination:
         self.figures = timing.figures(self.rate, self.duration, plain, fifo, self._tick, shares)
 
     def _measure_fifo(self) -> timing.Wakeups | None:
-        """With --realtime; None where FIFO scheduling was refused."""
+        """Measure lateness with --realtime; None where FIFO scheduling was refused."""
         realtime = Realtime(self.cpu)
         wakeups = timing.measure(self.rate, self.duration, realtime)
         self._add(timing.given(realtime.refused, asked=self.realtime))
@@ -116,15 +116,15 @@ class Examination:
 
 
 def _is_compiled() -> bool:
-    """Whether the loop's machine code is in the cache."""
+    """Whether the machine code of the real-time loop is in the cache."""
     from liftgate_hil.loop.realtime_loop import run_realtime
 
     return compiler.is_cached(run_realtime)
 
 
 def user_name() -> str:
-    """Who runs this."""
+    """Return the name of the user who runs this program."""
     try:
         return pwd.getpwuid(os.getuid()).pw_name
-    except KeyError:  # a container's user without a name
+    except KeyError:  # in a container a user may have no name
         return "*"

@@ -1,4 +1,4 @@
-"""What this user may have of the machine: priority, memory, sleep states, swap, receive buffers."""
+"""Checks of what the machine grants this user: priority, memory, sleep states, swap, receive buffers."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _CAP_NET_ADMIN, _CAP_IPC_LOCK, _CAP_SYS_NICE = 12, 14, 23  # linux/capability.h
 _KERNEL_THREAD = 0x00200000  # PF_KTHREAD
 _FIFO, _ROUND_ROBIN = 1, 2
 _UNLIMITED = 2**63
-RUN_MAPS = 4 << 30  # bytes; mlockall counts what is mapped, 2 to 3 GB in a run
-RECEIVE_BUFFER = 8 << 20  # bytes that the CAN socket asks for
+RUN_MAPS = 4 << 30  # bytes; mlockall counts all mapped memory, 2 to 3 GB in a run
+RECEIVE_BUFFER = 8 << 20  # bytes that the CAN socket requests
 _FILE = "/etc/security/limits.d/90-liftgate.conf"
 
 
@@ -25,7 +25,7 @@ def has_capability(root: Path, bit: int) -> bool:
 
 
 def _limit(root: Path, name: str) -> int:
-    """A soft limit of this process."""
+    """Return a soft limit of this process; 0 where it is not known."""
     line = re.search(rf"^{name}\s+(\S+)", read(root, "proc/self/limits"), re.MULTILINE)
     if line is None:
         return 0
@@ -40,18 +40,18 @@ def _allow(user: str, name: str, value: str, unit: str) -> str:
 
 
 def may_have_fifo(root: Path) -> bool:
-    """Whether --realtime should get its priority."""
+    """Whether --realtime will probably be granted its priority."""
     limit = _limit(root, "Max realtime priority")
     return limit >= PRIORITY or has_capability(root, _CAP_SYS_NICE)
 
 
 def may_lock_memory(root: Path) -> bool:
-    """Whether --realtime should get its memory locked."""
+    """Whether --realtime will probably be allowed to lock its memory."""
     return _limit(root, "Max locked memory") >= RUN_MAPS or has_capability(root, _CAP_IPC_LOCK)
 
 
 def priority(root: Path, user: str) -> Check:
-    """FIFO scheduling."""
+    """Check whether this user may use FIFO scheduling at the loop's priority."""
     if may_have_fifo(root):
         return Check("FIFO priority", "ok", f"--realtime may have its {PRIORITY}")
     limit = _limit(root, "Max realtime priority")
@@ -64,7 +64,7 @@ def priority(root: Path, user: str) -> Check:
 
 
 def memory(root: Path, user: str) -> Check:
-    """Locked memory."""
+    """Check whether this user may lock enough memory."""
     if may_lock_memory(root):
         return Check("locked memory", "ok", "--realtime may lock what it needs")
     limit = _limit(root, "Max locked memory") / 2**20
@@ -77,7 +77,7 @@ def memory(root: Path, user: str) -> Check:
 
 
 def sleep_states(root: Path) -> Check:
-    """Whether --realtime may keep CPUs out of sleep states that they wake from slowly."""
+    """Check whether --realtime may keep CPUs out of sleep states from which they wake slowly."""
     path = root / "dev/cpu_dma_latency"
     if not path.exists():
         return Check(
@@ -99,7 +99,7 @@ def sleep_states(root: Path) -> Check:
 
 
 def swap(root: Path, locked: bool) -> Check:
-    """Whether a page of ours may lie on a disk when a tick needs it."""
+    """Check whether a page of this program may be on a disk when a tick needs it."""
     rows = [line.split() for line in read(root, "proc/swaps").splitlines()[1:]]
     used = sum(number(row[3], 0) for row in rows if len(row) > 3) / 1024.0
     if not rows:
@@ -113,7 +113,7 @@ def swap(root: Path, locked: bool) -> Check:
 
 
 def rivals(root: Path) -> Check:
-    """Other programs' threads that the loop could have to wait for."""
+    """Check for other programs' FIFO tasks for which the loop may have to wait."""
     found = []
     own = str(os.getpid())
     for path in (root / "proc").glob("[0-9]*/stat"):
@@ -121,7 +121,7 @@ def rivals(root: Path) -> Check:
             continue
         text = read(root, str(path.relative_to(root)))
         name, _, rest = text.partition("(")[2].rpartition(")")
-        fields = rest.split()  # from field 3 of proc(5) on
+        fields = rest.split()  # fields of proc(5), from field 3
         if len(fields) < 39 or number(fields[6], 0) & _KERNEL_THREAD:
             continue
         if number(fields[38], 0) in (_FIFO, _ROUND_ROBIN) and number(fields[37], 0) >= PRIORITY:
@@ -137,7 +137,7 @@ def rivals(root: Path) -> Check:
 
 
 def receive_buffer(root: Path) -> Check:
-    """Whether a CAN socket gets the buffer it asks for."""
+    """Check whether a CAN socket gets the receive buffer that it requests."""
     allowed = number(read(root, "proc/sys/net/core/rmem_max"), 0)
     if has_capability(root, _CAP_NET_ADMIN) or allowed >= RECEIVE_BUFFER:
         return Check("receive buffer", "ok", f"CAN sockets get their {RECEIVE_BUFFER >> 20} MiB")

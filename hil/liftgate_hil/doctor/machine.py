@@ -1,4 +1,4 @@
-"""The machine and its kernel: platform, preemption, CPUs, frequencies, virtualisation, clock."""
+"""Checks of the machine and its kernel: platform, preemption, CPUs, frequencies, virtualisation, clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SLOW_CLOCKS = ("acpi_pm", "hpet", "jiffies", "pit", "refined-jiffies")
 
 
 def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byteorder) -> Check:
-    """Whether the real-time loop can be at all."""
+    """Check whether the real-time loop can run on this platform."""
     bits = bits or (64 if sys.maxsize > 2**32 else 32)
     found = f"{name}, {bits} bit, {byte_order}-endian"
     fit = name == "linux" and bits == 64 and byte_order == "little"
@@ -29,7 +29,7 @@ def platform(name: str = sys.platform, bits: int = 0, byte_order: str = sys.byte
 
 
 def kernel(root: Path) -> Check:
-    """Version, and how willingly it lets itself be interrupted."""
+    """Check the version of the kernel and its preemption."""
     version = read(root, "proc/sys/kernel/version")
     flavour = match[0] if (match := re.search(r"PREEMPT\w*", version)) else "no PREEMPT"
     if read(root, "sys/kernel/realtime") == "1":
@@ -59,7 +59,7 @@ def kernel(root: Path) -> Check:
 
 
 def _chosen_preemption(root: Path) -> str:
-    """The mode in use of a kernel that can change it; "" where it is not told."""
+    """Return the preemption mode in use of a kernel that can change it; "" where it is not reported."""
     chosen = re.search(r"\((\w+)\)", read(root, "sys/kernel/debug/sched/preempt"))
     if chosen is None:
         chosen = re.search(r"(?:^|\s)preempt=(\w+)", read(root, "proc/cmdline"))
@@ -67,7 +67,7 @@ def _chosen_preemption(root: Path) -> str:
 
 
 def cpus(root: Path, allowed: AbstractSet[int]) -> Check:
-    """Model and number."""
+    """Check the model and the number of the CPUs, and how many this process may use."""
     info = read(root, "proc/cpuinfo")
     names = re.search(r"^(?:model name|Model|Hardware)\s*:\s*(.+)$", info, re.MULTILINE)
     online = set(cpus_of(read(root, f"{_CPU}/online"))) or set(allowed)
@@ -85,7 +85,7 @@ def _counted(count: int) -> str:
 
 
 def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check:
-    """Which CPU --realtime would take, and whether it is the loop's alone."""
+    """Check which CPU --realtime would take, and whether the loop has it alone."""
     alone = set(cpus_of(read(root, f"{_CPU}/isolated")))
     if wanted is not None and wanted not in allowed:
         return Check(
@@ -113,7 +113,7 @@ def isolated(root: Path, allowed: AbstractSet[int], wanted: int | None) -> Check
 
 
 def quota(root: Path) -> Check:
-    """A container's share of CPU time: when it is used up, the loop stands still until the next period."""
+    """Check a container's share of CPU time: when it is used up, the loop halts until the next period."""
     limits = [*_quotas(root, r"^0::(.*)$", "sys/fs/cgroup")]
     limits += _quotas(root, r"^\d+:(?:cpu|cpu,cpuacct):(.*)$", "sys/fs/cgroup/cpu")
     if not limits:
@@ -127,7 +127,7 @@ def quota(root: Path) -> Check:
 
 
 def _quotas(root: Path, line: str, mount: str) -> list[float]:
-    """The CPUs' time that this process's group and those around it may use, where that is limited."""
+    """Return the CPU time limits [CPUs] of this process's group and the groups around it."""
     group = re.search(line, read(root, "proc/self/cgroup"), re.MULTILINE)
     folder = group[1].strip("/") if group else ""
     limits = []
@@ -145,7 +145,7 @@ def _quotas(root: Path, line: str, mount: str) -> list[float]:
 
 
 def governor(root: Path) -> Check:
-    """What sets each CPU's frequency."""
+    """Check the frequency governor of each CPU."""
     by_governor: dict[str, list[int]] = {}
     for path in sorted((root / _CPU).glob("cpu[0-9]*/cpufreq/scaling_governor")):
         cpu = number(path.parent.parent.name.removeprefix("cpu"), -1)
@@ -158,7 +158,7 @@ def governor(root: Path) -> Check:
 
 
 def virtual(root: Path) -> Check:
-    """Whether there is a hypervisor, which may take CPUs away unseen."""
+    """Check whether there is a hypervisor, which may take CPUs away unnoticed."""
     flags = re.search(r"^(?:flags|Features)\s*:(.*)$", read(root, "proc/cpuinfo"), re.MULTILINE)
     kind = read(root, "sys/hypervisor/type") or read(
         root, "sys/firmware/devicetree/base/hypervisor/compatible"
@@ -175,7 +175,7 @@ def virtual(root: Path) -> Check:
 
 
 def throttling(root: Path) -> Check:
-    """The share of CPU time that the kernel leaves FIFO tasks."""
+    """Check the share of CPU time that the kernel leaves to FIFO tasks."""
     runtime = number(read(root, "proc/sys/kernel/sched_rt_runtime_us"), -2)
     period = max(number(read(root, "proc/sys/kernel/sched_rt_period_us"), 1_000_000), 1)
     if runtime == -2:
@@ -191,7 +191,7 @@ def throttling(root: Path) -> Check:
 
 
 def clock(root: Path) -> Check:
-    """What the kernel reads the time from."""
+    """Check the clock source from which the kernel reads the time."""
     current = read(root, f"{_CLOCK}/current_clocksource")
     if not current:
         return Check("clock source", "ok", "not told by this kernel")

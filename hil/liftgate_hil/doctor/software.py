@@ -1,4 +1,4 @@
-"""Python, the packages that a run rests on, and the compiled model."""
+"""Checks of Python, the packages that a run needs, and the compiled model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WARM = "liftgate-hil compile"
 
 
 def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
-    """Which software this is."""
+    """Check the versions of Python and of the packages."""
     found, missing = [f"Python {platform.python_version()}"], []
     for name in ("liftgate-hil", *PACKAGES):
         try:
@@ -35,7 +35,7 @@ def versions(version_of: Callable[[str], str] = metadata.version) -> Check:
 
 
 def model(enabled: bool, cached: bool, folder: Path) -> Check:
-    """Whether the model's machine code is ready."""
+    """Check whether the model's machine code is ready."""
     if not enabled:
         return Check(
             "compiled model",
@@ -61,7 +61,7 @@ def model(enabled: bool, cached: bool, folder: Path) -> Check:
 
 
 def _can_be_made(folder: Path) -> bool:
-    """Whether this user can write there, or make it."""
+    """Whether this user can write to the folder, or create it."""
     try:
         existing = next(each for each in (folder, *folder.parents) if each.exists())
     except (OSError, StopIteration):

@@ -1,4 +1,4 @@
-"""How well this machine keeps time, measured with the real-time loop's own code."""
+"""Checks of this machine's timing, measured with the real-time loop's own code."""
 
 from __future__ import annotations
 
@@ -13,41 +13,42 @@ if TYPE_CHECKING:
     from liftgate_hil.loop.histogram import Distribution
     from liftgate_hil.loop.priority import Realtime
 
-RATES = (10_000, 5_000, 4_000, 2_000, 1_000, 500, 400, 200)  # Hz that it recommends
-BUS_COST = 20.0  # µs a tick that a bus's system calls take
-TICK_COST = 25.0  # µs of a tick that was not measured, caches cold
+RATES = (10_000, 5_000, 4_000, 2_000, 1_000, 500, 400, 200)  # Hz, rates that may be recommended
+BUS_COST = 20.0  # µs per tick for a bus's system calls
+TICK_COST = 25.0  # µs per tick that was not measured, with cold caches
 FEW = 0.001  # share of periods that may be missed
-MANY = 0.01  # share at which nothing can be tested
-MOTION = 10.0  # s that a gate takes to open and close: the window of many an expectation
-DIRECT = 0.9  # share of such windows that are to be judged as they are
-LONG_LOOK = 60.0  # s of a look in which one long wake-up is already too many for that
-_TICK_TIME = 0.5  # s of ticks that are timed
+MANY = 0.01  # share of missed periods above which nothing can be tested
+MOTION = 10.0  # s that a gate takes to open and close: the window of many expectations
+DIRECT = 0.9  # share of such windows to be judged without stepping the gate again
+LONG_LOOK = 60.0  # s, measurement in which a single long wake-up is already too many for that
+_TICK_TIME = 0.5  # s, duration of the ticks that are timed
 
 
 class Wakeups(NamedTuple):
     """A measurement of timer lateness."""
 
     lateness: Distribution
-    missed: int  # periods
+    missed: int  # periods that were missed
     periods: int
-    long: int  # times that it was late by more than LONG_NS
+    long: int  # number of wake-ups that were late by more than LONG_NS
     duration: float  # s
 
     @property
     def missed_share(self) -> float:
-        """Of all periods, 0 to 1."""
+        """Share of missed periods, 0 to 1."""
         return self.missed / self.periods
 
     @property
     def direct_share(self) -> float:
-        """Of windows as long as a motion, 0 to 1: those in which it was never late by more than LONG_NS, where
-        that comes at random. In the others the gate is stepped again for a verdict.
+        """Share of windows as long as a motion, 0 to 1, without a wake-up late by more than LONG_NS.
+
+        Such wake-ups are assumed to come at random. In the other windows the gate is stepped again for a verdict.
         """
         return math.exp(-self.long * MOTION / self.duration) if self.long else 1.0
 
 
 def measure(rate: float, duration: float, realtime: Realtime | None = None) -> Wakeups:
-    """Timer lateness at a rate [Hz] over a duration [s]."""
+    """Measure timer lateness at a rate [Hz] over a duration [s]."""
     from liftgate_hil.loop.wakeups import measure_wakeups
 
     periods = max(1, round(rate * duration))
@@ -56,38 +57,36 @@ def measure(rate: float, duration: float, realtime: Realtime | None = None) -> W
 
 
 def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
-    """What a tick takes within a real run of the shipped vehicle without a bus: paced, its caches cold."""
+    """Measure the time of a tick in a real run of the shipped vehicle without a bus: paced, with cold caches."""
     import numpy as np
 
-    from liftgate_hil import session
     from liftgate_hil.loop import realtime_loop
     from liftgate_hil.loop.histogram import distribution
     from liftgate_hil.loop.realtime_run import memory_for
     from liftgate_hil.loop.rings import EXECUTION
     from liftgate_hil.loop.tick import constants_in, copied, initial_loop
     from liftgate_hil.loop.wakeups import in_own_thread
-    from liftgate_hil.stimuli.scene import scene_of
+    from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
+    from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
     from liftgate_plant.compiler import compiled
     from liftgate_plant.initial import initial_state
 
-    config = session.loop_config_of(
-        session.vehicle_from("suv"), session.rig_from("liftgate"), rate, 0
-    )
+    config = loop_config_of(vehicle_from("suv"), rig_from("liftgate"), rate, 0)
     memory = memory_for(rate)
     shared, room = memory.shared, realtime_loop.make_room()
     state = initial_loop(config, initial_state(config.plant, 0.0, latched=True))
     code = compiled(realtime_loop.run_realtime)
-    # No descriptor: what is read and sent fails at once.
+    # Without a descriptor all reads and writes fail at once.
     nothing = realtime_loop.RunParams(
         descriptor=-1,
         ticks=0,
         limit_ns=2**62,
         command=0,
         feedback=np.zeros(0, dtype=np.int64),
-        scene=scene_of(constants_in(config)),
+        stimuli=stimulus_plan_of(constants_in(config)),
         is_last=1,
     )
-    code(config, copied(state), nothing, shared, room)  # reads the cache before time counts
+    code(config, copied(state), nothing, shared, room)  # loads the cache before the measurement
     shared.control[:] = np.zeros(1, shared.control.dtype)
     ticks = max(1, round(rate * _TICK_TIME))
 
@@ -105,7 +104,7 @@ def measure_tick(rate: float, realtime: Realtime | None = None) -> Distribution:
 
 
 def steal(root: Path) -> dict[str, tuple[int, int]]:
-    """(stolen, all) time of each CPU since the machine began, in its own ticks."""
+    """Return the (stolen, total) time of each CPU since the machine booted, in its own ticks."""
     found = {}
     for line in read(root, "proc/stat").splitlines():
         name, *fields = line.split()
@@ -118,7 +117,7 @@ def steal(root: Path) -> dict[str, tuple[int, int]]:
 def stolen_percent(
     before: dict[str, tuple[int, int]], after: dict[str, tuple[int, int]]
 ) -> dict[str, float]:
-    """What the host took from each CPU between two looks, in % of the time."""
+    """Return the time that the host took from each CPU between two readings, in % of the total time."""
     return {
         name: 100.0 * (after[name][0] - taken) / max(after[name][1] - total, 1)
         for name, (taken, total) in before.items()
@@ -127,7 +126,7 @@ def stolen_percent(
 
 
 def stolen(shares: dict[str, float]) -> Check:
-    """Whether the host took CPU time away."""
+    """Check whether the host took CPU time away."""
     worst = max(shares, key=lambda name: shares[name], default="")
     if not worst or shares[worst] <= 0.0:
         return Check("stolen time", "ok", "none while it was measured")
@@ -140,7 +139,7 @@ def stolen(shares: dict[str, float]) -> Check:
 
 
 def recommended(lateness: Distribution, tick: Distribution | None) -> int:
-    """The highest rate [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
+    """Return the highest rate [Hz] at which fewer than one wake-up in a thousand skips ticks; 0: none.
 
     A tick is skipped when it begins or ends more than a period late: p99.9 of the lateness and the time that
     a tick takes have to fit into a period.
@@ -153,7 +152,7 @@ def recommended(lateness: Distribution, tick: Distribution | None) -> int:
 
 
 def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
-    """The figures of a measurement."""
+    """Check the lateness and the missed periods of a measurement."""
     from liftgate_hil.loop.statistics import told
 
     few = wakeups.missed_share <= FEW
@@ -166,7 +165,7 @@ def lateness(name: str, wakeups: Wakeups, rate: float, mend: str) -> Check:
 
 
 def given(refused: Sequence[str], asked: bool) -> Check:
-    """What --realtime was refused, which is told in full only where it was asked for."""
+    """Check what --realtime was refused, which is reported in full only where it was requested."""
     if not refused:
         return Check("--realtime", "ok", "is given all that it asks for")
     parts = [text.partition("; ") for text in refused]
@@ -179,7 +178,7 @@ def given(refused: Sequence[str], asked: bool) -> Check:
 
 
 def tick_cost(tick: Distribution | None, rate: float) -> Check:
-    """What is left of a period."""
+    """Check whether a tick fits into a period."""
     if tick is None:
         return Check("tick", "ok", "not measured: the model is not compiled yet")
     share = 100.0 * tick.p50_us * 1e-6 * rate
@@ -199,13 +198,13 @@ def verdict(
     tick: Distribution | None,
     problems: int,
 ) -> Check:
-    """Whether to trust this machine at a rate [Hz]; `modes` are "with --realtime" and "without --realtime"."""
+    """Judge this machine at a rate [Hz]; `modes` are "with --realtime" and "without --realtime"."""
     from liftgate_hil.loop.statistics import force_of
 
     if not modes:
         return Check("verdict", "problem", "not fit for real time", "mend the problems above")
     rates = {mode: recommended(each.lateness, tick) for mode, each in modes.items()}
-    # Ties go to the mode that misses less.
+    # At equal rates the mode with fewer missed periods is the better one.
     best = max(modes, key=lambda mode: (rates[mode], -modes[mode].missed))
     late = modes[best].lateness.p99_us
     others = [
@@ -261,7 +260,7 @@ def verdict(
 
 
 def _untimely(wakeups: Wakeups) -> str:
-    """What becomes of expectations."""
+    """Return a text on the share of expectations for which the gate would be stepped again."""
     from liftgate_hil.loop.wakeups import LONG_NS
 
     percent = 100.0 * (1.0 - wakeups.direct_share)
@@ -279,7 +278,7 @@ def figures(
     tick: Distribution | None,
     stolen_shares: dict[str, float],
 ) -> dict[str, Any]:
-    """All of it for JSON."""
+    """Return all measurements for JSON."""
     from liftgate_hil.loop.statistics import force_of
 
     def of(wakeups: Wakeups) -> dict[str, Any]:

@@ -1,7 +1,8 @@
-"""What connects an ECU to the closed loop, whatever it is.
+"""Adapters that connect an ECU of any kind to the closed loop.
 
-An adapter gives the loop a `Node` and its `NodeState`; the compiled episode calls it from machine code,
-`peer.Peer` calls the same node for the loops that run on a bus. `find.adapter_for` knows which adapter is meant.
+An adapter provides the loop with a `Node` and its `NodeState`. The compiled episode calls the node from machine
+code; `peer.Peer` calls the same node for the loops that run on a bus. `find.adapter_for` returns the adapter of an
+ECU.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 
 
 class Adapter:
-    """An ECU in this process; this one is no ECU at all, a silent bus. Use it as a context, or `close` it."""
+    """Adapter of an ECU in this process; this base class has no ECU at all, and its bus is silent.
+
+    Use it as a context manager, or call `close`.
+    """
 
     kind = NO_ECU
 
@@ -36,9 +40,9 @@ class Adapter:
     ) -> None:
         config = ecu_config(rig, drives, calibration)
         self.shares_clock = (
-            shares_clock  # its time is the gate's, else begins when the gate is heard
+            shares_clock  # ECU time is the gate's, else it begins when the gate is first heard
         )
-        self._began = 0.0  # s
+        self._began = 0.0  # s of the ECU's clock, from which the times of events count
         self.node = Node(self.kind, config, wire.NO_PORT)
         self.state = NodeState(new_ecu(config, shares_clock), wire.new_port_state())
 
@@ -54,44 +58,44 @@ class Adapter:
         self.close()
 
     def events(self, told: int = 0) -> list[Event]:
-        """What the ECU has told after the first `told`, as far as it tells anything."""
+        """Return the events that the ECU has reported after the first `told`; this one reports none."""
         return []
 
     def begins_anew(self, time: float) -> None:
-        """What it tells from now on counts from a time [s] of its clock."""
+        """Count the times of events from a time [s] of the ECU's clock from now on."""
         self._began = time
 
     def failure(self) -> str:
-        """Why a turn of the ECU went wrong."""
+        """Return why a call of the ECU failed."""
         answer = int(self.state.port.head.answer[0])
         if answer:
             return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
         return "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
 
     def dropped(self) -> int:
-        """Frames for which it had no room so far."""
+        """Return how many frames were dropped so far because the ECU had no room for them."""
         return int(self.state.port.head.dropped[0])
 
     def last_frames(self) -> Frames | None:
-        """What it sends when it is switched off."""
+        """Return the frames that the ECU sends when it is switched off; None: it sends none."""
         return None
 
     def takes(self, action: str) -> bool:
-        """Whether the driver can ask for open, close, stop or reset here."""
+        """Whether the ECU accepts a request: open, close, stop or reset."""
         return action == "reset" or self.node.kind != PORT or self.node.port.request != 0
 
     def reset(self) -> None:
-        """Make the ECU anew, as one that is switched on. Raises EcuError."""
+        """Reset the ECU to the state in which it is switched on. Raises EcuError."""
         self.state = NodeState(
             new_ecu(self.node.reference, self.shares_clock), wire.new_port_state()
         )
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release what the adapter holds."""
 
 
 class ReferenceEcu(Adapter):
-    """Our own."""
+    """Adapter of the reference ECU."""
 
     kind = REFERENCE
 
@@ -106,18 +110,18 @@ class ReferenceEcu(Adapter):
         super().__init__(rig, drives, shares_clock, calibration)
 
     def begins_anew(self, time: float) -> None:
-        """See Adapter."""
+        """Count the times of events from a time [s] of the ECU's clock, and discard the events so far."""
         super().begins_anew(time)
         control = self.state.reference.memory.control
         control.events[:] = control.noted[:] = 0
 
     def events(self, told: int = 0) -> list[Event]:
-        """See Adapter."""
+        """Return the ECU's events after the first `told`, as far as its ring still holds them."""
         found = events_since(self.state.reference.memory, told)
         return [each._replace(time=each.time - self._began) for each in found]
 
     def reset(self) -> None:
-        """See Adapter; what it has told stays told, and its trouble codes are kept without supply."""
+        """Reset the ECU; reported events and, as in non-volatile memory, trouble codes are kept."""
         before = self.state.reference.memory
         super().reset()
         after = self.state.reference.memory
@@ -128,6 +132,6 @@ class ReferenceEcu(Adapter):
         begin_cycle(after.statuses)
 
     def last_frames(self) -> Frames | None:
-        """See Adapter."""
+        """Return the ECU's command frames with the motors off."""
         frames: Frames = last_frames(self.node.reference, self.state.reference)
         return frames

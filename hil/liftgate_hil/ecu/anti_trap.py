@@ -1,9 +1,9 @@
-"""Anti-trap by the drives' load: what the motors' current has to do beside accelerating them, against what the
-same place took before.
+"""Anti-trap detection by the drives' load, compared with the load learned at the same position.
 
-The reference is learned in undisturbed runs, place by place, finely near closed, where the seal is. What moves the
-whole curve in a run (temperature, slope, voltage) is followed slowly. Until a place is known, the run's own recent
-load stands in for it with a wider limit. One guard (a record of GUARD) watches one direction of motion.
+The load is the motor current less what accelerates the drives. The reference is learned in undisturbed runs,
+position by position, with fine bins near closed, where the seal is. Whatever shifts the whole curve in a run
+(temperature, slope, voltage) is tracked slowly. Until a position is known, the run's own recent load serves as the
+reference, with a wider limit. One guard (a record of GUARD) supervises one direction of motion.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def begin_run(guard: Any) -> None:
-    """A new run starts from rest."""
+    """Reset a guard for a new run, which starts from rest."""
     guard.offset = np.nan
     guard.time = 0.0
     guard.suspect = 0
@@ -32,7 +32,7 @@ def begin_run(guard: Any) -> None:
 
 @compilable
 def bins_a_count(position: float, travel: float) -> float:
-    """How many bins a count is there."""
+    """Return the number of bins per count at a position [counts]."""
     if position < FINE_TO:
         return FINE / (FINE_TO - FINE_FROM)
     return (BINS - FINE) / max(travel - FINE_TO, 1.0)
@@ -40,7 +40,7 @@ def bins_a_count(position: float, travel: float) -> float:
 
 @compilable
 def bin_at(position: float, travel: float) -> float:
-    """The place [bins] of a position [counts]."""
+    """Return the place [bins] of a position [counts], limited to the range of the bins."""
     if position < FINE_TO:
         place = (position - FINE_FROM) * bins_a_count(position, travel)
     else:
@@ -50,7 +50,7 @@ def bin_at(position: float, travel: float) -> float:
 
 @compilable
 def step_after(guard: Any, index: int) -> float:
-    """How much more [A] the bin after this one took; NaN where one of them is not known."""
+    """Return how much larger [A] the reference of the next bin is; NaN where one of the two is not known."""
     if index < 0 or index >= BINS - 1:
         return np.nan
     return float(guard.reference[index + 1] - guard.reference[index])
@@ -58,8 +58,10 @@ def step_after(guard: Any, index: int) -> float:
 
 @compilable
 def reference_at(guard: Any, place: float) -> tuple[float, float]:
-    """The learned load [A] at a place [bins], on a straight line from bin to bin and on beyond the last that is
-    known; and how steep it is about there [A/bin]. NaN where it is not known.
+    """Return the learned load [A] at a place [bins], and how steep it is around there [A/bin].
+
+    The load is interpolated linearly from bin to bin, and extrapolated beyond the last known one. NaN where it is
+    not known.
     """
     lower = min(max(math.floor(place - 0.5), 0), BINS - 2)
     share = min(max(place - 0.5 - lower, 0.0), 1.0)
@@ -89,8 +91,11 @@ def watch(
     hidden: float,
     in_seal: bool,
 ) -> Verdict:
-    """One cycle. `load` [A] is positive against the motion; position and travel in counts, or NaN; `hidden` [A] is
-    what may be of the acceleration in it. What the seal takes is no obstacle before it is known.
+    """Judge one cycle: compare the load with the reference, and update the guard.
+
+    `load` [A] is positive against the motion; position and travel are in counts, or NaN; `hidden` [A] is the part
+    of the load that the acceleration may cause. In the seal, no load counts as an obstacle before the reference is
+    known.
     """
     c = constants.calibration
     guard.time += constants.cycle
@@ -117,7 +122,7 @@ def watch(
             guard.total[int(place)], guard.samples[int(place)] = load, 1
         return Verdict(guard.suspect >= constants.samples, load, reference, limit)
     guard.suspect = 0
-    if not in_seal:  # at first the mean so far
+    if not in_seal:  # at first the mean so far, later a low-pass filter
         time = min(max(guard.time - c.blank_time, constants.cycle), c.reference_time)
         guard.offset += excess * (1.0 - math.exp(-constants.cycle / time))
     if not np.isnan(place):
@@ -128,7 +133,7 @@ def watch(
 
 @compilable
 def learn(guard: Any) -> None:
-    """The run came to its end undisturbed: its loads are the reference."""
+    """Take the loads of a run that ended undisturbed into the reference."""
     for i in range(BINS):
         if guard.samples[i] > 0:
             mean = guard.total[i] / guard.samples[i]
@@ -138,6 +143,6 @@ def learn(guard: Any) -> None:
 
 @compilable
 def forget(guard: Any) -> None:
-    """What was learned is of another travel."""
+    """Discard the reference, which was learned over another travel."""
     for i in range(BINS):
         guard.reference[i] = np.nan

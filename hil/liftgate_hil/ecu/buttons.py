@@ -1,4 +1,4 @@
-"""The driver's buttons as the bus tells them: the other side of a rig's [requests]."""
+"""Driver's buttons received on the bus: the ECU's side of a rig's [requests]."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from liftgate_hil.codec.frames import FD, Frames
 from liftgate_hil.codec.receive import NO_COUNTS, Reception, find_message, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.ecu.memory import NO_REQUEST
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.stimuli.requests import ACTIONS, BUTTONS
 from liftgate_plant.compiler import compilable, outlined
 
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 
 
 class Buttons(NamedTuple):
-    """Where they are on the bus."""
+    """Where the buttons are on the bus."""
 
     bus: BusConfig
-    place: NDArray[np.int64]  # (buttons,) of the signal that stands for it
-    value: NDArray[np.float64]  # while it is pressed
-    action: NDArray[np.int64]  # of stimuli.requests.ACTIONS
+    place: NDArray[np.int64]  # (buttons,) row of the button's signal
+    value: NDArray[np.float64]  # (buttons,) value of the signal while the button is pressed
+    action: NDArray[np.int64]  # (buttons,) index into stimuli.requests.ACTIONS
 
 
 class ButtonState(NamedTuple):
-    """What was heard of them; written in place."""
+    """The last received state of the buttons; written in place."""
 
     reception: Reception
-    is_pressed: NDArray[np.int64]  # (buttons,)
+    is_pressed: NDArray[np.int64]  # (buttons,) 1: pressed
 
 
 def buttons_of(rig: Rig) -> Buttons:
-    """Those of a rig."""
+    """Return the buttons of a rig. Raises ConfigError."""
     own = {action: rig.driver.buttons[action] for action in BUTTONS if action in rig.driver.buttons}
     names = list(dict.fromkeys(each.signal for each in own.values()))
     issues = ConfigIssues(rig.source)
@@ -52,7 +52,7 @@ def buttons_of(rig: Rig) -> Buttons:
 
 
 def nothing_pressed(buttons: Buttons) -> ButtonState:
-    """Before the first frame."""
+    """Return the state before the first frame, in which no button is pressed."""
     return ButtonState(
         nothing_received(buttons.bus, len(buttons.bus.signals)),
         np.zeros(len(buttons.action), dtype=np.int64),
@@ -61,7 +61,7 @@ def nothing_pressed(buttons: Buttons) -> ButtonState:
 
 @compilable
 def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
-    """What is asked for by a button that frames tell to be pressed, and were not before; NO_REQUEST: nothing."""
+    """Return the request of a button that these frames newly report as pressed; NO_REQUEST: none."""
     if len(buttons.bus.messages) > 0:
         for row in range(frames.count):
             if find_message(buttons.bus, int(frames.identifiers[row]) & ~FD) >= 0:
@@ -71,7 +71,7 @@ def pressed_in(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int
 
 @outlined
 def hear(buttons: Buttons, state: ButtonState, frames: Frames, now_ns: int) -> int:
-    """See `pressed_in`."""
+    """Decode the frames, and return the request of a newly pressed button; NO_REQUEST: none."""
     receive(buttons.bus, state.reception, NO_COUNTS, frames, now_ns)
     asked = NO_REQUEST
     for button in range(len(buttons.action)):

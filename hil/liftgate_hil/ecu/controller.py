@@ -1,6 +1,6 @@
-"""What the gate is told: a control cycle, from what the bus says and the driver asks for to the drives' duty.
+"""The controller of the reference ECU: from what the bus reports and the driver requests to the drives' duty.
 
-One `update` a cycle.
+`update` runs one control cycle; `lose_feedback` replaces it while the drives are not heard.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from liftgate_hil.ecu.speed_control import controlled_duty, measure_speed
 from liftgate_hil.ecu.states import SILENT, begin_motion, enter, is_moving
 from liftgate_plant.compiler import compilable
 
-_UNBRAKED = -1.0  # in place of a time until when to brake: the bridges stay off
+_UNBRAKED = -1.0  # in place of the time until which to brake: the bridges stay off
 
 
 class Feedback(NamedTuple):
-    """What the bus says; positive opens. Of a gate with one drive the right values are not looked at."""
+    """Feedback from the bus; positive values open. With one drive the right values are ignored."""
 
     left_current: float  # A
     right_current: float
     left_count: float
     right_count: float
-    left_turning: float  # rev/s; NaN: the bus does not say
+    left_turning: float  # rev/s; NaN: not on the bus
     right_turning: float
     latched: bool
-    caught: bool  # by the latch, half or fully
+    caught: bool  # the latch holds the gate, half or fully
     voltage: float  # V
-    temperature: float  # °C, of the hotter motor; NaN: the bus does not say
-    left_time: float  # s, when these samples of a drive were made, by a clock of their own
+    temperature: float  # °C, of the hotter motor; NaN: not on the bus
+    left_time: float  # s, when the left drive's samples were made, by a clock of their own
     right_time: float
 
 
 class DriveCommand(NamedTuple):
-    """What the bus is told: signed duty per drive (−1…1), NaN to coast."""
+    """Command to the drives: signed duty per drive (−1…1), NaN to coast."""
 
     left_duty: float
     right_duty: float
@@ -71,7 +71,7 @@ FULL = DriveCommand(1.0, 1.0, False)
 
 @compilable
 def is_releasing(constants: Constants, memory: Memory) -> bool:
-    """Whether the latch is to let the gate go, which takes it some time."""
+    """Whether the latch shall release the gate, which takes it some time."""
     control = memory.control[0]
     if control.caught == 0 or control.state not in (OPENING, REVERSING):
         return False
@@ -80,8 +80,10 @@ def is_releasing(constants: Constants, memory: Memory) -> bool:
 
 @compilable
 def obey(constants: Constants, memory: Memory, temperature: float) -> None:
-    """The driver's button: open, close or stop. Open once more, where the gate has opened already, looks for its
-    end anew: what stood in the way when that was learned may be gone.
+    """Obey the driver's button: open, close or stop.
+
+    A request to open a gate that has already opened starts a new search for its end: what stood in the way when
+    the end was learned may be gone.
     """
     control = memory.control[0]
     request, state = control.request, control.state
@@ -107,7 +109,10 @@ def obey(constants: Constants, memory: Memory, temperature: float) -> None:
 
 @compilable
 def update(constants: Constants, memory: Memory, now: float, feedback: Feedback) -> DriveCommand:
-    """One control cycle at a time [s]; what was requested since the last one is obeyed from the next one on."""
+    """Run one control cycle at a time [s], and return the command.
+
+    A request made since the last cycle acts from the next one on, a stop at once.
+    """
     control = memory.control[0]
     control.now = now
     take_feedback(
@@ -149,7 +154,10 @@ def update(constants: Constants, memory: Memory, now: float, feedback: Feedback)
 def take_feedback(
     constants: Constants, drive: Any, time: float, count: float, turning: float, current: float
 ) -> None:
-    """What the bus says of one drive. Samples come late, or two in one cycle: it counts when they were made."""
+    """Take the feedback of one drive.
+
+    Samples may come late, or two in one cycle: the time that counts is when they were made.
+    """
     elapsed = constants.cycle if np.isnan(drive.taken) else time - drive.taken
     if not elapsed > 0.0:
         return
@@ -161,7 +169,7 @@ def take_feedback(
 
 @compilable
 def lose_feedback(constants: Constants, memory: Memory, now: float) -> DriveCommand:
-    """A cycle in which the drives are not heard: nothing moves, and what the driver asks for is not done later."""
+    """Run a cycle without feedback of the drives: stop, and discard what the driver requests."""
     control = memory.control[0]
     control.now, control.request = now, NO_REQUEST
     if is_moving(control.state):
@@ -171,7 +179,7 @@ def lose_feedback(constants: Constants, memory: Memory, now: float) -> DriveComm
 
 @compilable
 def stand(constants: Constants, memory: Memory) -> DriveCommand:
-    """A cycle in which the gate is to stand: what still moves is braked, and where it comes down, it is held."""
+    """Run a cycle in which the gate shall stand: brake what still moves, and hold the gate where it comes down."""
     c, control = constants.calibration, memory.control[0]
     is_new = control.now - control.entered < c.settling_time and control.brake_until != _UNBRAKED
     if is_new and abs(mean_speed(memory)) > c.stall_speed:
@@ -192,14 +200,14 @@ def hold(memory: Memory) -> DriveCommand:
 
 @compilable
 def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveCommand:
-    """A cycle of a motion: is it at its end, is something trapped, what do the drives get."""
+    """Run a cycle of a motion: check for its end and for something trapped, and return the drives' command."""
     control = memory.control[0]
     defects = constants.calibration.defects
     control.caught = int(feedback.caught)
     if is_releasing(constants, memory):
         begin_motion(memory)
     latched = feedback.latched and defects.latch_unseen == 0
-    if latched and defects.latch_believed == 0:  # a position that is not known is no reason not to
+    if latched and defects.latch_believed == 0:  # an unknown position does not contradict it
         latched = not position_of(memory) > constants.calibration.latch_zone
         if not latched and control.is_latch_told == 0:
             control.is_latch_told = 1
@@ -207,7 +215,7 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     if control.state == CLOSING and latched:
         if (
             not control.is_zero_known
-        ):  # a drive that has squeezed the mechanism is not where it began
+        ):  # else the zero is kept: a drive that has squeezed the mechanism is beyond its zero
             take_zero(memory)
         learn(memory.guards[1])
         enter(constants, memory, CLOSED, events.IS_CLOSED, NO_VERDICT)
@@ -224,7 +232,7 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
     if not is_moving(control.state):
         return hold(memory)
     if control.state == REVERSING and mean_speed(memory) < 0.0:
-        return FULL  # off the obstacle before all else
+        return FULL  # get off the obstacle before anything else
     sign = -1.0 if control.state == CLOSING else 1.0
     want(constants, memory, wanted_speed(constants, memory))
     wanted = sign * control.wanted
@@ -245,7 +253,7 @@ def move(constants: Constants, memory: Memory, feedback: Feedback) -> DriveComma
 def drive_duty(
     constants: Constants, memory: Memory, index: int, wanted: float, voltage: float
 ) -> float:
-    """One drive's duty: the wanted speed, less what this drive is ahead of the others."""
+    """Return one drive's duty for the wanted speed, corrected by how far it is ahead of the drives' mean."""
     drive = memory.drives[index]
     ahead = drive.count - drive.start - gone(memory)
     target = wanted - constants.calibration.tie * ahead

@@ -1,10 +1,10 @@
-"""The reference ECU's diagnostics: UDS (ISO 14229-1) over ISO-TP, as far as a test of its trouble codes needs it.
+"""Diagnostic server of the reference ECU: UDS (ISO 14229-1) over ISO-TP, as far as trouble code tests need it.
 
     10 sessions (default, extended)    11 hard reset    14 clear    19 read by status mask (01, 02)
     3E tester present
 
-All other services and sub-functions are refused as the standard says. A request that comes while an answer is on
-its way is lost.
+All other services and sub-functions are rejected as the standard requires. A request that arrives while a response
+is being sent is lost.
 """
 
 from __future__ import annotations
@@ -29,39 +29,39 @@ _NO_SERVICE, _NO_SUB_FUNCTION, _BAD_LENGTH, _OUT_OF_RANGE = 0x11, 0x12, 0x13, 0x
 _DEFAULT, _EXTENDED = 1, 3
 _HARD, _COUNT, _LIST = 1, 1, 2
 _ALL = 0xFFFFFF
-_FORMAT = 0x00  # of the codes: SAE J2012, with its failure type
-_S3_NS = 5_000_000_000  # without a request, after which an extended session is over
-_P2_MS, _P2_EXTENDED_10MS = 50, 500  # what it says that it needs
+_FORMAT = 0x00  # format of the trouble codes: SAE J2012, with its failure type
+_S3_NS = 5_000_000_000  # time without a request after which an extended session ends
+_P2_MS, _P2_EXTENDED_10MS = 50, 500  # response times that the server reports
 
 SERVER = np.dtype(
     [
         ("session", "i8"),
         ("session_by_ns", "i8"),
-        ("is_resetting", "i8"),  # 1: it is to start anew
+        ("is_resetting", "i8"),  # 1: an ECU reset is due
     ]
 )
 
 
 class Server(NamedTuple):
-    """What does not change."""
+    """Constants of the diagnostic server."""
 
-    is_on: int  # 0: the rig says nothing of diagnostics
+    is_on: int  # 0: the rig defines no diagnostics
     numbers: NDArray[np.int64]  # (n,) trouble codes
-    events: NDArray[np.int64]  # (n,) whose they are
-    request: int  # identifiers
-    response: int
+    events: NDArray[np.int64]  # (n,) event that stores each code
+    request: int  # CAN identifier of requests
+    response: int  # CAN identifier of responses
     padding: int
 
 
 class ServerState(NamedTuple):
-    """Written in place."""
+    """State of the diagnostic server; written in place."""
 
     head: Any  # (1,) SERVER
     link: Link
 
 
 def server_of(diagnostics: Diagnostics | None) -> Server:
-    """The server of a rig."""
+    """Return the diagnostic server of a rig."""
     own = diagnostics or Diagnostics(0, 0)
     return Server(
         int(diagnostics is not None),
@@ -74,7 +74,7 @@ def server_of(diagnostics: Diagnostics | None) -> Server:
 
 
 def new_server(server: Server) -> ServerState:
-    """Of an ECU just switched on."""
+    """Return the server's state in an ECU that has just been switched on."""
     head = np.zeros(1, dtype=SERVER).view(np.recarray)
     head.session = _DEFAULT
     return ServerState(head, new_link(server.response, server.request, server.padding))
@@ -82,7 +82,7 @@ def new_server(server: Server) -> ServerState:
 
 @compilable
 def has_work(state: ServerState, frames: Frames) -> bool:
-    """Whether an answer is on its way, or a request may be among frames."""
+    """Whether a response is being sent, or a request may be among the frames."""
     head = state.link.head[0]
     found = head.sending != isotp.IDLE
     for i in range(frames.count):
@@ -100,8 +100,9 @@ def serve(
     count: int,
     now_ns: int,
 ) -> int:
-    """Take the frames that have come by a time [ns], and put what is to be answered into `room`, behind so many
-    frames: how many there are then.
+    """Process the frames received by a time [ns], and put responses into `room` behind its first `count` frames.
+
+    Returns how many frames there are in `room` then.
     """
     link = state.link
     for i in range(frames.count):
@@ -121,7 +122,7 @@ def answered(
     length: int,
     now_ns: int,
 ) -> int:
-    """Do what a request of so many bytes in the link says. The length of the answer in the link; 0: none."""
+    """Execute the request of `length` bytes in the link; return the length of the response in it; 0: none."""
     head, link = state.head[0], state.link.head[0]
     if head.session != _DEFAULT and now_ns > head.session_by_ns:
         head.session = _DEFAULT
@@ -140,12 +141,12 @@ def answered(
     return 0 if is_silent else size
 
 
-# What follows gives the length of a positive response in the link, or why there is none, negative.
+# The functions below return the length of a positive response in the link, or minus the negative response code.
 
 
 @compilable
 def done(state: ServerState, service: int, length: int) -> int:
-    """Change the session, start anew, or be there."""
+    """Change the session, request an ECU reset, or acknowledge that the tester is present."""
     head, link = state.head[0], state.link.head[0]
     out = link.out
     if service not in (_SESSION, _RESET, _PRESENT):
@@ -175,7 +176,7 @@ def done(state: ServerState, service: int, length: int) -> int:
 def clear_codes(
     server: Server, state: ServerState, statuses: NDArray[np.int64], length: int
 ) -> int:
-    """Clear all codes, or one."""
+    """Clear all trouble codes, or one."""
     if length != 4:
         return -_BAD_LENGTH
     request = state.link.head[0].into
@@ -193,7 +194,7 @@ def clear_codes(
 
 @compilable
 def read_codes(server: Server, state: ServerState, statuses: NDArray[np.int64], length: int) -> int:
-    """How many codes have one of the bits that are asked for, or which."""
+    """Report how many trouble codes have one of the requested status bits, or which."""
     out, request = state.link.head[0].out, state.link.head[0].into
     if length < 2:
         return -_BAD_LENGTH

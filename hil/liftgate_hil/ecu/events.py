@@ -1,4 +1,4 @@
-"""What the reference ECU has to tell, as codes in its records and as texts for people."""
+"""Events that the reference ECU reports, as codes in its records and as texts for people."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from liftgate_plant.compiler import compilable, outlined
     TOO_HOT,
     LATCH_IMPLAUSIBLE,
 ) = range(19)
-IN_WORDS = -1  # told by an ECU in another process
+IN_WORDS = -1  # reported as text by an ECU in another process
 _WHY = "(load {load:.2f} A, expected {expected:.2f} A, allowed {limit:.2f} A more)"
 TEXTS = (
     "stopped by the driver",
@@ -57,7 +57,7 @@ TEXTS = (
 
 
 class Event(NamedTuple):
-    """Something worth telling."""
+    """An event that an ECU reports."""
 
     time: float  # s
     code: int
@@ -65,12 +65,12 @@ class Event(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Why a run was judged to be trapped."""
+    """Whether a run was judged to be trapped, and why."""
 
     is_trapped: bool
     load: float  # A, mean of the drives, positive against the motion
     expected: float  # A
-    limit: float  # A that the load may be beyond it
+    limit: float  # A by which the load may exceed it
 
 
 NO_VERDICT = Verdict(False, 0.0, 0.0, 0.0)
@@ -92,7 +92,7 @@ def note_event(memory: Memory, code: int, verdict: Verdict) -> None:
 
 @outlined
 def note_statuses(memory: Memory) -> None:
-    """Take what has happened since the last time into the status of the trouble codes."""
+    """Update the status of the trouble codes with the events since the last call."""
     control, statuses = memory.control[0], memory.statuses
     for i in range(max(control.noted, control.events - EVENTS), control.events):
         code = memory.events[i % EVENTS].code
@@ -100,7 +100,7 @@ def note_statuses(memory: Memory) -> None:
         if code in (STARTS_OPENING, STARTS_CLOSING):
             begin_tests(statuses)
         elif code in (IS_OPEN, IS_CLOSED, TRAVEL_LEARNED):
-            # A motion back proves nothing.
+            # The motion back after a trap or a block does not pass the tests.
             has_turned = has_failed(statuses, TRAPPED_CLOSING) or has_failed(
                 statuses, BLOCKED_CLOSING
             )
@@ -110,7 +110,7 @@ def note_statuses(memory: Memory) -> None:
 
 
 def events_since(memory: Memory, told: int) -> list[Event]:
-    """The events after the first `told`, as far as the ring still has them."""
+    """Return the events after the first `told`, as far as the ring still holds them."""
     total = int(memory.control.events[0])
     return [_event(memory.events[i % EVENTS]) for i in range(max(told, total - EVENTS), total)]
 

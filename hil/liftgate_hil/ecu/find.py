@@ -1,4 +1,4 @@
-"""Which ECU is meant by "reference", the path of a C library, "module:Class", or an object."""
+"""Find the ECU that is meant by "reference", the path of a C library, "module:Class", or an object."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_plant.coding import UNCODED, Coding
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
-ON_A_BUS = "bus"  # the ECU is somebody else's, on a bus
+ON_A_BUS = "bus"  # an external ECU, on a bus
 _LIBRARY = re.compile(r".+\.(so|dylib|dll)(\.[0-9.]+)?$")
 _CLASS = re.compile(r"[\w.]+:\w+$")
 
@@ -25,12 +25,12 @@ _CLASS = re.compile(r"[\w.]+:\w+$")
 def adapter_for(
     ecu: Any, rig: Rig, drives: int, shares_clock: bool = True, coding: Coding = UNCODED
 ) -> Adapter:
-    """The adapter of an ECU; the clock by which it gets requests is the gate's, or begins when it hears the gate.
-    `coding` is the vehicle's, for the reference ECU.
+    """Return the adapter of an ECU. Raises ConfigError.
 
-    Raises ConfigError.
+    With `shares_clock` the clock by which the ECU gets requests is the gate's; otherwise it begins when the ECU
+    hears the gate. `coding` is the vehicle's, for the reference ECU.
     """
-    # What costs time to import is imported where it is used.
+    # Imported only where used, since the import takes time.
     from liftgate_hil.ecu.library import LibraryEcu
     from liftgate_hil.ecu.python_object import PythonEcu
 
@@ -51,30 +51,30 @@ def adapter_for(
 
 
 def check_ecu(ecu: Any) -> None:
-    """Raises ConfigError where an ECU is a library that is not there."""
+    """Raise ConfigError where an ECU is a library that does not exist."""
     if is_library(ecu) and not Path(ecu).is_file():
         raise ConfigError(f"`ecu` {ecu}: no such file")
 
 
 def is_library(ecu: Any) -> bool:
-    """Whether an `ecu` is code that may crash or hang."""
+    """Whether an `ecu` is a shared library, whose code may crash or hang."""
     return isinstance(ecu, str | Path) and _LIBRARY.fullmatch(str(ecu)) is not None
 
 
 def is_foreign(ecu: Any) -> bool:
-    """Whether an `ecu` names code of a user's, a library or a Python class, which another process can load."""
+    """Whether an `ecu` names a user's code, a library or a Python class, which another process can load."""
     return isinstance(ecu, str | Path) and str(ecu) not in ("reference", ON_A_BUS)
 
 
 def _instance_of(name: str) -> Any:
-    """An object of "module:Class". Raises ConfigError, EcuError."""
+    """Return an object of "module:Class". Raises ConfigError, EcuError."""
     module, _, attribute = name.partition(":")
     try:
         with FOREIGN:
             return getattr(importlib.import_module(module), attribute)()
     except NoAnswerError:
         raise EcuError(f"`ecu` {name}: no answer when it was to stop") from None
-    except (Exception, SystemExit) as error:  # what a user's module does is not known
+    except (Exception, SystemExit) as error:  # a user's module may raise anything
         raise ConfigError(
             f"`ecu` {name}: {type(error).__name__}: {text_of(error)}; allowed: MODULE:CLASS that can be imported, "
             "of which an object can be made without arguments"

@@ -1,17 +1,17 @@
-"""Whether code of a user's runs in this process: it may hang, and cannot be killed as a process can.
+"""Tracking of whether a user's code runs in this process: it may hang, and cannot be killed as a process can.
 
-Imports nothing, so that those who ask need not have an ECU.
+This module imports nothing, so that code that only asks needs no ECU.
 """
 
 from __future__ import annotations
 
 
 class NoAnswerError(BaseException):
-    """Ends a call that does not come back, from a signal handler; no `except Exception` in it keeps that."""
+    """Ends a call that does not return, from a signal handler; `except Exception` does not catch it."""
 
 
 class ForeignCode:
-    """Use it as a context around each call."""
+    """Counts the calls of a user's code; use it as a context manager around each call."""
 
     def __init__(self) -> None:
         self._calls = 0
@@ -25,7 +25,7 @@ class ForeignCode:
         self._depth -= 1
 
     def call(self) -> int:
-        """The number of the call that is under way; 0: none."""
+        """Return the number of the call in progress; 0: none."""
         return self._calls if self._depth else 0
 
 

@@ -1,4 +1,4 @@
-"""What a recording says of the ECU that it was made with."""
+"""Identity of the ECU under test, as a recording stores it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from liftgate_plant.coding import Coding
 
 
 def identity_of(ecu: Any, coding: Coding, mutant: str = "") -> Mapping[str, Any]:
-    """`kind` (reference, library, python, bus, none), and what it takes to have the same one again: the reference
-    ECU's version and calibration, which is `coded` for the vehicle; a library's path and SHA-256; a class's name
-    with the path and SHA-256 of its file, where that is known.
+    """Return `kind` (reference, library, python, bus, none), and what is needed to obtain the same ECU again.
+
+    For the reference ECU that is its version and its calibration, `coded` for the vehicle, with the mutant if
+    there is one; for a library its path and SHA-256; for a class its name with the path and SHA-256 of its file,
+    where that is known.
     """
     if mutant == NO_ECU:
         return {"kind": "none"}
@@ -48,11 +50,11 @@ def _of_class(module: str, name: str) -> dict[str, Any]:
 
 
 def _file_of(module: str) -> Path | None:
-    """Of a module, without running anything of it."""
+    """Return the path of a module's file, without running any code of the module."""
     found = getattr(sys.modules.get(module), "__file__", None)
     if (
         found is None and "." not in module and module not in sys.modules
-    ):  # else its package would run
+    ):  # for a submodule, its package would run
         try:
             spec = importlib.util.find_spec(module)
         except (ImportError, ValueError):

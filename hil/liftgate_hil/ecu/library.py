@@ -1,4 +1,4 @@
-"""An ECU in C: a shared library with the functions of `liftgate_ecu.h`."""
+"""Adapter of an ECU in C: a shared library with the functions of `liftgate_ecu.h`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 class LibraryEcu(Adapter):
-    """A shared library with the functions of `liftgate_ecu.h`; called once a tick. Raises ConfigError."""
+    """Adapter of a shared library with the functions of `liftgate_ecu.h`, called once a tick.
+
+    Raises ConfigError, EcuError.
+    """
 
     kind = PORT
 
@@ -48,14 +51,17 @@ class LibraryEcu(Adapter):
         self.node = self.node._replace(port=port)
 
     def reset(self) -> None:
-        """See Adapter. The library is loaded afresh, with the first values of its statics."""
+        """Reset the ECU by loading the library again, so that its statics have their initial values.
+
+        Raises ConfigError, EcuError.
+        """
         self.close()
         handle = self._library._handle
         del self._library, self._destroy
         _dlclose(handle)
         try:
             ctypes.CDLL(str(self._path), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
-        except OSError:  # as it is to be: gone
+        except OSError:  # unloaded, as it shall be
             super().reset()
             self._load(self._path)
             return
@@ -64,14 +70,14 @@ class LibraryEcu(Adapter):
         )
 
     def close(self) -> None:
-        """See Adapter."""
+        """Destroy the library's ECU."""
         instance, self._instance = self._instance, None
         if instance:
             self._destroy(instance)
 
 
 def _dlclose(handle: int) -> None:
-    """Let go of a library that was loaded once."""
+    """Close the handle of a library that was loaded once."""
     close = ctypes.CDLL(None).dlclose
     close.restype, close.argtypes = ctypes.c_int, [ctypes.c_void_p]
     close(handle)

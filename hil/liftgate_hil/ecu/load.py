@@ -1,8 +1,8 @@
-"""A drive's load as a current: what the motor takes beside accelerating the drive.
+"""A drive's load as a current: the motor current less what accelerates the drive.
 
     i = load + K dn/dt        K = 2π J/c1Φ
 
-Current and speed go through the same filter, so that the one takes the other away at every moment.
+Current and speed pass the same filter, so that the acceleration cancels out at every moment.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def measure_load(constants: Constants, drive: Any, current: float, elapsed: float) -> None:
-    """Take a sample of the current [A] into a record of DRIVE, so long [s] after the last one; samples that are
-    missing were on a straight line between the two. What accelerates the drive is not told from counts, which are
-    too coarse.
+    """Take a sample of the current [A] into a record of DRIVE, `elapsed` [s] after the last one.
+
+    Missing samples are interpolated linearly between the two. The acceleration is not derived from counts, which
+    are too coarse.
     """
     c = constants.calibration
     cycles = max(1, round(elapsed / constants.cycle))

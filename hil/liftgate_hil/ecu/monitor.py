@@ -1,7 +1,6 @@
-"""Is what the sensors say plausible while the gate moves? What is not stops it. And a gate that moves by itself is
-held.
+"""Plausibility monitor: implausible sensor values stop a motion, and a gate that moves by itself is held.
 
-The limits keep clear of what the drives of a production differ by, see docs/anti-trap.md.
+The limits leave a margin to the spread of the drives of a production, see docs/anti-trap.md.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ SOUND = -1  # no event
 
 @compilable
 def measure_reading(drive: Any, current: float, elapsed: float) -> None:
-    """Note for how long and how far the current [A] of a drive has had one and the same reading."""
+    """Track for how long, and from which count on, the current [A] of a drive has had the same reading."""
     if current == drive.reading:
         drive.same += elapsed
     else:
@@ -28,7 +27,7 @@ def measure_reading(drive: Any, current: float, elapsed: float) -> None:
 
 @compilable
 def begin_monitoring(memory: Memory) -> None:
-    """A motion begins."""
+    """Reset the monitor at the beginning of a motion."""
     control = memory.control[0]
     control.over = control.unlike = 0.0
     for i in range(len(memory.drives)):
@@ -38,13 +37,13 @@ def begin_monitoring(memory: Memory) -> None:
 
 @compilable
 def held_for(seconds: float, is_so: bool, cycle: float) -> float:
-    """For how long something has been so [s], a cycle later."""
+    """Return for how long a condition has held [s], one cycle later."""
     return seconds + cycle if is_so else 0.0
 
 
 @compilable
 def implausible(constants: Constants, memory: Memory) -> int:
-    """The event of what cannot be, in a cycle of a motion; SOUND: all can be."""
+    """Return the event of what is implausible in a cycle of a motion; SOUND: nothing is."""
     c, control, drives = constants.calibration, memory.control[0], memory.drives
     mean, largest, is_frozen = 0.0, 0.0, False
     for i in range(len(drives)):
@@ -71,8 +70,10 @@ def implausible(constants: Constants, memory: Memory) -> int:
 
 @compilable
 def moves_by_itself(constants: Constants, memory: Memory) -> bool:
-    """Whether the gate, which is to stand, has come down since it stood; asked again it is from here on. At first
-    it springs back from where it was pressed to.
+    """Whether the gate, which shall stand, has come down since it stopped.
+
+    The position that it is compared with is taken anew after each fall, and while the gate settles: at first it
+    springs back from where it was pressed to.
     """
     c, control = constants.calibration, memory.control[0]
     falls = False
@@ -89,7 +90,7 @@ def moves_by_itself(constants: Constants, memory: Memory) -> bool:
 
 @compilable
 def is_hot(constants: Constants, memory: Memory, temperature: float) -> bool:
-    """Whether the motors [°C; NaN: not told] have to cool down before they may run again."""
+    """Whether the motors [°C; NaN: not on the bus] have to cool down before they may run again."""
     c, control = constants.calibration, memory.control[0]
     if np.isnan(temperature):
         return False

@@ -1,4 +1,4 @@
-"""What ends a motion: the learned end, the stop that the drives stand in, something in the way."""
+"""Detection of what ends a motion: the learned end, the end stop that the drives stand in, or an obstacle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def watch_ends(constants: Constants, memory: Memory) -> None:
-    """Learned end, stall in the stop, end of a reversal."""
+    """Check for the learned end, a stall in the end stop, and the end of a reversal."""
     c, control = constants.calibration, memory.control[0]
     position, state = position_of(memory), control.state
     if state == REVERSING and gone(memory) >= c.reverse_distance * travel_or(memory, 1000.0):
@@ -40,8 +40,9 @@ def watch_ends(constants: Constants, memory: Memory) -> None:
 
 @compilable
 def take_travel(constants: Constants, memory: Memory) -> None:
-    """The drives stand in the stop that was looked for: the travel ends where the load began to rise. Where it was
-    known before, only one that is longer counts, and what was learned place by place is learned anew.
+    """Learn the travel when the drives stand in the end stop: it ends where the load began to rise.
+
+    Where a travel was known before, only a longer one counts; then the loads learned by position are learned anew.
     """
     c, control = constants.calibration, memory.control[0]
     if not np.isnan(control.free):
@@ -57,7 +58,7 @@ def take_travel(constants: Constants, memory: Memory) -> None:
 
 @compilable
 def stalled(constants: Constants, memory: Memory) -> None:
-    """The drives stand: in the stop that was looked for, or before something."""
+    """React to drives that stand: in the end stop to be learned, or in front of an obstacle."""
     control = memory.control[0]
     if control.state == CLOSING:
         enter(constants, memory, REVERSING, events.BLOCKED_CLOSING, NO_VERDICT)
@@ -71,8 +72,9 @@ def stalled(constants: Constants, memory: Memory) -> None:
 
 @compilable
 def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
-    """What a change of the wanted speed [counts/s²] may leave in the load [A]: what the inertia may be wrong, or
-    all of it where the bus tells no sharp speed.
+    """Return the part of the load [A] that a change of the wanted speed [counts/s²] may cause.
+
+    It is the possible error of the inertia, or the whole acceleration where the bus carries no precise speed.
     """
     c = constants.calibration
     share = 1.0 if np.isnan(drive.turning) else c.inertia_error
@@ -81,7 +83,7 @@ def hidden_by(constants: Constants, drive: Any, ramp: float) -> float:
 
 @compilable
 def watch_trap(constants: Constants, memory: Memory) -> None:
-    """Is something in the way?"""
+    """Check whether something is in the way, and reverse or stop in that case."""
     control = memory.control[0]
     state, position = control.state, position_of(memory)
     sign = -1.0 if state == CLOSING else 1.0
@@ -104,7 +106,7 @@ def watch_trap(constants: Constants, memory: Memory) -> None:
     if guard.suspect == 0:
         control.free = position
     if state == OPENING and np.isnan(control.travel):
-        # While the travel is being learned, the stop that is looked for is no obstacle; nor is it pressed hard.
+        # While the travel is being learned, the end stop is no obstacle; but the drives shall not press hard.
         c = constants.calibration
         is_pressed = verdict.load - verdict.expected > c.learning_excess
         control.pressed = control.pressed + constants.cycle if is_pressed else 0.0

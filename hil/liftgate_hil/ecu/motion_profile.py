@@ -1,4 +1,4 @@
-"""How fast the gate is to move: a soft start, then what is calibrated for the place."""
+"""Wanted speed of the gate: a soft start, then what is calibrated for the position."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def speed_over(speeds: tuple[float, ...], place: float) -> float:
-    """The speed at a place, both as shares of the travel: straight lines between PLACES."""
+    """Return the speed at a position, both as shares of the travel, interpolated linearly between PLACES."""
     if place <= PLACES[0]:
         return speeds[0]
     for i in range(1, len(PLACES)):
@@ -26,7 +26,7 @@ def speed_over(speeds: tuple[float, ...], place: float) -> float:
 
 @compilable
 def wanted_speed(constants: Constants, memory: Memory) -> float:
-    """A soft start over time, then what is calibrated for the place [counts/s]."""
+    """Return the wanted speed [counts/s]: a soft start over time, then what is calibrated for the position."""
     c, control = constants.calibration, memory.control[0]
     position, travel = position_of(memory), control.travel
     elapsed = control.now - control.since
@@ -44,7 +44,7 @@ def wanted_speed(constants: Constants, memory: Memory) -> float:
 
 @compilable
 def want(constants: Constants, memory: Memory, speed: float) -> None:
-    """Take the wanted speed [counts/s], and note how fast it changes; the gate feels that for a while."""
+    """Set the wanted speed [counts/s], and track how fast it changes, since the gate feels that for a while."""
     control = memory.control[0]
     fading = control.ramp * math.exp(-constants.cycle / constants.calibration.ramp_time)
     rate = abs(speed - control.wanted) / constants.cycle if control.wanted > 0.0 else 0.0

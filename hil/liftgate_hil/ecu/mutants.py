@@ -1,4 +1,4 @@
-"""Mutants of the reference ECU: each has one plausible defect, as data of its calibration, for tests of tests."""
+"""Mutants of the reference ECU, for tests of tests: each has one plausible defect, given as data."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _NEVER = 1e9  # s, counts, A, °C
 
 @dataclass(frozen=True)
 class Mutant:
-    """One defect: other numbers of the calibration, or something that its program does not do."""
+    """A reference ECU with one defect: other numbers in the calibration, or something its program does not do."""
 
     name: str
     meaning: str
-    numbers: Mapping[str, float] = field(default_factory=dict)  # of Calibration
-    factors: Mapping[str, float] = field(default_factory=dict)
-    defect: str = ""  # of Defects
-    unchecked: str = ""  # counter or checksum, of the frames that it receives
+    numbers: Mapping[str, float] = field(default_factory=dict)  # values of Calibration, by name
+    factors: Mapping[str, float] = field(default_factory=dict)  # factors on values of Calibration
+    defect: str = ""  # name of a field of Defects
+    unchecked: str = ""  # counter or checksum: not checked in received frames
 
 
 _MUTANTS = (
@@ -73,11 +73,11 @@ _MUTANTS = (
 
 MUTANTS: Mapping[str, Mutant] = {each.name: each for each in _MUTANTS}
 
-NO_ECU = "no ECU"  # in place of a mutant: nobody commands the gate
+NO_ECU = "no ECU"  # in place of a mutant: nothing commands the gate
 
 
 def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:
-    """The calibration of a vehicle, with the defect."""
+    """Return the calibration for the coding of a vehicle, with the mutant's defect."""
     sound = coded(CALIBRATED, coding)
     changed: dict[str, Any] = dict(mutant.numbers)
     for name, factor in mutant.factors.items():
@@ -90,7 +90,7 @@ def calibration_of(mutant: Mutant, coding: Coding) -> Calibration:
 
 
 def mutant_ecu(name: str, rig: Rig, drives: int, coding: Coding) -> Adapter:
-    """The ECU with a defect, or none at all (NO_ECU)."""
+    """Return the adapter of the ECU with a defect, or of no ECU at all (NO_ECU)."""
     if name == NO_ECU:
         return Adapter(rig, drives)
     mutant = MUTANTS[name]
@@ -108,7 +108,7 @@ def _without_counter(config: EcuConfig) -> EcuConfig:
 
 def _without_checksum(config: EcuConfig) -> EcuConfig:
     messages = config.inputs.messages.copy()
-    # A profile's goes with its counter.
+    # The checksum of an E2E profile is checked together with its counter.
     is_simple = np.isin(messages.kind, [*checksum.KINDS.values(), checksum.OWN])
     messages.kind[is_simple] = checksum.NONE
     return config._replace(inputs=config.inputs._replace(messages=messages))

@@ -1,4 +1,4 @@
-"""What the reference ECU needs of a rig: feedback of each drive, and a value for every command that it gives."""
+"""What the reference ECU requires of a rig: feedback of each drive, and a value for each command that it sends."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 from liftgate_hil.config.enumerations import missing_values
 from liftgate_hil.config.rig import COMMANDS
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 if TYPE_CHECKING:
     from liftgate_hil.config.rig import Rig
 
 
 def check_rig(rig: Rig, drives: int) -> None:
-    """Raises ConfigError where the reference ECU could not drive a gate of so many drives through a rig."""
+    """Raise ConfigError where the reference ECU could not drive a gate of `drives` drives through a rig."""
     issues = ConfigIssues(rig.source)
     heard = {mapping.quantity for mapping in rig.outputs}
     sides = ("left", "right")[:drives]

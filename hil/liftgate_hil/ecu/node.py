@@ -1,4 +1,4 @@
-"""The ECU under test as the closed loop sees it: a node of the bus that has its turn after every tick."""
+"""The ECU under test as the closed loop sees it: a node on the bus that has its turn after every tick."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from liftgate_hil.stimuli.moments import Moments
 from liftgate_hil.stimuli.requests import RESET, Requests, first_open, is_due, note_made
 from liftgate_plant.compiler import compilable
 
-# What the ECU is; NO_ECU: what is in `port.sent` goes to the gate, and nobody answers.
+# Kinds of ECU; NO_ECU: the frames in `port.sent` go to the gate, and nothing replies.
 NO_ECU, REFERENCE, PORT = 0, 1, 2
 
 
 class Node(NamedTuple):
-    """Of the two parts the one that `kind` names is used."""
+    """Constants of the ECU under test; `kind` says which of the two other parts is used."""
 
     kind: int
     reference: EcuConfig
@@ -25,7 +25,7 @@ class Node(NamedTuple):
 
 
 class NodeState(NamedTuple):
-    """What it remembers."""
+    """State of the ECU under test."""
 
     reference: EcuState
     port: PortState
@@ -35,8 +35,9 @@ class NodeState(NamedTuple):
 def ask(
     node: Node, state: NodeState, requests: Requests, moments: Moments, now_ns: int, gate_ns: int
 ) -> bool:
-    """Make the requests whose time has come, by the ECU's clock, or whose moment has, by the gate's. Whether the
-    ECU is to start anew first: then it is asked again after that.
+    """Make the requests that are due: at a time by the ECU's clock, or at a moment by the gate's.
+
+    Returns whether an ECU reset is due first; after it, this function is called again.
     """
     if node.kind == REFERENCE and state.reference.server.head[0].is_resetting != 0:
         return True
@@ -57,7 +58,7 @@ def ask(
 
 @compilable
 def outgoing(node: Node, state: NodeState, count: int) -> Frames:
-    """The first `count` frames that the ECU sent last."""
+    """Return the first `count` frames that the ECU sent last."""
     frames = state.reference.frames if node.kind == REFERENCE else state.port.sent
     return Frames(count, frames.identifiers, frames.lengths, frames.data)
 
@@ -66,7 +67,7 @@ def outgoing(node: Node, state: NodeState, count: int) -> Frames:
 def turn(
     node: Node, state: NodeState, frames: Frames, now_ns: int
 ) -> tuple[NodeState, Frames, bool]:
-    """The ECU's turn: what it sends, and whether it did what an ECU may."""
+    """Give the ECU its turn; return its state, what it sends, and whether it behaved as an ECU may."""
     if node.kind == REFERENCE:
         after, sent = reference.step(node.reference, state.reference, frames, now_ns)
         return NodeState(after, state.port), sent, True

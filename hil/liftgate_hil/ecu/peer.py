@@ -1,4 +1,4 @@
-"""An ECU at the other end of a bus, for the loops in Python and in real time, and in a process of its own."""
+"""An ECU at the other end of a bus, for the Python loop, the real-time loop, and a process of its own."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 class Peer:
-    """An adapter's ECU at the other end of a bus, for the loops in Python and in real time. Requests are made to
-    it by its own clock; those that wait for a moment need the loop's own moments.
+    """An adapter's ECU at the other end of a bus, for the Python loop and the real-time loop.
 
-    Its own code runs within a `guard`. The scenario's time 0 is at `before_ns` of the gate's clock.
+    Requests are made by the ECU's own clock; those that wait for a moment need the loop's own moments. The ECU's
+    code runs within a `guard`. The scenario's time 0 is at `before_ns` of the gate's clock.
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class Peer:
         self._before_ns = before_ns
         self._commanded: list[tuple[Requests, Moments]] = []
         self._turn = compiled(turn)
-        # Compiled before it counts how long the ECU's own code takes.
+        # Compiled here, before it matters how long the ECU's own code takes.
         nobody = adapter.node._replace(kind=NO_ECU)
         self._turn(nobody, adapter.state, empty_frames(0), 0)
 
     def request(self, action: str) -> bool:
-        """See `loop.python_loop.Peer`."""
+        """Request open, close, stop or reset at the next turn; False: the ECU does not accept it."""
         if not self._adapter.takes(action):
             return False
         self._commanded.append(by_the_clock([Request(Instant(), action)]))
@@ -59,11 +59,11 @@ class Peer:
 
     @property
     def is_ours(self) -> bool:
-        """See `loop.python_loop.Peer`."""
+        """Whether it is the reference ECU, and not an ECU under test."""
         return self._adapter.kind == REFERENCE
 
     def poll(self, now_ns: int) -> None:
-        """Take and send what is there at a time [ns]. Raises EcuError."""
+        """Receive frames, run the ECU at a time [ns], and send its frames. Raises EcuError."""
         adapter = self._adapter
         frames = self._transport.receive()
         if self._heard_ns < 0 and self._is_gates(frames):
@@ -91,14 +91,14 @@ class Peer:
             self._transport.send(sent)
 
     def finish(self) -> None:
-        """The last frames."""
+        """Send the ECU's last frames."""
         frames = self._adapter.last_frames()
         if frames is not None:
             self._transport.send(frames)
 
     @property
     def has_heard_the_gate(self) -> bool:
-        """Whether one of its frames has come yet."""
+        """Whether the ECU has heard the gate yet."""
         return self._began_ns() >= 0
 
     def _is_gates(self, frames: Frames) -> bool:
@@ -107,7 +107,7 @@ class Peer:
         return bool(np.isin(theirs, self._adapter.node.reference.inputs.messages.identifier).any())
 
     def _began_ns(self) -> int:
-        """When the clock by which the ECU gets requests began; -1: not yet."""
+        """Return when the clock by which the ECU gets requests began [ns]; -1: not yet."""
         adapter = self._adapter
         if adapter.node.kind == REFERENCE:
             return int(adapter.state.reference.memory.control.began_ns[0])

@@ -1,4 +1,4 @@
-"""What the ECU knows of where the gate is and how it moves, as means of its drives."""
+"""Position and speed of the gate as the ECU knows them, as means of its drives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def gone(memory: Memory) -> float:
-    """Mean of the counts since the motion began."""
+    """Return the mean of the drives' counts since the motion began."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].count - memory.drives[i].start
@@ -19,7 +19,7 @@ def gone(memory: Memory) -> float:
 
 @compilable
 def position_of(memory: Memory) -> float:
-    """Mean counts above closed, NaN while closed is not known."""
+    """Return the mean count above closed; NaN while closed is not known."""
     if not memory.control[0].is_zero_known:
         return np.nan
     total = 0.0
@@ -30,14 +30,14 @@ def position_of(memory: Memory) -> float:
 
 @compilable
 def is_in_seal(constants: Constants, memory: Memory) -> bool:
-    """Whether the gate closes where the seal is expected; without a position it is not known to."""
+    """Whether the gate closes where the seal is expected; False while its position is not known."""
     is_closing = memory.control[0].state == CLOSING
     return bool(is_closing and position_of(memory) < constants.calibration.seal_zone)
 
 
 @compilable
 def mean_speed(memory: Memory) -> float:
-    """Mean of the drives' speeds [counts/s]."""
+    """Return the mean of the drives' speeds [counts/s]."""
     total = 0.0
     for i in range(len(memory.drives)):
         total += memory.drives[i].speed
@@ -46,7 +46,7 @@ def mean_speed(memory: Memory) -> float:
 
 @compilable
 def take_zero(memory: Memory) -> None:
-    """The gate is closed here."""
+    """Take the present counts as the closed position."""
     for i in range(len(memory.drives)):
         memory.drives[i].zero = memory.drives[i].count
     memory.control[0].is_zero_known = 1
@@ -54,6 +54,6 @@ def take_zero(memory: Memory) -> None:
 
 @compilable
 def travel_or(memory: Memory, default: float) -> float:
-    """The learned travel [counts]."""
+    """Return the learned travel [counts], or `default` where there is none."""
     travel = memory.control[0].travel
     return default if np.isnan(travel) else float(travel)

@@ -1,4 +1,4 @@
-"""An ECU in Python: an object that is visited once a control cycle, from machine code."""
+"""Adapter of an ECU in Python: an object that machine code calls once a control cycle."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 
 
 class PythonEcu(Adapter):
-    """An object with `step(now_s, frames) -> frames`, called every `period_s` (its own attribute, else the rig's
-    command cycle) with all frames since; perhaps with `request(action)`. `another` makes one anew; without it the
-    object's own `reset()` is called, where it has one. Raises ConfigError.
+    """Adapter of an object with `step(now_s, frames) -> frames`, and optionally with `request(action)`.
+
+    `step` is called every `period_s` (the object's own attribute, else the rig's command cycle) with all frames
+    since the last call. `another` makes a new object for an ECU reset; without it the object's own `reset()` is
+    called, where it has one. Raises ConfigError.
     """
 
     kind = PORT
@@ -64,12 +66,12 @@ class PythonEcu(Adapter):
         self.node = self.node._replace(port=port)
 
     def takes(self, action: str) -> bool:
-        """See Adapter."""
+        """Whether the ECU accepts a request; a reset requires `another` or the object's own `reset()`."""
         can_reset = self._another is not None or callable(_attribute(self._ecu, "reset"))
         return can_reset if action == "reset" else super().takes(action)
 
     def reset(self) -> None:
-        """See Adapter."""
+        """Make a new object, or call the object's own `reset()`. Raises EcuError."""
         own = _attribute(self._ecu, "reset")
         if not self.takes("reset"):
             raise EcuError(
@@ -83,7 +85,7 @@ class PythonEcu(Adapter):
                     own()
         except (EcuError, NoAnswerError, KeyboardInterrupt):
             raise
-        except Exception as error:  # what a user's object does is not known
+        except Exception as error:  # a user's object may raise anything
             raise EcuError(
                 f"the ECU's reset: {type(error).__name__}: {text_of(error)}{_place_of(error)}"
             ) from error
@@ -92,7 +94,10 @@ class PythonEcu(Adapter):
         head.waiting = head.next_ns = 0
 
     def failure(self) -> str:
-        """See Adapter. Raises KeyboardInterrupt where that came to the ECU: it was meant for who runs it."""
+        """Return why a call of the ECU failed.
+
+        Raises KeyboardInterrupt where one reached the ECU's code: it was meant for the user who runs it.
+        """
         if self._reason:
             return self._reason
         if isinstance(self._error, KeyboardInterrupt):
@@ -104,7 +109,7 @@ class PythonEcu(Adapter):
         return super().failure()
 
     def close(self) -> None:
-        """Let go of the ECU, whose own end may run code."""
+        """Release the ECU object, whose finalizer may run code."""
         with FOREIGN:
             self._ecu = self._another = self._request = None
 
@@ -113,7 +118,7 @@ class PythonEcu(Adapter):
             if self._request is not None and self._error is None:
                 with FOREIGN:
                     self._request(ACTIONS[action])
-        except BaseException as error:  # told after the episode has ended
+        except BaseException as error:  # reported after the episode has ended
             self._error = error
         return 0
 
@@ -131,7 +136,7 @@ class PythonEcu(Adapter):
             with FOREIGN:
                 answer = self._ecu.step(now_ns * 1e-9, frames)
             return self._send(answer, capacity)
-        except BaseException as error:  # told after the episode has ended
+        except BaseException as error:  # reported after the episode has ended
             self._error = error
             return wire.BAD_COUNT
 
@@ -160,11 +165,11 @@ class PythonEcu(Adapter):
 
 
 def _attribute(ecu: Any, name: str) -> Any:
-    """An attribute of an ECU, None where it has none. Raises ConfigError where its own code fails at that."""
+    """Return an attribute of an ECU; None: it has none. Raises ConfigError where reading it fails."""
     try:
         with FOREIGN:
             return getattr(ecu, name, None)
-    except Exception as error:  # what a property does is not known
+    except Exception as error:  # a property may raise anything
         said = f"{type(error).__name__}: {text_of(error)}{_place_of(error)}"
         raise ConfigError(
             f"`ecu` {shown(ecu)}: {name}: {said}; allowed: attributes that can be read"
@@ -172,6 +177,6 @@ def _attribute(ecu: Any, name: str) -> Any:
 
 
 def _place_of(error: BaseException) -> str:
-    """Where in the ECU's code it was raised, in words."""
-    calls = traceback.extract_tb(error.__traceback__)[1:]  # the first is ours
+    """Return where in the ECU's code an error was raised, as text."""
+    calls = traceback.extract_tb(error.__traceback__)[1:]  # the first call is in this package
     return f" ({Path(calls[-1].filename).name}, line {calls[-1].lineno})" if calls else ""

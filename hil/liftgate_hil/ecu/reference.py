@@ -1,8 +1,8 @@
 """The reference ECU: the rig seen from the other side of the bus, around the controller.
 
 `step` is called with the frames that have come since the last call. It controls as often as the currents come, and
-sends its command in that message's cycle, and at once when it stops or turns back. Plain Python, and compiled as
-part of the episode.
+sends its command in that message's cycle, and at once when it stops or reverses. It runs as plain Python, and
+compiled as part of the episode.
 """
 
 from __future__ import annotations
@@ -44,48 +44,48 @@ from liftgate_hil.signals import IN, INPUT_COUNT, OUT, OUTPUT_COUNT
 from liftgate_plant.compiler import compilable
 
 _COAST, _OPEN, _CLOSE, _BRAKE = 0.0, 1.0, 2.0, 3.0
-_NOMINAL_V = 12.0  # where the bus does not tell the terminal voltage
+_NOMINAL_V = 12.0  # used where the bus does not carry the terminal voltage
 
 
 class EcuConfig(NamedTuple):
-    """All that does not change."""
+    """Constants of the reference ECU."""
 
     constants: Constants
     drives: int
     inputs: BusConfig  # what it receives: the rig's outputs
     outputs: BusConfig  # what it sends: the rig's inputs
     buttons: Buttons
-    commands: NDArray[np.int64]  # rows of `outputs` that are its own
-    pages: int  # of the one with the most
-    needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves,
-    patience_ns: NDArray[np.int64]  # and for how long
+    commands: NDArray[np.int64]  # rows of `outputs` that the ECU sends
+    pages: int  # pages of the command message that has the most
+    needed: NDArray[np.int64]  # rows of `inputs` without which nothing moves
+    patience_ns: NDArray[np.int64]  # time after which each of these is stale
     drives_rows: NDArray[np.int64]  # (2,) rows of `inputs` with the drives' currents
     speed_rows: NDArray[
         np.int64
-    ]  # (2,) those with their speeds; of another cycle, or of none, the currents'
-    has_latch: int  # 0: the angle says when the gate is home,
-    has_angle: int  # 0: nothing does
+    ]  # (2,) rows with their speeds; the currents' rows if the cycle differs or there is none
+    has_latch: int  # 0: the angle shows when the gate is closed
+    has_angle: int  # 0: the bus carries no angle
     signed: int  # 1: the duty's sign is the direction
-    cycle_ns: int  # of the control
-    command_ns: int  # of the command
+    cycle_ns: int  # control cycle
+    command_ns: int  # cycle of the command message
     server: Server
-    nothing: Frames
+    nothing: Frames  # no frames
 
 
 class EcuState(NamedTuple):
-    """All that does; its arrays are written in place."""
+    """State of the reference ECU; its arrays are written in place."""
 
     reception: Reception
     buttons: ButtonState
     counts: Counts
     memory: Memory
-    values: NDArray[np.float64]  # of all quantities, in hand
+    values: NDArray[np.float64]  # values of all quantities, for the command being encoded
     server: ServerState
-    frames: Frames  # what it sends in this cycle
+    frames: Frames  # frames sent in this cycle
 
 
 def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> EcuConfig:
-    """The ECU of a rig."""
+    """Return the constants of the reference ECU for a rig."""
     inputs = rig.output_config(sending=False)
     needed = _needed(rig, drives)
     timeout_ns = round(calibration.feedback_timeout * 1e9)
@@ -118,7 +118,7 @@ def ecu_config(rig: Rig, drives: int, calibration: Calibration = CALIBRATED) -> 
 
 
 def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
-    """Just switched on; see `memory.new_memory`."""
+    """Return the state of an ECU that has just been switched on; see `memory.new_memory`."""
     return EcuState(
         reception=nothing_received(config.inputs, OUTPUT_COUNT),
         buttons=nothing_pressed(config.buttons),
@@ -131,7 +131,7 @@ def new_ecu(config: EcuConfig, shares_clock: bool = True) -> EcuState:
 
 
 def _needed(rig: Rig, drives: int) -> list[int]:
-    """The messages with the drives' feedback, and with what says that the gate is closed, that are cyclic."""
+    """Return the rows of the cyclic messages with the drives' feedback, or with what shows the gate as closed."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
     sides = ("left", "right")[:drives]
     wanted = {f"{side}_{what}" for side in sides for what in ("current", "hall_count")}
@@ -141,7 +141,7 @@ def _needed(rig: Rig, drives: int) -> list[int]:
 
 
 def _current_rows(rig: Rig) -> tuple[int, int]:
-    """The messages with the drives' currents; of a drive that has none the other's."""
+    """Return the rows of the messages with the drives' currents; the left one's where the right has none."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
     of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
     left = of.get("left_current", 0)
@@ -149,7 +149,10 @@ def _current_rows(rig: Rig) -> tuple[int, int]:
 
 
 def _speed_rows(rig: Rig) -> tuple[int, int]:
-    """The messages with the drives' speeds that are sampled together with their currents; else the currents'."""
+    """Return the rows of the messages with the drives' speeds.
+
+    Where a speed is not sampled together with the current, that is the row of the current.
+    """
     names = list(dict.fromkeys(mapping.message for mapping in rig.outputs))
     of = {mapping.quantity: names.index(mapping.message) for mapping in rig.outputs}
     left, right = _current_rows(rig)
@@ -162,7 +165,7 @@ def _speed_rows(rig: Rig) -> tuple[int, int]:
 
 
 def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
-    """The messages with these inputs; those of the test bench are none of an ECU's."""
+    """Return the rows of the messages with these inputs; those of the test bench do not belong to an ECU."""
     names = list(dict.fromkeys(mapping.message for mapping in rig.inputs))
     own = {each.message for each in rig.inputs if each.quantity in quantities}
     return [row for row, name in enumerate(names) if name in own]
@@ -170,9 +173,11 @@ def message_rows(rig: Rig, quantities: Collection[str]) -> list[int]:
 
 @compilable
 def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
-    """When a drive's feedback was sampled [s]: the cycles of its message so far, or where it is not cyclic the
-    time of its arrival. Where current and speed come in two messages, a sample is complete with the later one,
-    for which it waits up to one cycle: a speed of before beside a current of now is no load.
+    """Return when a drive's feedback was sampled [s].
+
+    That is the cycles of its message so far or, where it is not cyclic, the time of its arrival. Where current and
+    speed come in two messages, a sample is complete with the later one, for which it waits up to one cycle: an
+    earlier speed with the present current gives no valid load.
     """
     row = config.drives_rows[drive]
     cycle_ns = config.inputs.messages[row].cycle_ns
@@ -184,11 +189,11 @@ def sample_time(config: EcuConfig, reception: Reception, drive: int) -> float:
 
 @compilable
 def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback]:
-    """(whether all that is needed has been heard, what it says)."""
+    """Return (whether all that is needed has been received, the feedback)."""
     values = reception.values
     left, right = values[OUT.left_current], values[OUT.right_current]
     left_count, right_count = values[OUT.left_hall_count], values[OUT.right_hall_count]
-    # A rig without a latch switch has the angle say when the gate is home; without either it never is.
+    # Without a latch switch on the bus the angle shows when the gate is closed; without either it never is.
     latched = values[OUT.latch_state]
     if config.has_latch == 0:
         angle = values[OUT.gate_angle]
@@ -219,7 +224,7 @@ def feedback_of(config: EcuConfig, reception: Reception) -> tuple[bool, Feedback
 
 @compilable
 def hotter_of(left: float, right: float) -> float:
-    """The larger one of two that may be NaN."""
+    """Return the larger of two values that may be NaN."""
     if np.isnan(left) or right > left:
         return right
     return left
@@ -227,7 +232,7 @@ def hotter_of(left: float, right: float) -> float:
 
 @compilable
 def is_stale(config: EcuConfig, seen_ns: NDArray[np.int64], now_ns: int) -> bool:
-    """Whether something that is needed has not come for too long."""
+    """Whether a needed message has not come for too long."""
     stale = False
     for i in range(len(config.needed)):
         stale = stale or now_ns - seen_ns[config.needed[i]] > config.patience_ns[i]
@@ -236,7 +241,7 @@ def is_stale(config: EcuConfig, seen_ns: NDArray[np.int64], now_ns: int) -> bool
 
 @compilable
 def direction_of(duty: float) -> float:
-    """The bridge state of a signed duty; NaN coasts, 0 brakes."""
+    """Return the bridge state of a signed duty; NaN coasts, 0 brakes."""
     if np.isnan(duty):
         return _COAST
     if duty == 0.0:
@@ -246,7 +251,7 @@ def direction_of(duty: float) -> float:
 
 @compilable
 def percent_of(duty: float, signed: int) -> float:
-    """The duty as the bus has it."""
+    """Return the duty [%] as the bus carries it."""
     if np.isnan(duty):
         return 0.0
     return 100.0 * duty if signed else abs(100.0 * duty)
@@ -256,7 +261,10 @@ def percent_of(duty: float, signed: int) -> float:
 def command_frames(
     config: EcuConfig, state: EcuState, command: DriveCommand, everything: bool
 ) -> Frames:
-    """The frames that carry a command, of a multiplexed one the next page or all; good until the next ones."""
+    """Return the frames that carry a command; they are valid until the next call.
+
+    For a multiplexed message that is the next page or, with `everything`, all pages.
+    """
     values, frames, control = state.values, state.frames, state.memory.control[0]
     values[IN.left_duty] = percent_of(command.left_duty, config.signed)
     values[IN.left_direction] = direction_of(command.left_duty)
@@ -277,7 +285,10 @@ def command_frames(
 def step(
     config: EcuConfig, state: EcuState, frames: Frames, now_ns: int
 ) -> tuple[EcuState, Frames]:
-    """Take the frames that have come by a time [ns]; give a command where one is due, and answer a tester."""
+    """Take the frames received by a time [ns], and return the frames to send.
+
+    These are a command where one is due, and the response to a diagnostic tester.
+    """
     counts = receive(config.inputs, state.reception, state.counts, frames, now_ns)
     after = EcuState(
         reception=state.reception,
@@ -304,7 +315,7 @@ def step(
 
 @compilable
 def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
-    """The command at a time [ns], where one is due."""
+    """Run the control cycle that is due at a time [ns]; return the command where one is due."""
     control = state.memory.control[0]
     if now_ns < control.next_ns:
         return config.nothing
@@ -329,5 +340,5 @@ def controlled(config: EcuConfig, state: EcuState, now_ns: int) -> Frames:
 
 @compilable
 def last_frames(config: EcuConfig, state: EcuState) -> Frames:
-    """What says that the motors are off."""
+    """Return the command frames with the motors off."""
     return command_frames(config, state, COASTING, True)

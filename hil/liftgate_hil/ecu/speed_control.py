@@ -1,4 +1,4 @@
-"""Hall speed control of one drive: feed-forward by voltage, PI on the speed."""
+"""Hall-based speed control of one drive: feed-forward scaled by the voltage, and PI control of the speed."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from liftgate_plant.compiler import compilable
 def measure_speed(
     constants: Constants, drive: Any, count: float, turning: float, elapsed: float
 ) -> None:
-    """Take a sample of the count and of the motor's speed [rev/s], so long [s] after the last one; without the
-    latter (NaN) the speed is the count's difference over a few cycles. `drive` is a record of DRIVE.
+    """Take a sample of the count and of the motor's speed [rev/s], `elapsed` [s] after the last one.
+
+    Without the motor's speed (NaN), the speed is the count's difference over a few cycles. `drive` is a record of
+    DRIVE.
     """
     moved, is_first = abs(count - drive.count), drive.held == 0 or np.isnan(drive.turning)
     note_counts(constants, drive, count, elapsed)
     drive.count = count
     spans = drive.held - 1
     if not np.isnan(turning):
-        if is_first:  # what went before was not heard
+        if is_first:  # what came before was not received
             drive.settled = turning
         else:
             drive.counted += moved
@@ -36,7 +38,7 @@ def measure_speed(
 
 @compilable
 def note_counts(constants: Constants, drive: Any, count: float, elapsed: float) -> None:
-    """Keep the count of each cycle since the last sample, on a straight line between the two."""
+    """Keep the count of each cycle since the last sample, interpolated linearly between the two."""
     drive.due += elapsed / constants.cycle
     cycles = math.floor(drive.due + 0.5) if drive.held > 0 else 1
     drive.due -= cycles
@@ -51,7 +53,7 @@ def note_counts(constants: Constants, drive: Any, count: float, elapsed: float) 
 
 @compilable
 def counts_a_turn(constants: Constants, drive: Any) -> float:
-    """How many counts a motor's revolution has; it is a whole number."""
+    """Return how many counts a revolution of the motor has; a measured number is rounded to an integer."""
     c = constants.calibration
     if drive.turned < c.turns_to_count:
         return c.counts_per_turn
@@ -60,7 +62,7 @@ def counts_a_turn(constants: Constants, drive: Any) -> float:
 
 @compilable
 def controlled_duty(constants: Constants, drive: Any, wanted: float, voltage: float) -> float:
-    """Signed duty (−1…1) for a wanted speed [counts/s]; the integral stops where the duty saturates."""
+    """Return the signed duty (−1…1) for a wanted speed [counts/s]; the integral stops at saturation."""
     c = constants.calibration
     boost = c.rated_voltage / max(voltage, 4.0)
     error = wanted - drive.speed

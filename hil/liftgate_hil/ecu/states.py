@@ -1,4 +1,4 @@
-"""The states of the gate: closed, opening, open, closing, stopped, reversing; and going into one."""
+"""States of the gate (closed, opening, open, closing, stopped, reversing), and the transitions between them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ SILENT = -1  # no event
 
 @compilable
 def is_moving(state: int) -> bool:
-    """Whether the motors are to run."""
+    """Whether the motors shall run."""
     return state in (OPENING, CLOSING, REVERSING)
 
 
 @compilable
 def guard_of(memory: Memory, state: int) -> Any:
-    """The guard of a direction of motion."""
+    """Return the guard of a direction of motion."""
     return memory.guards[1 if state == CLOSING else 0]
 
 
 @compilable
 def begin_motion(memory: Memory) -> None:
-    """Whatever goes on in a state begins here."""
+    """Reset all that is tracked from the beginning of a state on."""
     control = memory.control[0]
     control.since = control.now
     control.still = 0.0
@@ -45,7 +45,7 @@ def begin_motion(memory: Memory) -> None:
 
 @compilable
 def enter(constants: Constants, memory: Memory, state: int, event: int, verdict: Verdict) -> None:
-    """Go into a state."""
+    """Enter a state, and note its event."""
     control = memory.control[0]
     if is_moving(control.state) and not is_moving(state):
         control.brake_until = control.now + constants.calibration.hold_time

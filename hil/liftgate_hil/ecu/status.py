@@ -1,8 +1,8 @@
-"""The status bytes of the reference ECU's trouble codes (ISO 14229-1, annex D.2), one an event.
+"""Status bytes of the reference ECU's trouble codes (ISO 14229-1, annex D.2), one per event.
 
-A test fails with its event, and passes with the next motion that comes to its end without it. One failure
-confirms: what this ECU watches is about safety. An operation cycle lasts from one start of the ECU to the next;
-the bytes outlast it, as in a memory that keeps them without supply.
+A test fails with its event, and passes with the next motion that comes to its end without it. One failure confirms
+the code, since what this ECU supervises is about safety. An operation cycle lasts from one start of the ECU to the
+next; the bytes outlast it, as in non-volatile memory.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from liftgate_plant.compiler import compilable
 
 FAILED, FAILED_THIS_CYCLE, PENDING, CONFIRMED = 0x01, 0x02, 0x04, 0x08
 NOT_DONE_SINCE_CLEAR, FAILED_SINCE_CLEAR, NOT_DONE_THIS_CYCLE = 0x10, 0x20, 0x40
-AVAILABLE = 0x7F  # there is no warning lamp
+AVAILABLE = 0x7F  # all but the warning lamp's bit: there is no lamp
 CLEARED = NOT_DONE_SINCE_CLEAR | NOT_DONE_THIS_CYCLE
 _IN_THIS_MOTION = 0x100  # beside the byte: failed since the motion began
 
 
 def new_statuses(count: int) -> NDArray[np.int64]:
-    """Of so many events, none of which has happened."""
+    """Return the statuses of `count` events, none of which has happened."""
     return np.full(count, CLEARED, dtype=np.int64)
 
 
 @compilable
 def fail(statuses: NDArray[np.int64], event: int) -> None:
-    """A test has failed."""
+    """Note that a test has failed."""
     failed = FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR | _IN_THIS_MOTION
     statuses[event] = (statuses[event] | failed) & ~CLEARED
 
@@ -39,14 +39,14 @@ def has_failed(statuses: NDArray[np.int64], event: int) -> bool:
 
 @compilable
 def begin_tests(statuses: NDArray[np.int64]) -> None:
-    """A motion begins."""
+    """Reset what failed in the last motion, when a motion begins."""
     for event in range(len(statuses)):
         statuses[event] = statuses[event] & ~_IN_THIS_MOTION
 
 
 @compilable
 def end_tests(statuses: NDArray[np.int64]) -> None:
-    """A motion has come to its end: what has not failed in it is passed."""
+    """Pass all tests that have not failed in a motion that has come to its end."""
     for event in range(len(statuses)):
         if not has_failed(statuses, event):
             statuses[event] = statuses[event] & ~(FAILED | CLEARED)
@@ -54,12 +54,15 @@ def end_tests(statuses: NDArray[np.int64]) -> None:
 
 @compilable
 def clear(statuses: NDArray[np.int64], event: int) -> None:
-    """Forget a code."""
+    """Clear a trouble code."""
     statuses[event] = CLEARED
 
 
 def begin_cycle(statuses: NDArray[np.int64]) -> None:
-    """The ECU is switched on again. What was tested in the last cycle without failing is no longer pending."""
+    """Begin an operation cycle when the ECU is switched on again.
+
+    A code whose test was run in the last cycle without failing is no longer pending.
+    """
     passed = statuses & (FAILED_THIS_CYCLE | NOT_DONE_THIS_CYCLE) == 0
     statuses[passed] &= ~PENDING
     statuses &= ~(FAILED_THIS_CYCLE | _IN_THIS_MOTION)

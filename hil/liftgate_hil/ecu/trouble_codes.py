@@ -1,6 +1,6 @@
-"""The reference ECU's trouble codes: which event stores which.
+"""The reference ECU's trouble codes: which event stores which code.
 
-Five characters as SAE J2012 has them, in the ranges of manufacturers, with its failure types.
+They have five characters as in SAE J2012, in its manufacturers' ranges, with its failure types.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from liftgate_hil.ecu import events
 
 
 class TroubleCode(NamedTuple):
-    """A code, and what it means."""
+    """A trouble code and its meaning."""
 
     code: str
     meaning: str

@@ -1,7 +1,7 @@
-"""Frames as the C interface of an ECU has them (`liftgate_ecu.h`), and the ECU as machine code calls it.
+"""Frames in the C interface of an ECU (`liftgate_ecu.h`), and the ECU as machine code calls it.
 
-A C library and a Python object are called alike: a function at an address gets the frames that have come and
-writes its own.
+A C library and a Python object are called in the same way: a function at an address gets the frames that have come
+and writes its own.
 """
 
 from __future__ import annotations
@@ -14,41 +14,41 @@ import numpy as np
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
 from liftgate_plant.compiler import call_long_int, call_step, compilable
 
-# struct liftgate_frame; `flags` and `data` have other names, since records of numpy have these by themselves.
+# struct liftgate_frame; `flags` and `data` are renamed, since numpy records have attributes of these names.
 FRAME = np.dtype(
     [("id", "u4"), ("length", "u1"), ("format", "u1"), ("payload", "u1", (64,))], align=True
 )
 FLAG_FD = 1
-CAPACITY = 1024  # frames a call, either way
+CAPACITY = 1024  # frames per call, in either direction
 
-# What a call gives instead of a number of frames.
+# What a call returns instead of a number of frames.
 BAD_COUNT, BAD_FRAME = -1, -2
 
 
 class Port(NamedTuple):
-    """An ECU behind functions in machine code; addresses are 0 where there is none."""
+    """An ECU behind functions in machine code; an address is 0 where there is no function."""
 
     step: int
     request: int
     instance: int
-    period_ns: int  # it is called so often; 0: every tick
+    period_ns: int  # time between two calls; 0: every tick
 
 
 class PortState(NamedTuple):
-    """What is on its way to and from such an ECU; written in place."""
+    """Frames on their way to and from such an ECU; written in place."""
 
     inbox: Any  # (CAPACITY,) FRAME
     outbox: Any  # (CAPACITY,) FRAME
     head: Any  # (1,) HEAD
-    sent: Frames  # (CAPACITY) what it sent last
+    sent: Frames  # (CAPACITY) frames that the ECU sent last
 
 
 HEAD = np.dtype(
     [
         ("waiting", "i8"),  # frames in the inbox
-        ("dropped", "i8"),  # frames for which it had no room
-        ("next_ns", "i8"),  # the next call
-        ("answer", "i8"),  # of the last call that failed
+        ("dropped", "i8"),  # frames for which the inbox had no room
+        ("next_ns", "i8"),  # time of the next call
+        ("answer", "i8"),  # return value of the last call that failed
     ]
 )
 
@@ -56,7 +56,7 @@ NO_PORT = Port(0, 0, 0, 0)
 
 
 def new_port_state() -> PortState:
-    """Nothing on its way."""
+    """Return a state without any frames."""
     return PortState(
         np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
         np.zeros(CAPACITY, dtype=FRAME).view(np.recarray),
@@ -67,7 +67,7 @@ def new_port_state() -> PortState:
 
 @compilable
 def put_in(state: PortState, frames: Frames) -> None:
-    """Put frames into the inbox; what it has no room for is counted."""
+    """Put frames into the inbox; those that it has no room for are counted."""
     head = state.head[0]
     for i in range(frames.count):
         if head.waiting == CAPACITY:
@@ -85,7 +85,7 @@ def put_in(state: PortState, frames: Frames) -> None:
 
 @compilable
 def take_out(state: PortState, count: int) -> int:
-    """The outbox's first `count` frames as `state.sent`; BAD_FRAME where one is no frame."""
+    """Copy the outbox's first `count` frames to `state.sent`; return `count`, or BAD_FRAME if one is invalid."""
     for i in range(count):
         row = state.outbox[i]
         length = int(np.int64(row.length))
@@ -101,14 +101,15 @@ def take_out(state: PortState, count: int) -> int:
 
 @compilable
 def next_time(last_ns: int, cycle_ns: int, now_ns: int) -> int:
-    """When it is due next; cycles that were missed stay so."""
+    """Return when the next cycle is due [ns]; cycles that were missed are skipped."""
     return last_ns + cycle_ns * (1 + (now_ns - last_ns) // cycle_ns)
 
 
 @compilable
 def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
-    """Give an ECU the frames that have come by a time [ns]; call it if its time has come. How many frames are in
-    `state.sent`, or what is wrong (`state.head.answer` has the details).
+    """Give an ECU the frames that have come by a time [ns], and call it if its time has come.
+
+    Returns how many frames are in `state.sent`, or what is wrong (`state.head.answer` has the details).
     """
     put_in(state, frames)
     head = state.head[0]
@@ -130,11 +131,11 @@ def call_port(port: Port, state: PortState, frames: Frames, now_ns: int) -> int:
 
 @compilable
 def request_of_port(port: Port, action: int) -> None:
-    """What the driver asks for (0 stop, 1 open, 2 close)."""
+    """Pass a request of the driver to the ECU (0 stop, 1 open, 2 close)."""
     if port.request != 0:
         call_long_int(port.request, port.instance, action)
 
 
 def address_of(function: Any) -> int:
-    """Where a function of ctypes lies; 0: none."""
+    """Return the address of a ctypes function; 0: none."""
     return ctypes.cast(function, ctypes.c_void_p).value or 0 if function is not None else 0

@@ -1,1 +1,1 @@
-"""The grey box: which parameters of the plant a measurement tells, how well, and by which experiment best."""
+"""Grey-box identification: which plant parameters a measurement determines, how well, and the best experiment."""

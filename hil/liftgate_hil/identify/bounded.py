@@ -1,4 +1,4 @@
-"""The least of a quadratic form within bounds."""
+"""Minimum of a quadratic form within bounds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Floats = NDArray[np.float64]
 
 
 def within(matrix: Floats, gradient: Floats, low: Floats, high: Floats) -> Floats:
-    """The least of ½ xᵀ M x − gᵀ x with low ≤ x ≤ high, around 0: by an active set."""
+    """Return the minimiser of ½ xᵀ M x − gᵀ x with low ≤ x ≤ high, by an active set, from 0 on."""
     scale = 1.0 / np.sqrt(np.diag(matrix))
     matrix, gradient = matrix * np.outer(scale, scale), gradient * scale
     low, high = low / scale, high / scale

@@ -1,8 +1,7 @@
-"""The same problem with few rows, for the search to begin with: most of its steps lead from far off to near, and
-need not be exact.
+"""A coarse problem with few rows for the start of the search, whose first steps are large and need not be exact.
 
-Samples and steps are as far apart as the model's steps may be. Inputs that change seldom change when they did;
-those that change at every row, as a measured voltage does, are means.
+Samples and steps are as far apart as the model's steps may be. Inputs that change seldom keep the times of their
+changes; inputs that change at every row, such as a measured voltage, are averaged.
 """
 
 from __future__ import annotations
@@ -21,15 +20,16 @@ from liftgate_plant.rows import AT
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-_SPACING = 5e-3  # s: the longest step that the models stand
-_LEAST_STEPS = 5000  # of a simulation: below, there is nothing to save
-_SAVES = 2.5  # times fewer steps, at least
+_SPACING = 5e-3  # s, the longest step that the models tolerate
+_LEAST_STEPS = 5000  # steps of a simulation below which there is nothing to save
+_SAVES = 2.5  # factor by which the steps shall be reduced, at least
 _FLAGS = (AT.left_coast, AT.right_coast, AT.latch_released)
 
 
 def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
-    """(the problem with few rows and the same unknowns, the numbers of the outputs that it has); None where it has
-    few already.
+    """Return (the problem with few rows and the same unknowns, the indices of the outputs that it keeps).
+
+    None where the problem has few rows already, or where too few steps would be saved.
     """
     steps = _steps(problem.data, problem.longest)
     if steps < _LEAST_STEPS:
@@ -44,12 +44,12 @@ def coarse_of(problem: Problem) -> tuple[Problem, list[int]] | None:
 
 
 def _steps(data: Sequence[Data], longest: float) -> float:
-    """Of a simulation of all experiments."""
+    """Return the number of steps of a simulation of all experiments."""
     return sum(max(float(len(each.rows)), float(np.ptp(each.rows)) / longest) for each in data)
 
 
 def _coarse(data: Data, changes: Rows) -> Data:
-    """Few samples and few rows of one experiment."""
+    """Return one experiment with few samples and few rows."""
     rows = data.rows
     kept = _apart(rows, np.arange(len(rows)))
     places = {
@@ -78,7 +78,7 @@ def _coarse(data: Data, changes: Rows) -> Data:
 
 
 def _apart(times: Floats, places: Rows) -> Rows:
-    """Some of these places in `times`, as far apart as the samples may be; with the last one."""
+    """Return those of `places` in `times` that are as far apart as samples may be, and the last one."""
     if len(places) < 2:
         return places
     usual = float(np.median(np.diff(times[places])))

@@ -1,4 +1,4 @@
-"""Measured data as the grey box takes it, and how a measurement may have begun."""
+"""Measured data for grey-box identification, and initial conditions estimated from them."""
 
 from __future__ import annotations
 
@@ -20,30 +20,32 @@ from liftgate_plant.vehicle import Vehicle, plant_of
 Floats = NDArray[np.float64]
 
 _CLOSED_DEG = 0.3
-# Of the largest speed: what a start from rest extrapolates to at most, and what is one where nothing drives it.
+# Shares of the largest speed: the initial speed that counts as rest at most, and the same where nothing drives.
 _REST_SHARE, _STILL_SHARE = 0.2, 0.01
-_SURE = 4.0  # standard deviations of a speed
-_STALL_SHARE = 0.5  # of V/R: above, for so long, it is no inrush
-_WINDOWS = (0.04, 0.15)  # s by which a motion is told
-# How far position and angle may disagree before the counter has a zero of its own, rev.
+_SURE = 4.0  # standard deviations, the confidence margin of a speed
+_STALL_SHARE = 0.5  # of V/R; a median current above it over the longest window is no inrush
+_WINDOWS = (0.04, 0.15)  # s, windows from which the initial speed is estimated
+# rev, disagreement of position and angle beyond which the counter has a zero of its own.
 _OFFSET_REV = 1.5
-# Standard deviations of what is not known of a beginning: how far a gate may be from the balance of forces, moving
-# and at rest (where friction and play hold it); how far two drives may be apart, as unlike forces wind them up
-# (500 N bend a mechanism of 5e5 N/m by three revolutions); how warm windings and housings may be.
+# Prior standard deviations of the unknown part of an initial condition: distance of the gate from the balance of
+# forces, in motion and at rest (where friction and play hold it); distance between two drives, as unequal forces
+# wind them up (500 N bend a mechanism of 5e5 N/m by three revolutions); warmth of windings and of housings.
 _SPREAD_DEG, _SPREAD_DEGPS = 0.2, 3.0
 _SPREAD_REST_DEG = 0.5
 _SPREAD_REV = 3.0
-_SPREAD_RPS = 5.0  # of a rest that no speed and no position shows
+_SPREAD_RPS = 5.0  # of a start at rest that neither a speed nor a position shows
 _SPREAD_K, _SPREAD_HOUSING_K = 20.0, 10.0
 _HOTTEST_K = 200.0
-_FIRST = 0.02  # s in which an angle has hardly changed
-_CUT = 0.1  # s: a file whose clock shows more where it begins was cut
+_FIRST = 0.02  # s, time in which an angle hardly changes
+_CUT = 0.1  # s, a file whose first timestamp is later than this was cut
 
 
 @dataclass(frozen=True)
 class Data:
-    """One experiment: outputs (n,) at `times` (n,) [s] by their names of trajectory.OUTPUTS, NaN where there is no
-    sample; inputs of rows.INPUT_COLUMNS of the plant in `rows`, each held until the next one.
+    """The data of one experiment.
+
+    `outputs` (n,) at `times` (n,) [s] have the names of trajectory.OUTPUTS, and NaN where there is no sample;
+    `inputs` have the columns rows.INPUT_COLUMNS of the plant, and each of the `rows` holds until the next one.
     """
 
     name: str
@@ -51,46 +53,47 @@ class Data:
     inputs: Floats  # (N, 14)
     outputs: Mapping[str, Floats]
     through_sensors: bool = (
-        False  # a bus log: sensors' readings, inputs at the stamps of their frames
+        False  # a bus log: sensor readings, inputs at the timestamps of their frames
     )
-    decimation: Decimation | None = None  # how the outputs come from those in all rows
-    whole: Data | None = None  # before it was thinned out
-    after_motion: bool = False  # whether it is told to begin in a pause
+    decimation: Decimation | None = None  # how the outputs follow from their values in all rows
+    whole: Data | None = None  # the data before decimation
+    after_motion: bool = False  # whether the caller states that it begins in a pause
 
     @property
     def rows(self) -> Floats:
-        """(N,) s: the rows of the inputs, and of the outputs before they were thinned out."""
+        """Timestamps [s] (N,) of the inputs, and of the outputs before decimation."""
         return self.times if self.decimation is None else self.decimation.rows
 
     def thinned(self, name: str, values: Floats) -> Floats:
-        """An output's values (N,) in all rows as its samples (n,) show them."""
+        """Return the samples (n,) of an output from its values (N,) in all rows."""
         return values if self.decimation is None else self.decimation.of(name, values)
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something of an experiment's beginning that is estimated along."""
+    """A quantity of an experiment's initial condition that is estimated along with the parameters."""
 
     experiment: int
-    name: str  # a field of Start, or left_offset, right_offset: zero of a position counter [rev]
+    name: str  # a field of Start, or left_offset, right_offset: zero of a counter [rev]; or input_delay [s]
     value: float
-    std: float = math.inf  # of its prior
+    std: float = math.inf  # standard deviation of its prior
     low: float = -math.inf
     high: float = math.inf
 
 
 @dataclass(frozen=True)
 class InitialCondition:
-    """How an experiment begins: what is known, and what is not."""
+    """The initial condition of an experiment: its known part and its unknowns."""
 
     start: Start
     unknowns: tuple[Unknown, ...]
-    in_pause: bool = False  # at rest, after a motion
+    in_pause: bool = False  # whether it is at rest after a motion
 
 
 def without_end(data: Data, seconds: float) -> Data:
-    """The data without the samples of their last `seconds`, nor those that look there: what drove these need not
-    be among the inputs.
+    """Return the data without the samples of the last `seconds`, nor those whose filter reaches there.
+
+    What drove these samples need not be among the inputs.
     """
     reach = 0.0 if data.decimation is None else data.decimation.reach
     late = data.times > data.times[-1] - seconds - reach
@@ -99,8 +102,9 @@ def without_end(data: Data, seconds: float) -> Data:
 
 
 def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Data:
-    """The samples from `first` to `last` (exclusive), of outputs less their `zeros`, with the inputs that hold in
-    between; without the filter of a thinning, which looks beyond them.
+    """Return the samples from `first` to `last` (exclusive) of outputs less their `zeros`, with their inputs.
+
+    The filter of a decimation is dropped, because it reaches beyond these samples.
     """
     outputs = {name: own[first:last] - zeros.get(name, 0.0) for name, own in data.outputs.items()}
     times, rows = data.times[first:last], data.rows
@@ -120,7 +124,7 @@ def part_of(data: Data, first: int, last: int, zeros: Mapping[str, float]) -> Da
 
 
 def changes_of(data: Data) -> NDArray[np.intp]:
-    """The rows (m,) from which other inputs hold than before; the first one is the first of them."""
+    """Return the rows (m,) at which the inputs change, beginning with the first row."""
     now, before = data.inputs[1:], data.inputs[:-1]
     same = (now == before) | (np.isnan(now) & np.isnan(before))
     return np.concatenate([[0], 1 + np.flatnonzero(~np.all(same, axis=1))])
@@ -133,12 +137,12 @@ def is_count(position: Floats, quantum: float) -> bool:
 
 
 def is_closed(angle_deg: float) -> bool:
-    """Whether an angle is that of a closed gate; also one that is not known."""
+    """Whether an angle is that of a closed gate; an unknown angle (NaN) counts as closed."""
     return not angle_deg >= _CLOSED_DEG
 
 
 def first_sample(values: Floats | None) -> float:
-    """The first one there is; NaN where there is none."""
+    """Return the first finite value; NaN where there is none."""
     if values is None:
         return math.nan
     there = np.flatnonzero(np.isfinite(values))
@@ -146,8 +150,10 @@ def first_sample(values: Floats | None) -> float:
 
 
 def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]:
-    """(speed at the beginning, its standard deviation, largest speed) [rev/s]; NaN where neither speed nor
-    position was measured. Good to `share` of the largest speed, where the data are.
+    """Return (initial speed, its standard deviation, largest speed) [rev/s].
+
+    NaN where neither speed nor position was measured. The initial speed is accurate to `share` of the largest
+    speed, where the data allow it.
     """
     for side in ("left", "right"):
         for name, degree in ((f"{side}_speed_rps", 1), (f"{side}_position_rev", 2)):
@@ -158,7 +164,7 @@ def motion(data: Data, share: float = _REST_SHARE) -> tuple[float, float, float]
 
 
 def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[float, float, float]:
-    """The same from a speed (degree 1) or a position (2), by the first of the windows that tells enough."""
+    """Return what `motion` does, from a speed (degree 1) or a position (2), over the first suitable window."""
     there = np.isfinite(values)
     times, values = times[there], values[there]
     if degree == 1:
@@ -179,8 +185,9 @@ def _moving(times: Floats, values: Floats, degree: int, share: float) -> tuple[f
 def _beginning(
     times: Floats, values: Floats, degree: int, window: float
 ) -> tuple[float, float, float, float]:
-    """Value and slope at the first sample, and their standard deviations, by a polynomial through the first
-    `window` seconds (ten samples at least).
+    """Return value and slope at the first sample, and the standard deviations of both.
+
+    They come from a polynomial through the first `window` seconds (ten samples at least).
     """
     count = max(10, int(np.searchsorted(times, times[0] + window)))
     t, y = times[:count] - times[0], values[:count]
@@ -194,7 +201,7 @@ def _beginning(
 
 
 def begins_at_rest(data: Data, creeps: bool = False) -> bool:
-    """Whether nothing moves yet at the first sample; `creeps`: nor does anything creep that nothing drives."""
+    """Whether nothing moves at the first sample; with `creeps`, undriven drives must not even creep."""
     share = _STILL_SHARE if creeps and not _is_driven(data) else _REST_SHARE
     first, std, largest = motion(data, share)
     if math.isnan(first):
@@ -207,7 +214,7 @@ def begins_at_rest(data: Data, creeps: bool = False) -> bool:
 
 
 def _is_driven(data: Data) -> bool:
-    """Whether there is a voltage within the time by which a motion is told."""
+    """Whether there is a voltage within the longest window from which the initial speed is estimated."""
     count = max(1, int(np.searchsorted(data.rows, data.rows[0] + _WINDOWS[-1])))
     drives = [AT.left_voltage_v, AT.right_voltage_v, AT.left_duty, AT.right_duty]
     return bool(np.any(np.nan_to_num(data.inputs[:count, drives]) != 0.0))
@@ -216,10 +223,10 @@ def _is_driven(data: Data) -> bool:
 def beginning_of(
     vehicle: Vehicle, data: Data, experiment: int, angle_deg: float | None, full: bool
 ) -> InitialCondition:
-    """How an experiment begins, from its first samples; `angle_deg`: at rest at this known angle, or in motion
-    there where only a speed was measured.
+    """Return the initial condition of an experiment, from its first samples.
 
-    Raises ValueError where the data do not say.
+    `angle_deg` is a known angle at which it begins at rest, or in motion where only a speed was measured. Raises
+    ValueError where the data do not determine the initial condition.
     """
     data, plant = data.whole or data, plant_of(vehicle)
     quantum = 1.0 / vehicle.sensors.hall_counts
@@ -234,7 +241,7 @@ def beginning_of(
 
 
 def _first_angle(plant: Plant, data: Data) -> float:
-    """The gate's angle at the first samples [deg], by its sensor or a position; NaN where neither was measured."""
+    """Return the gate's first angle [deg], from its sensor or a position; NaN where neither was measured."""
     known = _first(data, data.outputs.get("gate_angle_deg"))
     if math.isnan(known):
         known = _angle_at(plant, first_sample(_position(data)))
@@ -242,7 +249,7 @@ def _first_angle(plant: Plant, data: Data) -> float:
 
 
 def _first(data: Data, values: Floats | None) -> float:
-    """The median of the first samples; NaN where there is none."""
+    """Return the median of the first samples; NaN where there is none."""
     if values is None or not np.any(np.isfinite(values)):
         return math.nan
     times, values = data.times[np.isfinite(values)], values[np.isfinite(values)]
@@ -250,12 +257,12 @@ def _first(data: Data, values: Floats | None) -> float:
 
 
 def _angle_at(plant: Plant, position: float) -> float:
-    """The gate's angle [deg] at the left drive's position [rev]."""
+    """Return the gate's angle [deg] at the left drive's position [rev]."""
     return math.degrees(rigid.angle_at(plant.link, plant.left.travel * position))
 
 
 def _first_speed(plant: Plant, data: Data) -> float:
-    """The drives' speed at the first sample [rev/s]; NaN where nothing says."""
+    """Return the drives' speed at the first sample [rev/s]; NaN where nothing measured determines it."""
     speed, _, _ = motion(data)
     angle = data.outputs.get("gate_angle_deg")
     if math.isnan(speed) and angle is not None:
@@ -276,20 +283,21 @@ def _position(data: Data) -> Floats | None:
 def _at_rest(
     plant: Plant, data: Data, experiment: int, angle: float, quantum: float
 ) -> InitialCondition:
-    """A gate that has been at rest for long at a known angle [rad]."""
+    """Return the initial condition of a gate that has long been at rest at a known angle [rad]."""
     start = REST._replace(angle=angle, latched=_latched(data, math.degrees(angle)))
     place = gate.extension(plant.link, angle) / plant.left.travel
     return InitialCondition(start, tuple(_offsets(data, experiment, place, quantum)))
 
 
 def _latched(data: Data, angle_deg: float) -> float:
-    """A latch holds a closed gate; at any other place its command says nothing of its state."""
+    """Return 1.0 where the latch holds a closed gate; at other angles its command does not show its state."""
     return 1.0 if data.inputs[0, AT.latch_released] == 0.0 and is_closed(angle_deg) else 0.0
 
 
 def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[Unknown]:
-    """Zeros of the position counters, where these do not show the position that the gate is at. A count (`quantum`
-    rev) shows it to half of that at best: an edge may be anywhere.
+    """Return the zeros of the position counters that do not show the gate's position, as unknowns.
+
+    A count (`quantum` rev) shows the position to half of that at best: an edge may be anywhere.
     """
     unknowns = []
     for side in ("left", "right"):
@@ -303,7 +311,7 @@ def _offsets(data: Data, experiment: int, place: float, quantum: float) -> list[
 
 
 def _is_stalled(vehicle: Vehicle, data: Data) -> bool:
-    """Whether a voltage drives a current through a drive that stands still, from the first sample on."""
+    """Whether a voltage drives a current through a stalled drive from the first sample on."""
     early = data.times <= data.times[0] + _WINDOWS[-1]
     current = data.outputs.get("left_current_a", np.full(len(data.times), np.nan))[early]
     if not np.any(np.isfinite(current)):
@@ -329,7 +337,7 @@ def _midway(
     moves: bool,
     angle_deg: float | None,
 ) -> InitialCondition:
-    """A gate in motion, or at rest after one."""
+    """Return the initial condition of a gate in motion, or at rest after a motion."""
     plant = plant_of(vehicle)
     if not moves and _is_stalled(vehicle, data):
         raise ValueError(
@@ -375,7 +383,7 @@ def _midway(
 
 
 def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
-    """Inputs (n, 14) from columns; a drive that nothing is said of is driven like the other one."""
+    """Return inputs (n, 14) from columns; a drive without columns is driven like the other one."""
     rows = np.full((count, len(INPUT_COLUMNS)), np.nan)
     for place, name in enumerate(INPUT_COLUMNS):
         if name in columns:
@@ -389,7 +397,7 @@ def rows_of(columns: Mapping[str, Floats], count: int) -> Floats:
 
 
 def applied_voltage(data: Data, supply: float) -> Floats:
-    """The left motor's voltage (n,) [V] at the samples, as far as the inputs tell: 0 while it coasts."""
+    """Return the left motor's voltage (n,) [V] at the samples, from the inputs; 0 while it coasts."""
     held = np.searchsorted(data.rows, data.times * (1.0 + 1e-12), side="right") - 1
     rows = data.inputs[np.maximum(held, 0)]
     given = rows[:, AT.supply_voltage_v]

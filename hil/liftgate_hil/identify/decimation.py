@@ -1,7 +1,7 @@
-"""Fewer samples of an experiment's outputs than its rows: on an even raster, or one in so many after a low-pass.
+"""Decimation of an experiment's outputs: to an even raster, or to one sample in so many after a low-pass.
 
-What was done to a measured output is done to the simulated one too, from its values in the same rows, and the
-inputs stay as they are. So nothing that the filter blurs stands between the model and the data.
+The simulated outputs are decimated like the measured ones, from their values in the same rows, and the inputs stay
+as they are. So the blur of the filter is no difference between the model and the data.
 """
 
 from __future__ import annotations
@@ -15,29 +15,31 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_REACH = 10  # kept samples to either side that the filter looks at
+_REACH = 10  # kept samples on either side that the filter spans
 
 
 @dataclass(frozen=True)
 class Decimation:
     """A linear map from an output's values in all rows to its samples."""
 
-    rows: Floats  # (N,) s: of the inputs, and of the outputs before it
-    # (K,) s: outputs come onto it on straight lines; default: they stay in the rows.
+    rows: Floats  # (N,) s, timestamps of the inputs, and of the outputs before decimation
+    # (K,) s, raster onto which outputs are interpolated linearly; default: they stay in the rows.
     raster: Floats | None = None
-    factor: int = 1  # every so many-th of these is kept
-    # Outputs that have no sample in some rows: in which they have one (N,).
+    factor: int = 1  # one in `factor` of these samples is kept
+    # For outputs without a sample in some rows: mask (N,) of the rows in which they have one.
     sampled: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
-    counts: frozenset[str] = frozenset()  # outputs that are not filtered: a count has no noise
+    counts: frozenset[str] = (
+        frozenset()
+    )  # outputs that are not filtered, because a count has no noise
 
     @property
     def times(self) -> Floats:
-        """(n,) s: of the samples that are kept."""
+        """Timestamps [s] (n,) of the samples that are kept."""
         return self._even[:: self.factor]
 
     @property
     def reach(self) -> float:
-        """How far [s] a sample looks ahead and back."""
+        """Time [s] by which the filter of a sample reaches ahead and back."""
         if self.factor == 1:
             return 0.0
         return _REACH * self.factor * float(self._even[1] - self._even[0])
@@ -47,7 +49,7 @@ class Decimation:
         return self.rows if self.raster is None else self.raster
 
     def of(self, name: str, values: Floats) -> Floats:
-        """The samples (n,) of an output from its values (N,)."""
+        """Return the samples (n,) of an output from its values (N,) in all rows."""
         own = self.sampled.get(name)
         if own is not None:
             values = np.interp(self._even, self.rows[own], values[own])
@@ -60,8 +62,9 @@ class Decimation:
 
 @functools.cache
 def low_pass(factor: int) -> Floats:
-    """The symmetric FIR filter before taking every `factor`-th sample: half its amplitude at the new Nyquist
-    frequency, sum 1.
+    """Return the symmetric FIR filter to apply before taking every `factor`-th sample.
+
+    Its amplitude is one half at the new Nyquist frequency, and its sum is 1.
     """
     from scipy.signal import firwin
 
@@ -70,8 +73,9 @@ def low_pass(factor: int) -> Floats:
 
 
 def low_passed(values: Floats, factor: int) -> Floats:
-    """Every `factor`-th value after the low-pass, in phase; beyond its ends the column goes on point-mirrored, as
-    a ramp would.
+    """Return every `factor`-th value after the low-pass, without phase shift.
+
+    Beyond its ends the column is continued by point reflection, as a ramp would continue.
     """
     from scipy.signal import upfirdn
 

@@ -1,4 +1,4 @@
-"""The input delay where the loss has many minima in it."""
+"""Search for the input delay, over which the loss may have many minima."""
 
 from __future__ import annotations
 
@@ -13,16 +13,20 @@ from liftgate_hil.identify.weighting import errors_of, loss_of, weighting_of
 
 Floats = NDArray[np.float64]
 
-_DELAYS = 1e-3 * np.arange(-20, 21)  # s about the delay that was found: others to look at
-_TRIES = 3  # of other delays
-_BETTER = 1e-6  # of the loss
+_DELAYS = 1e-3 * np.arange(
+    -20, 21
+)  # s, other delays to evaluate, relative to the one that was found
+_TRIES = 3  # searches from other delays, at most
+_BETTER = 1e-6  # relative decrease of the loss that makes another delay worth a search
 
 
 def at_best_delay(
     problem: Problem, found: Found, report: Report | None, given_std: Floats | None
 ) -> Found:
-    """The search's end, or that of another one from a delay at which the loss is less, when all else has followed
-    to first order: where a change of the inputs falls on a sample the loss has a kink that may hold a search.
+    """Return the search's end, or that of another search from a delay at which the loss is less.
+
+    The loss at other delays assumes that all other unknowns follow to first order. Where a change of the inputs
+    falls on a sample, the loss has a kink that may hold a search.
     """
     for _ in range(_TRIES):
         loss, begin = _best_about(problem, found, given_std)
@@ -36,7 +40,7 @@ def at_best_delay(
 
 
 def _best_about(problem: Problem, found: Found, given_std: Floats | None) -> tuple[float, Floats]:
-    """(the least loss at other delays, where that is)."""
+    """Return (the least loss at other delays, the point at which it occurs)."""
     low, high = problem.bounds
     root, slopes = found.weighting.root, found.slopes[:, :, :-1]
     _, inverse_std = problem.priors()

@@ -1,8 +1,8 @@
-"""From a point of the search downhill: damped Gauss-Newton steps within bounds (Levenberg and Marquardt).
+"""Minimisation from a point of the search: damped Gauss-Newton steps within bounds (Levenberg and Marquardt).
 
-What is minimised is −2 log L with the priors. For noise of unknown covariance its gradient is −2 Σ ψᵀ Λ⁻¹ ε with Λ
-of the errors at the point, and by the log's concavity it falls by more than the weighted squares do: each step
-takes Λ afresh. Only the sums Σ ψᵀ Λ⁻¹ ψ and Σ ψᵀ Λ⁻¹ ε are formed, block by block.
+The function to minimise is −2 log L with the priors. For noise of unknown covariance its gradient is −2 Σ ψᵀ Λ⁻¹ ε
+with Λ from the errors at the point, and because the log is concave it decreases by more than the weighted squares
+do: each step computes Λ anew. Only the sums Σ ψᵀ Λ⁻¹ ψ and Σ ψᵀ Λ⁻¹ ε are formed, block by block.
 """
 
 from __future__ import annotations
@@ -26,44 +26,50 @@ from liftgate_hil.identify.weighting import (
 )
 
 Floats = NDArray[np.float64]
-Report = Callable[[int, float, float], None]  # iteration, loss, relative step
+Report = Callable[
+    [int, float, float], None
+]  # iteration, loss, size of the step in standard deviations
 
-STILL = 5e-3  # standard deviations: what no longer counts as a step
+STILL = 5e-3  # standard deviations below which a step no longer counts
 _WORTH = 0.5  # decrease of −log L that makes a step over wide differences worth a try
-_WORKED = 1e-3  # of the decrease that a step promises: what it must bring
-_AS_PROMISED = (0.8, 1.25)  # the same, where slopes are good for another step
-_NEAR = 1.0  # standard deviations: within which slopes are the same
-_GOOD = 0.02  # of the way from where slopes were taken: they tell a step to that
-_SHRINKS = 0.5  # a step by the slopes of another point, by the one before it, at most
-_FIRST, _FACTOR = 1e-3, 10.0  # damping: at first, how fast it changes
-_MOST = 1e30  # damping by which a step is none
-_REACH = 5.0  # sizes of an unknown that one step may go
-_BLIND = 1e-12  # of an unknown's own curvature, added: what no one can tell stays where it is
-_TRIALS = 8  # by wide differences
+_WORKED = 1e-3  # share of its promised decrease that a step must achieve
+_AS_PROMISED = (0.8, 1.25)  # range of the same share in which slopes are good for another step
+_NEAR = 1.0  # standard deviations within which slopes count as the same
+_GOOD = (
+    0.02  # share of the way from where slopes were taken below which a step by them is not accurate
+)
+_SHRINKS = 0.5  # ratio of a step by the slopes of another point to the step before it, at most
+_FIRST, _FACTOR = 1e-3, 10.0  # damping: first value, factor by which it changes
+_MOST = 1e30  # damping beyond which a step is negligible
+_REACH = 5.0  # sizes of an unknown that one step may cover
+_BLIND = 1e-12  # share of an unknown's own curvature that is added, so that an undetermined one stays where it is
+_TRIALS = 8  # steps tried by wide differences, at most
 
 
 class Place(NamedTuple):
-    """A point, and how well it predicts."""
+    """A point of the search, and how well it predicts the measurement."""
 
     point: Floats
     predicted: Floats
     errors: Floats  # (rows, outputs) measured − predicted, 0 where there is no sample
     weighting: Weighting
     loss: float
-    deviance: float  # −2 log L, and what is known beforehand
+    deviance: float  # −2 log L, plus the term of the priors
 
 
 class Descent(NamedTuple):
-    """Where a descent ended."""
+    """The end of a descent."""
 
     place: Place
-    history: tuple[float, ...]  # loss after each step, the initial one first
+    history: tuple[float, ...]  # loss after each step, the initial loss first
     stop_reason: str
-    slopes: Floats  # (rows, outputs, unknowns) at the end, by central differences
+    slopes: (
+        Floats  # (rows, outputs, unknowns) near the end, by central differences where it converged
+    )
 
 
 def place_at(problem: Problem, point: Floats, given_std: Floats | None) -> Place:
-    """Predict at a point."""
+    """Return the prediction at a point, with its errors, weighting, loss and deviance."""
     predicted = problem.predicted(point)
     errors = errors_of(problem.measured, predicted)
     weighting = weighting_of(problem.measured, errors, given_std)
@@ -87,9 +93,9 @@ def descend(
     rounds: int,
     report: Report | None = None,
 ) -> Descent:
-    """Go down until a step by central differences is next to none.
+    """Minimise until a step by central differences is negligible, or for `rounds` iterations.
 
-    Slopes serve for several steps as long as these bring what they promise; at first one-sided ones do.
+    Slopes are reused for several steps as long as these achieve what they promise; the first ones are one-sided.
     """
     history = [place.loss]
     slopes = _one_sided(problem, place)
@@ -133,30 +139,31 @@ def descend(
 
 
 class _Slopes(NamedTuple):
-    """Slopes, and how they served; steps in standard deviations."""
+    """Slopes and the steps taken by them, in standard deviations."""
 
     values: Floats  # (rows, outputs, unknowns)
     are_central: bool
-    away: float = 0.0  # all steps since they were taken
-    last: float = math.inf  # the last one of these
+    away: float = 0.0  # sum of all steps since the slopes were taken
+    last: float = math.inf  # the last of these steps
 
     def after(self, moved: float) -> _Slopes:
-        """The same, a step further on."""
+        """Return the same slopes one step further on."""
         return self._replace(away=self.away + moved, last=moved)
 
     def are_exact(self) -> bool:
-        """Whether they are as good as those at this point."""
+        """Whether the slopes are as good as central ones at this point."""
         return self.are_central and self.away <= _NEAR
 
     def are_worn(self, moved: float) -> bool:
-        """Whether a step by them is no longer to be trusted: as large as the one before, or too small for slopes
-        from so far away.
+        """Whether a step by these slopes is not to be trusted.
+
+        Such a step is nearly as large as the one before, or too small for slopes from so far away.
         """
         return moved > _SHRINKS * self.last or (not self.are_exact() and moved < _GOOD * self.away)
 
 
 def _fresh(problem: Problem, place: Place, moved: float) -> _Slopes:
-    """Slopes at a place: near the end those that may stay."""
+    """Return new slopes at a place: near the end central ones, which may be kept."""
     if moved > _NEAR:
         return _one_sided(problem, place)
     return _central(problem, place)
@@ -178,8 +185,9 @@ def _tell(report: Report | None, history: Sequence[float], moved: float) -> None
 def leap(
     problem: Problem, place: Place, given_std: Floats | None, widths: Floats
 ) -> tuple[Place, float]:
-    """(a better place by the slopes over differences of these `widths`, or the same one; the decrease of −log L
-    that a step by them promises).
+    """Return (a better place, or the same one; the decrease of −log L that a step promises).
+
+    The step uses slopes over differences of these `widths`.
     """
     slopes = _compared(problem, problem.derivative(place.point, widths))
     damping = 0.0
@@ -195,7 +203,7 @@ def leap(
 
 
 def _compared(problem: Problem, slopes: Floats) -> Floats:
-    """These slopes, 0 where there is no sample or a prediction diverged."""
+    """Return these slopes, set to 0 where there is no sample or a prediction diverged."""
     slopes[~np.isfinite(problem.measured)] = 0.0
     np.copyto(slopes, 0.0, where=~np.isfinite(slopes))
     return slopes
@@ -204,8 +212,9 @@ def _compared(problem: Problem, slopes: Floats) -> Floats:
 def _step(
     problem: Problem, place: Place, slopes: Floats, free: Sequence[int], damping: float
 ) -> tuple[Floats, float, float]:
-    """(step, the decrease of −log L that it promises, its size in standard deviations). It stays within the
-    bounds, and where the vehicle's checks refuse nothing.
+    """Return (step, the decrease of −log L that it promises, its size in standard deviations).
+
+    The step stays within the bounds, and leads to a vehicle that the checks do not refuse.
     """
     point = place.point
     step = np.zeros(len(point))
@@ -229,6 +238,6 @@ def _step(
 
     bent = matrix + (damping + _BLIND) * np.diag(size)
     own = step_within_limits(bent, gradient, low, high, problem.sizes[free], allowed)
-    curve = max(float(own @ matrix @ own), 0.0)  # rounding may leave less than nothing
+    curve = max(float(own @ matrix @ own), 0.0)  # rounding may make it negative
     step[free] = own
     return step, float(gradient @ own) - 0.5 * curve, math.sqrt(curve / len(free))

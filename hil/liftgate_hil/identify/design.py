@@ -1,8 +1,8 @@
-"""Which experiment tells most: D-optimality of candidate inputs, from the model's sensitivities.
+"""Experiment design: D-optimality of candidate inputs, from the model's sensitivities.
 
 The information of an experiment is M = Σ ψᵀ Λ⁻¹ ψ with ψ relative to each parameter's value, so ½ log₁₀ det M⁻¹ is
 the log of the volume of relative uncertainty (Ljung, System Identification, 2nd ed., 13.3; Atkinson and Donev,
-Optimum Experimental Designs). Informations of independent experiments add up.
+Optimum Experimental Designs). The information matrices of independent experiments add up.
 """
 
 from __future__ import annotations
@@ -21,46 +21,48 @@ from liftgate_plant.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
-_BIT = 0.05  # s of one bit of the PRBS
-_CHIRP = (0.2, 20.0)  # Hz, from and to
+_BIT = 0.05  # s, duration of one bit of the PRBS
+_CHIRP = (0.2, 20.0)  # Hz, first and last frequency
 _SLOPE_DEG = 8.0
-# Noise of sensors that the vehicle says nothing of: a shunt's amplifier, a Hall speed's rounding, a potentiometer.
+# Noise of sensors where the vehicle specifies none: a shunt's amplifier, a Hall speed's rounding, a potentiometer.
 _NOISE = {"current_a": 0.05, "speed_rps": 0.5, "angle_deg": 0.1}
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An experiment that could be made: motor voltage (n,) [V] on all drives over `times` (n,)."""
+    """An experiment that could be run: motor voltage (n,) [V] of all drives over `times` (n,) [s]."""
 
     name: str
     times: Floats
     voltage: Floats
-    angle_deg: float  # at which it begins, at rest
+    angle_deg: float  # angle at which it begins, at rest
     road_slope_deg: float
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """What a candidate would tell."""
+    """A candidate and the information that it would yield."""
 
     candidate: Candidate
     log_det: (
-        float  # log10 det of the relative information; −inf: some parameters cannot be told at all
+        float  # log10 det of the relative information; −inf: some parameters are not identifiable
     )
-    relative_std: Floats  # (p,) expected standard deviations by their values; inf: cannot be told
+    relative_std: (
+        Floats  # (p,) expected standard deviations relative to the values; inf: not identifiable
+    )
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Candidates, the best first, and the best order to add them up."""
+    """Candidates, best first, and the best order in which to combine them."""
 
-    names: tuple[str, ...]  # of the parameters
+    names: tuple[str, ...]  # names of the parameters
     ranked: tuple[Ranked, ...]
-    order: tuple[Ranked, ...]  # with the information of all before it included
+    order: tuple[Ranked, ...]  # each with the information of all before it included
 
 
 def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate]:
-    """Steps, a chirp, a PRBS, open and close, on level ground and on slopes; within the supply's voltage."""
+    """Return steps, a chirp, a PRBS, open and close, on level ground and slopes, within the supply's voltage."""
     times = np.arange(round(duration * rate) + 1) / rate
     full = vehicle.supply.voltage
     top = math.degrees(vehicle.gate.open_angle)
@@ -89,7 +91,7 @@ def candidates(vehicle: Vehicle, duration: float, rate: float) -> list[Candidate
 
 
 def prbs(bits: int) -> NDArray[np.bool_]:
-    """A pseudo-random binary sequence of period 1023: the shift register x¹⁰ + x⁷ + 1."""
+    """Return a pseudo-random binary sequence of period 1023, from the shift register x¹⁰ + x⁷ + 1."""
     register = [True] * 10
     result = np.empty(bits, dtype=np.bool_)
     for k in range(bits):
@@ -99,7 +101,7 @@ def prbs(bits: int) -> NDArray[np.bool_]:
 
 
 def noise_of(vehicle: Vehicle, output: str) -> float:
-    """Standard deviation that a measured output is expected to have, in its unit."""
+    """Return the expected standard deviation of a measured output, in its unit."""
     sensors = vehicle.sensors
     if output.endswith("current_a"):
         return (
@@ -122,7 +124,7 @@ def plan(
     offered: Sequence[Candidate],
     count: int = 3,
 ) -> Plan:
-    """Rank the candidates for what is sought, and say which `count` of them tell most together, in which order."""
+    """Rank the candidates, and choose one by one the `count` that are most informative together."""
     root = np.diag([1.0 / noise_of(vehicle, name) for name in outputs])
     matrices = [_information(vehicle, model, sought, outputs, each, root) for each in offered]
     ranked = [_ranked(each, matrix) for each, matrix in zip(offered, matrices, strict=True)]
@@ -140,7 +142,7 @@ def plan(
 
 
 def _order(each: Ranked) -> tuple[int, float, float]:
-    """More parameters told, then more information."""
+    """Return the sort key of a candidate: number of identifiable parameters, then information."""
     told = np.isfinite(each.relative_std)
     spread = -float(np.sum(np.log(each.relative_std[told]))) if np.any(told) else -math.inf
     return int(np.sum(told)), each.log_det, spread
@@ -168,7 +170,7 @@ def _information(
     known[: len(sought)] = 0.0
     sizes, slopes = problem.sizes, problem.derivative(problem.initial)
     whole = statistics.information(slopes * sizes, root, known * sizes)
-    # What is left for what is sought where a counter's zero is estimated along.
+    # The information that is left on the sought parameters where a counter's zero is estimated too.
     own, rest = slice(len(sought)), slice(len(sought), None)
     across = whole[own, rest]
     left: Floats = whole[own, own] - across @ np.linalg.inv(whole[rest, rest]) @ across.T

@@ -1,4 +1,4 @@
-"""From a problem to a result: search, say how sure it is, say what cannot be told."""
+"""Identification: search, uncertainty of the estimates, and what cannot be identified."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
 
-_SHARE = 0.5  # of its value: the largest standard deviation of an estimate that says something
+_SHARE = 0.5  # of its value: the largest standard deviation of a useful estimate
 _SIGNED_SHARE = (
-    1e-3  # of its range, for a quantity that may as well be zero (a slope, a coordinate)
+    1e-3  # of its range: the same for a quantity that may well be zero (a slope, a coordinate)
 )
-_AT_BOUND = 1e-6  # of its size
-# How near a limit of the vehicle's checks is one that holds an estimate: of its size, of its standard deviation,
-# and of its size at most.
+_AT_BOUND = 1e-6  # of its size: distance from a bound at which an estimate counts as at it
+# Distance of a limit of the vehicle's checks that holds an estimate: as a share of the estimate's size, of its
+# standard deviation, and of its size at most.
 _BESIDE, _BESIDE_STD, _BESIDE_MOST = 1e-5, 0.02, 1e-3
-_FAR_PERCENT = 0.0  # fit of the initial vehicle below which short pieces come first
+_FAR_PERCENT = 0.0  # fit of the initial vehicle below which multiple shooting comes first
 _NEAR_PERCENT = 80.0  # fit that a good search reaches
 _NOWHERE_PERCENT = -1.0  # fit of an output below which a model contradicts the data
-_HARDLY_PERCENT = 20.0  # the same, where what is left is no noise
-_NOTHING_PERCENT = 1.5  # fit of all outputs below which a model says nothing of them
+_HARDLY_PERCENT = 20.0  # the same, where the residual is not noise
+_NOTHING_PERCENT = 1.5  # fit of all outputs below which a model explains nothing
 _ROUGH_ROUNDS = 30
-_NO_SCORE = 1e-12  # of the classic variance: a robust one that says nothing
+_NO_SCORE = 1e-12  # of the classic variance: a robust variance that carries no information
 _KINDS = {False: "white residuals", True: "robust: the residuals are correlated"}
 
 
-# A search also tries what makes the model diverge; that counts as far away, and is nobody's business.
+# A search also tries points at which the model diverges; these count as far off and need no warning.
 _FAR_AWAY = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 class NothingToTellError(ValueError):
-    """The data say nothing about anything that is sought."""
+    """Raised when the data do not determine the sought parameters."""
 
 
 @_FAR_AWAY
@@ -64,9 +64,10 @@ def identify(
     given_std: Floats | None = None,
     profiles: Sequence[str] = (),
 ) -> Identification:
-    """Estimate what is sought. `given_std`: of the outputs' noise, where it is not to be estimated.
+    """Estimate the sought parameters.
 
-    Raises NothingToTellError, and ValueError where the search would begin at a vehicle that its checks refuse.
+    `given_std` is the standard deviation of the outputs' noise, where it shall not be estimated. Raises
+    NothingToTellError, and ValueError where the search would begin at a vehicle that its checks refuse.
     """
     began = time.perf_counter()
     if wrong := problem.refusals(problem.initial):
@@ -127,8 +128,10 @@ def identify(
 def _uncertainty(
     problem: Problem, found: Found, given_std: Floats | None
 ) -> tuple[Uncertainty, Floats, bool, float]:
-    """(what the information says, covariance of all unknowns, whether the robust one, scatter of the inputs'
-    stamps [s]).
+    """Return the uncertainty of the estimates at the end of a search.
+
+    The parts are: the uncertainty from the information matrix, the covariance of all unknowns, whether it is the
+    robust one, and the scatter of the inputs' timestamps [s].
     """
     _, inverse_std = problem.priors()
     root = found.weighting.root
@@ -157,7 +160,7 @@ def _uncertainty(
 
 
 def _score_series(problem: Problem, slopes: Floats, errors: Floats, root: Floats) -> list[Floats]:
-    """The scores ψᵀ Λ⁻¹ ε over time (m, p), of each experiment."""
+    """Return the scores ψᵀ Λ⁻¹ ε over time (m, p) of each experiment."""
     scores = np.einsum("noj,no->nj", slopes, errors @ root @ root.T)
     edges = np.cumsum([len(data.times) for data in problem.data])[:-1]
     parts = (np.split(each, edges) for each in (problem.measured, scores))
@@ -172,7 +175,7 @@ def _scatter(jitter: float) -> str:
 
 
 def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
-    """The best that is found, where there are many rows from what a few of them say."""
+    """Return the best end of a search; where there are many rows it starts from the result for few rows."""
     few = coarse_of(problem)
     if few is None:
         _check_excited(problem)
@@ -190,7 +193,7 @@ def _from_few_rows(problem: Problem, report: Report | None, given_std: Floats | 
 
 
 def _best(problem: Problem, found: Found, report: Report | None, given_std: Floats | None) -> Found:
-    """A search's end, or what lies behind a kink or at another delay."""
+    """Return the search's end, or a better one behind a kink or at another delay."""
     found = past_kinks(problem, found, report, given_std)
     if problem.is_delay_sought:
         found = at_best_delay(problem, found, report, given_std)
@@ -198,7 +201,7 @@ def _best(problem: Problem, found: Found, report: Report | None, given_std: Floa
 
 
 def _search(problem: Problem, report: Report | None, given_std: Floats | None) -> Found:
-    """From the initial values; where these are far off or lead nowhere, from what short pieces of the data say."""
+    """Search from the initial values; where these are far off or lead nowhere, from multiple shooting."""
     begin = problem.initial
     errors = errors_of(problem.measured, problem.predicted(begin))
     first: Found | None = None
@@ -221,7 +224,7 @@ def _search(problem: Problem, report: Report | None, given_std: Floats | None) -
 
 @_FAR_AWAY
 def validate(problem: Problem) -> Validation:
-    """A model against measurements; estimated are only the input delay and what is not known of the beginnings."""
+    """Compare a model with measurements; only the input delay and unknown initial conditions are estimated."""
     point, outputs = problem.initial, problem.outputs
     if len(point) and problem.leave_out_few():
         point = past_kinks(problem, search(problem)).point
@@ -230,9 +233,9 @@ def validate(problem: Problem) -> Validation:
 
 
 def widened(classic: Floats, robust: Floats) -> Floats:
-    """The robust covariance, with no standard deviation less than the classic one's."""
+    """Return the robust covariance, widened to standard deviations no less than the classic ones."""
     own, other = np.diag(classic), np.diag(robust)
-    silent = other <= _NO_SCORE * own  # hardly a score: nothing that could be scaled
+    silent = other <= _NO_SCORE * own  # hardly any score, so nothing to scale
     scale = np.sqrt(np.maximum(own / np.where(silent, own, other), 1.0))
     result: Floats = robust * np.outer(scale, scale)
     result[silent], result[:, silent] = classic[silent], classic[:, silent]
@@ -240,7 +243,10 @@ def widened(classic: Floats, robust: Floats) -> Floats:
 
 
 def _comparable(problem: Problem) -> list[int]:
-    """The numbers of the outputs that have samples to compare; the others are left out."""
+    """Leave out the outputs without samples to compare; return the indices of the others.
+
+    Raises NothingToTellError where all outputs are constant.
+    """
     still = [
         name
         for name, column in zip(problem.outputs, problem.measured.T, strict=True)
@@ -252,7 +258,7 @@ def _comparable(problem: Problem) -> list[int]:
 
 
 def _check_followed(problem: Problem, errors: Floats) -> None:
-    """Raises NothingToTellError where the best simulation does not follow what was measured."""
+    """Raise NothingToTellError where the best simulation does not follow the measurement."""
     fits = {}
     for name, measured, own in zip(problem.outputs, problem.measured.T, errors.T, strict=True):
         there = np.isfinite(measured)
@@ -284,7 +290,7 @@ def _check_excited(problem: Problem) -> None:
 
 
 def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> list[Experiment]:
-    """Measured and simulated outputs of each experiment, at a point of the search and at an earlier one."""
+    """Return measured and simulated outputs of each experiment, at a point of the search and an earlier one."""
     plant = plant_of(problem.vehicle_at(point))
     experiments = []
     for number, data in enumerate(problem.data):
@@ -310,7 +316,7 @@ def experiments_of(problem: Problem, point: Floats, before: Floats | None) -> li
 
 
 def _check_sound(times: Floats, states: Floats, name: str) -> None:
-    """Raises PlantDivergedError where what is to be shown (n, 7) is no motion of a gate."""
+    """Raise PlantDivergedError where the simulated outputs (n, 7) exceed the ranges of their signals."""
     catalogue = signals_of(Truth)
     limits = [catalogue[each].high for each in OUTPUTS]
     off = np.flatnonzero(~np.all(np.abs(states) <= limits, axis=1))
@@ -372,8 +378,9 @@ def _estimates(
 
 
 def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int, str]:
-    """By the numbers of the parameters that a limit of the vehicle's checks holds: what these refuse further on,
-    by a step that no longer counts.
+    """Return what the vehicle's checks refuse next to the estimates, by the indices of the parameters held there.
+
+    A limit is looked for a step away that no longer counts.
     """
     found = {}
     for k in range(len(problem.sought)):
@@ -390,7 +397,7 @@ def _limits_at(problem: Problem, point: Floats, covariance: Floats) -> dict[int,
 
 
 def _along(limit: str) -> str:
-    """The remark on an estimate that a limit holds together with others: the data tell where along it."""
+    """Return the remark on an estimate held with others by a limit, along which the data determine it."""
     return f"held with others by a limit of what a vehicle may be: {limit}" if limit else ""
 
 
@@ -409,6 +416,6 @@ def _unit_of(name: str) -> str:
 
 
 def _largest_std(value: float, quantity: Quantity) -> float:
-    """The largest standard deviation of an estimate that says something."""
+    """Return the largest standard deviation of a useful estimate."""
     signed = _SIGNED_SHARE * (quantity.high - quantity.low) if quantity.low < 0.0 else 0.0
     return max(_SHARE * abs(value), signed)

@@ -1,14 +1,13 @@
-"""How far the stamps of a bus log's inputs scatter about the time at which these act, and what that adds to the
-uncertainty.
+"""Scatter of the timestamps of a bus log's inputs about the times at which they act, and the uncertainty it adds.
 
-A command on a bus is stamped when it is sent or received, and acts when its receiver next looks. Let each change
-of the inputs act δ later than its stamp and the delay of all say, δ ~ N(0, σ²). To first order the residuals are
-then ε + Ψδ, beside what a step of the parameters explains: a linear mixed model, whose σ is found by maximum
-likelihood (Laird and Ware, Random-Effects Models for Longitudinal Data, Biometrics 38, 1982). The estimates, which
-know nothing of δ, are off by M⁻¹ Σ ψᵀ Λ⁻¹ Ψδ.
+A command on a bus is stamped when it is sent or received, and acts when its receiver next reads it. Let each
+change of the inputs act δ later than its timestamp and the common delay imply, δ ~ N(0, σ²). To first order the
+residuals are then ε + Ψδ, apart from what a step of the parameters explains: a linear mixed model, whose σ is
+found by maximum likelihood (Laird and Ware, Random-Effects Models for Longitudinal Data, Biometrics 38, 1982). The
+estimates, which ignore δ, are off by M⁻¹ Σ ψᵀ Λ⁻¹ Ψδ.
 
-Each change costs two simulations. Where there are too many of them σ is found from the first ones, and what all of
-them do to the scores from simulations in which each comes earlier or later by chance.
+Each change costs two simulations. Where there are too many changes, σ is found from the first ones, and the effect
+of all of them on the scores from simulations in which each change comes earlier or later at random.
 """
 
 from __future__ import annotations
@@ -30,32 +29,35 @@ Floats = NDArray[np.float64]
 Effects = NDArray[np.float32]  # Ψ (changes, rows, outputs): the outputs' units per second
 Change = tuple[
     int, NDArray[np.intp]
-]  # experiment, numbers in its `changes`: what comes in one cycle
+]  # experiment, indices into its `changes` of those in one cycle
 
-_SHIFT = 5e-4  # s, half the width of a difference, at most: less would see a sample beside a change as smooth
-_SPACING = 0.25  # of the changes' mean distance: half the width, at most, and what is one cycle
-_STEP = 5e-3  # s: longest step of the simulations for it; against 1 ms Ψ changes by 1 % at most
-_ROWS = 10_000_000  # of all simulations of changes, at most
-_SIGNS = 64  # simulations of all changes by chance: the standard deviations are then good to 9 %
-_RANGE = (1e-7, 0.05)  # s, of σ/√c
-_SURE = 2.71  # of the deviance: a variance that is above 0 with 95 %
-_HEARD = 1e-10  # of the largest eigenvalue: below, a combination of changes says nothing
-_ROUNDS, _SETTLED = 6, 0.02  # of taking Λ and σ in turns, until σ changes less
+_SHIFT = 5e-4  # s, half the width of a difference, at most; with less a sample beside a change would look smooth
+_SPACING = (
+    0.25  # of the changes' mean distance: half the width, and a gap within one cycle, at most
+)
+_STEP = 5e-3  # s, longest step of these simulations; compared with 1 ms, Ψ changes by 1 % at most
+_ROWS = 10_000_000  # rows of all simulations of changes, at most
+_SIGNS = 64  # simulations with random signs; the standard deviations are then accurate to 9 %
+_RANGE = (1e-7, 0.05)  # s, range of σ/√c to search
+_SURE = 2.71  # decrease of the deviance at which a variance is above 0 with 95 % confidence
+_HEARD = 1e-10  # of the largest eigenvalue: below, a combination of changes carries no information
+_ROUNDS, _SETTLED = 6, 0.02  # iterations over Λ and σ in turn, until σ changes by less
 
 
 class Jitter(NamedTuple):
-    """What the stamps do."""
+    """Scatter of the timestamps, and its effect on the scores."""
 
-    std: float  # σ [s]; 0: none is seen
-    scores: Floats  # (p, p): covariance that it adds to the scores ψᵀ Λ⁻¹ ε
+    std: float  # σ [s]; 0: no scatter is detected
+    scores: Floats  # (p, p), covariance that it adds to the scores ψᵀ Λ⁻¹ ε
 
 
 def jitter_of(
     problem: Problem, found: Found, slopes: Floats, inverse_std: Floats, given_std: Floats | None
 ) -> Jitter:
-    """The scatter of the stamps of the inputs' changes, by what it leaves in the residuals where a search ended;
-    slopes (rows, outputs, p) and the priors' 1/std (p,), in the unknowns' units, of those that have an effect;
-    given_std (outputs,) of the noise where it is known.
+    """Return the scatter of the timestamps of the inputs' changes, from the residuals at the end of a search.
+
+    `slopes` (rows, outputs, p) and `inverse_std` (p,), the priors' 1/std, are in the unknowns' units, and of those
+    unknowns that have an effect; `given_std` (outputs,) is that of the noise where it is known.
     """
     nothing = Jitter(0.0, np.zeros((slopes.shape[2],) * 2))
     moves = _Moves(problem, found.point)
@@ -86,7 +88,7 @@ def jitter_of(
 
 
 class _Moves:
-    """The changes of the bus logs' inputs, and what they do when they come at other times."""
+    """The changes of the bus logs' inputs, and their effect on the outputs when they come at other times."""
 
     def __init__(self, problem: Problem, point: Floats) -> None:
         self._problem = copy.copy(problem)
@@ -107,20 +109,20 @@ class _Moves:
                 self.changes += [(number, each) for each in cycles]
         mean = min(spans, default=0.0)
         self._shift = min(_SHIFT, _SPACING * mean)
-        # Evenly spread over the time until the next command: no command waits longer.
+        # Standard deviation of a delay spread evenly up to the next command: no command waits longer.
         self.longest = mean / math.sqrt(12.0)
 
     @property
     def evaluations(self) -> int:
-        """Simulations so far."""
+        """Number of simulations so far."""
         return self._problem.evaluations
 
     def each(self, changes: Sequence[Change]) -> Effects:
-        """Ψ of these changes."""
+        """Return Ψ of these changes."""
         return self._slopes([[change] for change in changes], np.ones((len(changes), 1)))
 
     def by_chance(self, count: int) -> Effects:
-        """Ψ s of all changes, for `count` vectors s of independent signs (Hutchinson 1990)."""
+        """Return Ψ s of all changes, for `count` vectors s of independent random signs (Hutchinson 1990)."""
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (count, len(self.changes)))
         return self._slopes([self.changes] * count, signs)
 
@@ -144,7 +146,7 @@ class _Moves:
 def _products(
     effects: Effects, slopes: Floats, errors: Floats, root: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Ψᵀ Λ⁻¹ Ψ, Ψᵀ Λ⁻¹ ψ and Ψᵀ Λ⁻¹ ε."""
+    """Return Ψᵀ Λ⁻¹ Ψ, Ψᵀ Λ⁻¹ ψ and Ψᵀ Λ⁻¹ ε."""
     count = len(effects)
     own, cross, seen = (np.zeros((count, n)) for n in (count, slopes.shape[2], 1))
     for weights in root.T:
@@ -158,7 +160,7 @@ def _products(
 def _fitted(
     effects: Effects, slopes: Floats, errors: Floats, root: Floats, inverse_std: Floats
 ) -> tuple[float, Floats]:
-    """(σ, what is left of the residuals) of the mixed model, for a weighting."""
+    """Return (σ, the remaining residuals) of the mixed model, for a given weighting."""
     own, cross, seen = _products(effects, slopes, errors, root)
     matrix, score = normal_equations(slopes, errors, root)
     inverse = pseudo_inverse(matrix + np.diag(inverse_std**2))
@@ -176,8 +178,10 @@ def _fitted(
 
 
 def _most_likely(values: Floats, seen: Floats) -> tuple[float, float]:
-    """(c, σ) from the eigenvalues v of Ψᵀ Λ⁻¹ Ψ, without what the parameters explain, and from Ψᵀ Λ⁻¹ ε in their
-    axes, whose variance is c v + σ² v²: c above 1 where noise is correlated in time or between outputs. σ is 0
+    """Return the most likely (c, σ) of the mixed model.
+
+    `values` are the eigenvalues v of Ψᵀ Λ⁻¹ Ψ, without what the parameters explain, and `seen` is Ψᵀ Λ⁻¹ ε in
+    their axes, of variance c v + σ² v²; c is above 1 where noise is correlated in time or between outputs. σ is 0
     where that is nearly as likely.
     """
     from scipy.optimize import minimize_scalar

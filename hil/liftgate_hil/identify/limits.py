@@ -1,9 +1,9 @@
-"""What the checks of a vehicle refuse, as limits of a step: a search only goes where a vehicle file may.
+"""Limits of a search step that follow from the checks of a vehicle, so that a search visits only valid vehicles.
 
-A check says yes or no of a whole vehicle, as a motor must not make energy or the actuator's lever must not vanish.
-Where a step leads to what is refused, the limit on its way is found by bisection and its slope by differences; the
-step then solves the same problem with that half-space in it, so that it goes along the limit. A curved limit takes
-several of them.
+A check accepts or refuses a whole vehicle: a motor must not create energy, for example, and the actuator's lever
+must not vanish. Where a step leads to a refused vehicle, the limit on its way is found by bisection and its slope
+by differences; the step then solves the same problem with that half-space added, so that it goes along the limit.
+A curved limit takes several half-spaces.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from liftgate_hil.identify.bounded import within
 
 Floats = NDArray[np.float64]
-Allowed = Callable[[Floats], bool]  # of a step: whether the vehicle that it leads to is
+Allowed = Callable[[Floats], bool]  # whether the vehicle that a step leads to is accepted
 
-_CUTS = 12  # half-spaces that a step is bent by, at most
-_ASIDE = 1e-4  # of an unknown's size: where the limit is looked for again, for its slope
+_CUTS = 12  # half-spaces that restrict a step, at most
+_ASIDE = 1e-4  # of an unknown's size: how far aside the limit is located again, for its slope
 _INSIDE = 1e-7  # of an unknown's size: how far from a limit a step ends
 _BISECTIONS = 60
 _DOUBLINGS = 20
@@ -28,7 +28,7 @@ _SWEEPS = 50
 
 
 class Cut(NamedTuple):
-    """Steps with normal · step ≤ room."""
+    """The half-space of steps with normal · step ≤ room."""
 
     normal: Floats
     room: float
@@ -37,8 +37,10 @@ class Cut(NamedTuple):
 def step_within_limits(
     matrix: Floats, gradient: Floats, low: Floats, high: Floats, sizes: Floats, allowed: Allowed
 ) -> Floats:
-    """The least of ½ xᵀ M x − gᵀ x among the steps x (n,) with low ≤ x ≤ high that are `allowed`, as 0 is; `sizes`
-    (n,) is what counts as a change of the order of one. Where limits defeat it, as much of a step as is allowed.
+    """Return the minimiser of ½ xᵀ M x − gᵀ x among the steps x (n,) with low ≤ x ≤ high that are `allowed`.
+
+    The step 0 must be allowed; `sizes` (n,) is what counts as a change of the order of one. Where the limits
+    cannot be resolved, as much of a step as is allowed is returned.
     """
     cuts: list[Cut] = []
     step = within(matrix, gradient, low, high)
@@ -55,8 +57,9 @@ def step_within_limits(
 def _limit(
     start: Floats, way: Floats, first: float, last: float, allowed: Allowed
 ) -> tuple[float, float]:
-    """Two shares of a way between `first`, which is allowed, and `last`, which is not: next to each other, the one
-    allowed and the other not.
+    """Return two adjacent shares of a way, the first allowed and the second not.
+
+    They are found by bisection between `first`, which is allowed, and `last`, which is not.
     """
     for _ in range(_BISECTIONS):
         middle = 0.5 * (first + last)
@@ -68,7 +71,7 @@ def _limit(
 
 
 def _cut(step: Floats, sizes: Floats, allowed: Allowed) -> Cut | None:
-    """The half-space before the limit that a step meets first; None where it has no slope.
+    """Return the half-space before the limit that a step meets first; None where the limit has no slope.
 
     Let t(x) be the share of the step from x to the limit. To first order t(x) = t(0) + slope · x, and what is
     allowed is t(x) ≥ 0.
@@ -90,7 +93,7 @@ def _cut(step: Floats, sizes: Floats, allowed: Allowed) -> Cut | None:
 
 
 def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -> float | None:
-    """The share of the step from `aside` to the limit, which may lie behind; None where there is none near."""
+    """Return the share of the step from `aside` to the limit, which may lie behind; None where none is near."""
     reach = _ASIDE
     for _ in range(_DOUBLINGS):
         first, last = share - reach, share + reach
@@ -103,8 +106,9 @@ def _share_beside(aside: Floats, step: Floats, share: float, allowed: Allowed) -
 def _within_cuts(
     matrix: Floats, gradient: Floats, low: Floats, high: Floats, cuts: Sequence[Cut]
 ) -> Floats:
-    """The least within bounds and half-spaces, by the weights of these in turn (Hildreth 1957): each pushes the
-    step back as far as it must, and no further.
+    """Return the minimiser within bounds and half-spaces, by adapting their weights in turn (Hildreth 1957).
+
+    Each half-space pushes the step back as far as it must, and no further.
     """
     normals = np.array([cut.normal for cut in cuts])
     weights = np.zeros(len(cuts))
@@ -122,7 +126,7 @@ def _within_cuts(
 
 
 def _weight(weights: Floats, k: int, cut: Cut, bent: Callable[[], Floats]) -> float:
-    """The least weight of a half-space, beside those of the others, with which the step stays within it."""
+    """Return the least weight of a half-space, given the others' weights, that keeps the step within it."""
 
     def exceeds(weight: float) -> bool:
         weights[k] = weight

@@ -1,9 +1,9 @@
-"""Multiple shooting, a start for the search where the initial vehicle is far off: data cut into short pieces,
-each begun where the measurement says.
+"""Multiple shooting, a start for the search where the initial vehicle is far off.
 
-An error in a parameter adds up along a simulation, so that the loss of a long one has many minima (a gate that
-does not get off the ground tells nothing of its travel). Over a short piece errors stay small, and the loss is
-nearly a parabola: multiple shooting with the states fixed (Bock 1983).
+The data are cut into short segments, each of which begins at the measured state. The effect of a parameter error
+accumulates along a simulation, so that the loss of a long one has many minima (a simulated gate that never starts
+to move says nothing about its travel). Over a short segment errors stay small, and the loss is nearly a parabola:
+multiple shooting with the states fixed (Bock 1983).
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from liftgate_plant.vehicle import plant_of
 
 Floats = NDArray[np.float64]
 
-_LENGTH = 0.25  # s of a piece, at least
-_SAMPLES = 20  # rows of a piece, at least
-_MOST = 50  # pieces of an experiment: evenly spread, they say enough to begin with
+_LENGTH = 0.25  # s, duration of a segment, at least
+_SAMPLES = 20  # rows of a segment, at least
+_MOST = 50  # segments of an experiment, at most; evenly spread, they are enough for a start
 
 
 def in_segments(problem: Problem) -> Problem | None:
-    """The same problem with the data in segments; None where neither position nor speed was measured."""
+    """Return the same problem with the data in segments; None where neither position nor speed was measured."""
     plant = plant_of(problem.vehicle)
     segments: list[Data] = []
     beginnings: list[InitialCondition] = []
@@ -45,7 +45,7 @@ def in_segments(problem: Problem) -> Problem | None:
             angle = rigid.angle_at(plant.link, plant.left.travel * float(path[0][first]))
             held = np.searchsorted(data.rows, data.times[first], side="right") - 1
             if data.inputs[held, AT.latch_released] == 0.0 and is_closed(math.degrees(angle)):
-                continue  # held by its latch, wherever the drives push
+                continue  # the latch holds the gate, wherever the drives push
             segments.append(part_of(data, first, last, zeros))
             left, right, speed = (float(column[first]) for column in path)
             start = REST._replace(
@@ -58,7 +58,7 @@ def in_segments(problem: Problem) -> Problem | None:
 
 
 def _edges(data: Data) -> list[tuple[int, int]]:
-    """First and last row (exclusive) of each piece, of the whole or of some evenly spread."""
+    """Return first and last row (exclusive) of each segment, of all or of some evenly spread."""
     edges, first = [], 0
     while first < len(data.times) - 2:
         last = int(np.searchsorted(data.times, data.times[first] + _LENGTH))
@@ -71,7 +71,7 @@ def _edges(data: Data) -> list[tuple[int, int]]:
 
 
 def _zero(problem: Problem, number: int, name: str) -> float:
-    """What a position counter shows where the gate is closed, as far as the first samples tell."""
+    """Return the reading of a position counter at the closed gate, as far as the first samples show it."""
     wanted = name.replace("_position_rev", "_offset")
     for unknown in problem.beginnings[number].unknowns:
         if unknown.name == wanted:
@@ -82,7 +82,7 @@ def _zero(problem: Problem, number: int, name: str) -> float:
 def _path(
     problem: Problem, plant: Plant, number: int, data: Data
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Left and right position and speed (n,) each, smoothed, as the measurement has them."""
+    """Return the measured left position, right position and speed (n,) each, smoothed."""
     found = {}
     for side in ("left", "right"):
         position = data.outputs.get(f"{side}_position_rev")
@@ -118,8 +118,9 @@ def _path_of_speed(
 
 
 def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
-    """Whether the motion that was measured is followed worse than with an NRMSE fit of `worst_percent`: positions
-    and angle, speeds where there are none of these.
+    """Whether the NRMSE fit of the measured motion is below `worst_percent`.
+
+    The motion is that of the positions and the angle, or of the speeds where there are none of these.
     """
     for kind in (("_position_rev", "_angle_deg"), ("_speed_rps",)):
         columns = [k for k, name in enumerate(problem.outputs) if name.endswith(kind)]
@@ -131,7 +132,7 @@ def is_far_off(problem: Problem, errors: Floats, worst_percent: float) -> bool:
 
 
 def _fit(measured: Floats, errors: Floats) -> float:
-    """NRMSE fit [%] of a column; NaN where it has no samples or never changes."""
+    """Return the NRMSE fit [%] of a column; NaN where it has no samples or never changes."""
     there = np.isfinite(measured)
     if not np.any(there):
         return math.nan

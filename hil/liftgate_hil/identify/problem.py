@@ -1,4 +1,4 @@
-"""The prediction error as a function of what is sought: parameters first, then what begins each experiment."""
+"""The prediction error as a function of the unknowns: parameters first, then initial conditions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from liftgate_hil.config.parameters import FreeParameter, with_values
 from liftgate_hil.identify.data import (
     Data,
     InitialCondition,
@@ -19,7 +20,6 @@ from liftgate_hil.identify.data import (
     is_count,
     without_end,
 )
-from liftgate_hil.identify.parameters import FreeParameter, with_values
 from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
 from liftgate_hil.identify.workers import on_all_cpus
 from liftgate_plant.dynamics import NOMINAL, Load, Plant
@@ -33,50 +33,52 @@ Result = TypeVar("Result")
 
 _DIFFERENCE = 1e-5  # of a parameter's size: half the width of a central difference
 _IDEAL = Sensors()
-_DELAY = 0.1  # s, the longest that is looked for
-_FEW = 2  # samples that an output needs
-_END = 0.2  # of an experiment, at most, that is left out for want of its inputs
-ALL = -1  # experiment of an unknown that all share
+_DELAY = 0.1  # s, the longest delay that is searched
+_FEW = 2  # samples that an output needs, at least
+_END = 0.2  # share of an experiment that is left out at its end for want of its inputs, at most
+ALL = -1  # `experiment` of an unknown that all experiments share
 
 
 Checks = Callable[[Vehicle], Sequence[str]]
 
 
 def nothing_refused(vehicle: Vehicle) -> Sequence[str]:
-    """The checks of a problem whose parameters may have any values within their bounds."""
+    """Refuse no vehicle: the checks of a problem whose parameters may have any values within their bounds."""
     return ()
 
 
 @dataclass(frozen=True)
 class Sought:
-    """A parameter to estimate; values in the file's unit."""
+    """A parameter to estimate; values in the unit of the vehicle file."""
 
     parameter: FreeParameter
     initial: float
     low: float
     high: float
-    prior: float = math.nan  # mean and std of what is known beforehand
+    prior: float = math.nan  # mean and standard deviation of the prior
     prior_std: float = math.inf
 
 
 @dataclass
 class Problem:
-    """Measured data, a model, and what is sought. `outputs` are names of trajectory.OUTPUTS."""
+    """Measured data, a model, and the sought parameters; `outputs` are names of trajectory.OUTPUTS."""
 
     vehicle: Vehicle
     model: str
     sought: Sequence[Sought]
     data: Sequence[Data]
     outputs: Sequence[str]
-    # At which all experiments, or each of them, begin at rest, where that is known.
+    # Angle at which all experiments, or each of them, begin at rest, where it is known.
     angle_deg: float | Sequence[float | None] | None = None
     delay: float = 0.0  # s from a change of the inputs' columns to its effect
     is_delay_sought: bool = False
-    speed_window: float = 0.0  # s before a sample over which a measured speed is the mean
-    longest: float = 1e-3  # s, of a step
-    refused_by: Checks = nothing_refused  # a search goes only where these find nothing wrong
+    speed_window: float = 0.0  # s before a sample, over which a measured speed is averaged
+    longest: float = 1e-3  # s, longest step of a simulation
+    refused_by: Checks = (
+        nothing_refused  # a search visits only vehicles with which these find nothing wrong
+    )
     evaluations: int = 0
-    beginnings: Sequence[InitialCondition] = ()  # default: as the data say
+    beginnings: Sequence[InitialCondition] = ()  # default: estimated from the data
     unknowns: list[Unknown] = field(init=False)
     changes: list[NDArray[np.intp]] = field(init=False)  # rows at which the inputs change
     measured: Floats = field(init=False)  # (rows, outputs), NaN where nothing is compared
@@ -113,12 +115,13 @@ class Problem:
                 self._compare_edges(column)
 
     def on(self, data: Sequence[Data], **changes: Any) -> Problem:
-        """The same question of other data; `changes` are fields that go with them."""
+        """Return the same problem for other data; `changes` are fields that go with them."""
         return replace(self, data=data, angle_deg=None, evaluations=0, **changes)
 
     def leave_out_few(self) -> list[int]:
-        """Leave out outputs with hardly a sample to compare: they say nothing of their noise. Gives the numbers of
-        those that stay.
+        """Leave out outputs with fewer than two samples to compare; return the indices of the others.
+
+        So few samples do not determine the noise of an output.
         """
         counts = np.sum(np.isfinite(self.measured), axis=0)
         kept = [column for column, count in enumerate(counts) if count >= _FEW]
@@ -132,8 +135,10 @@ class Problem:
         return kept
 
     def _compare_edges(self, column: int) -> None:
-        """Where a position is a count, compare at its edges: between two samples that differ the position is, on
-        the mean, half-way between the counts, while a count that stays says little, and says it again and again.
+        """Compare a position that is a count at its edges only.
+
+        Between two samples that differ the position is, on average, half-way between the counts, while a constant
+        count says little, and repeats it with every sample.
         """
         quantum = 1.0 / self.vehicle.sensors.hall_counts
         values = self.measured[:, column]
@@ -154,19 +159,19 @@ class Problem:
 
     @property
     def initial(self) -> Floats:
-        """Where the search begins: parameters, then unknowns."""
+        """The point at which the search begins: parameters, then unknowns."""
         return np.array([s.initial for s in self.sought] + [u.value for u in self.unknowns])
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest values."""
+        """Lowest and highest values of parameters and unknowns."""
         low = [s.low for s in self.sought] + [u.low for u in self.unknowns]
         high = [s.high for s in self.sought] + [u.high for u in self.unknowns]
         return np.array(low), np.array(high)
 
     @property
     def sizes(self) -> Floats:
-        """What counts as a change of the order of one."""
+        """What counts as a change of the order of one, for each parameter and unknown."""
         by_range = [1e-2 * min(s.high - s.low, 1.0) for s in self.sought]
         own = [abs(s.initial) or size for s, size in zip(self.sought, by_range, strict=True)]
         default = {"angle": 0.01, "rate": 0.1, "input_delay": 0.01}
@@ -174,24 +179,25 @@ class Problem:
         return np.array(own + [default.get(u.name, max(1.0, abs(u.value))) for u in self.unknowns])
 
     def priors(self) -> tuple[Floats, Floats]:
-        """(mean, 1/std) of what is known beforehand; 0 where nothing is."""
+        """Return (mean, 1/std) of the priors; 0 where there is none."""
         mean = [s.prior for s in self.sought] + [u.value for u in self.unknowns]
         std = [s.prior_std for s in self.sought] + [u.std for u in self.unknowns]
         weight = 1.0 / np.array(std)
         return np.where(weight > 0.0, np.array(mean), 0.0), weight
 
     def vehicle_at(self, point: Floats) -> Vehicle:
-        """The vehicle with the parameters of a point of the search."""
+        """Return the vehicle with the parameters of a point of the search."""
         names = [s.parameter for s in self.sought]
         return with_values(self.vehicle, names, [float(x) for x in point[: len(names)]])
 
     def refusals(self, point: Floats) -> Sequence[str]:
-        """What the checks of `refused_by` find wrong with the vehicle at a point, a line each."""
+        """Return what the checks of `refused_by` find wrong with the vehicle at a point, one line each."""
         return self.refused_by(self.vehicle_at(point)) if self.sought else []
 
     def predicted(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """(rows, outputs) of all experiments, one below the other, in the units of the outputs' names; `late` [s]:
-        for each experiment by how much each of its `changes` comes later than its stamp says.
+        """Return the prediction (rows, outputs) of all experiments, one below the other, in the outputs' units.
+
+        `late` [s] states for each experiment by how much each of its `changes` comes later than its timestamp.
         """
         self.evaluations += 1
         return self.on_all_cpus(lambda _: self.prediction(point, late), [0])[0]
@@ -199,8 +205,9 @@ class Problem:
     def on_all_cpus(
         self, simulate: Callable[[Item], Result], items: Sequence[Item]
     ) -> list[Result]:
-        """What `simulate` gives of each item, by `prediction`. Machine code that is not there yet is made
-        beforehand: here an interrupt ends that.
+        """Return what `simulate`, which calls `prediction`, returns for each item.
+
+        Missing machine code is compiled beforehand, in the calling thread, where an interrupt ends it.
         """
         if not self._is_ready:
             data, plant, base = self.data[0], plant_of(self.vehicle), load_of(self.vehicle)
@@ -210,7 +217,7 @@ class Problem:
         return on_all_cpus(simulate, items, sum(len(data.rows) for data in self.data))
 
     def prediction(self, point: Floats, late: Sequence[Floats] | None = None) -> Floats:
-        """`predicted` within `on_all_cpus`."""
+        """Return what `predicted` does, for use within `on_all_cpus`."""
         vehicle = self.vehicle_at(point)
         plant = plant_of(vehicle)
         parts = []
@@ -224,7 +231,7 @@ class Problem:
         return whole
 
     def states(self, point: Floats, number: int) -> Floats:
-        """(rows, 7) of trajectory.OUTPUTS: what the model says of one experiment."""
+        """Return the simulated trajectory.OUTPUTS (rows, 7) of one experiment."""
         vehicle = self.vehicle_at(point)
 
         def samples(each: int) -> Floats:
@@ -234,7 +241,7 @@ class Problem:
         return self.on_all_cpus(samples, [number])[0]
 
     def _samples(self, number: int, rows: Floats, names: Sequence[str]) -> Floats:
-        """(n, names) as the experiment's samples show what the model says in its rows (N, 7)."""
+        """Return the samples (n, names) of an experiment from its simulated rows (N, 7)."""
         columns = [OUTPUTS.index(name) for name in names]
         data = self.data[number]
         if data.decimation is None:
@@ -285,8 +292,9 @@ class Problem:
         return out
 
     def slopes(self, point: Floats, predicted: Floats) -> Floats:
-        """(rows, outputs, unknowns): one-sided differences from `predicted`, which is of the point. Half the
-        simulations of `derivative`, and good to about 1e-5.
+        """Return slopes (rows, outputs, unknowns) by one-sided differences from `predicted` at the point.
+
+        They take half the simulations of `derivative`, and are accurate to about 1e-5.
         """
         _, high = self.bounds
         steps = _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
@@ -298,10 +306,10 @@ class Problem:
         return self._slopes(slope, len(point))
 
     def derivative(self, point: Floats, widths: Floats | None = None) -> Floats:
-        """(rows, outputs, unknowns): central differences of `predicted`, one-sided at a bound; over half the
-        `widths` (unknowns,) to either side where these are given and wider.
+        """Return slopes (rows, outputs, unknowns) by central differences of `predicted`, one-sided at a bound.
 
-        A simulation costs half a microsecond a row and is smooth to 1e-12, so differences are good to about 1e-8.
+        Differences span half the `widths` (unknowns,) to either side where these are given and wider. A simulation
+        costs half a microsecond a row and is smooth to 1e-12, so differences are accurate to about 1e-8.
         """
         narrow = 2.0 * _DIFFERENCE * np.maximum(np.abs(point), self.sizes)
         widths = narrow if widths is None else np.maximum(widths, narrow)
@@ -316,17 +324,17 @@ class Problem:
         return self._slopes(slope, len(point))
 
     def _difference(self, above: Floats, below: Floats, k: int, predicted: Floats) -> Floats:
-        """Slope (rows, outputs) between two points that differ in an unknown, the latter's prediction known."""
+        """Return the slope (rows, outputs) between points that differ in unknown k; `predicted` is of `below`."""
         slope = self.prediction(above)
-        with np.errstate(invalid="ignore"):  # of predictions that diverged
+        with np.errstate(invalid="ignore"):  # predictions may have diverged
             slope -= predicted
         slope /= above[k] - below[k]
         return slope
 
     def _slopes(self, slope: Callable[[int], Floats], count: int) -> Floats:
-        """(rows, outputs, unknowns) from each unknown's (rows, outputs), on all CPUs."""
+        """Return slopes (rows, outputs, unknowns) from each unknown's (rows, outputs), on all CPUs."""
         self.evaluations += count
-        # An unknown's slopes stay beside each other: so they are filled, and summed up.
+        # An unknown's slopes are contiguous in memory, because they are filled and summed in that order.
         slopes = np.empty((count, *self.measured.shape))
 
         def fill(k: int) -> None:
@@ -343,8 +351,9 @@ def _moved(point: Floats, k: int, step: float) -> Floats:
 
 
 def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause: bool) -> Start:
-    """A winding forgets its beginning in L/R: it begins with the current of its steady state. In a pause a voltage
-    begins with the data, and its current after it.
+    """Return the start with the steady-state currents of the windings, which forget their initial state in L/R.
+
+    In a pause the voltage begins with the data, so the initial current is that without a voltage.
     """
     inputs = inputs_of(data.inputs[0], base, NOMINAL)
     currents = {}
@@ -358,7 +367,7 @@ def _with_currents(plant: Plant, data: Data, base: Load, start: Start, in_pause:
 
 
 def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -> Floats:
-    """Mean speed (n,) over the last `window` seconds, over what there is of them at the beginning."""
+    """Return the mean speed (n,) over the last `window` seconds, at the beginning over as much as there is."""
     before = np.maximum(times - window, times[0])
     span = times - before
     way = position - np.interp(before, times, position)
@@ -368,7 +377,7 @@ def _mean_speed(times: Floats, position: Floats, speed: Floats, window: float) -
 def _delayed(
     data: Data, changes: NDArray[np.intp], delay: Floats
 ) -> tuple[Floats, Floats, NDArray[np.intp] | slice]:
-    """(times, inputs, places of the rows) with every change of the inputs `delay` (m or 1,) seconds later."""
+    """Return (times, inputs, indices of the rows) with every input change `delay` (m or 1,) seconds later."""
     if not np.any(delay):
         return data.rows, data.inputs, slice(None)
     later = np.maximum.accumulate(data.rows[changes] + delay)

@@ -17,8 +17,9 @@ Floats = NDArray[np.float64]
 def profile(
     problem: Problem, found: Found, number: int, estimate: Estimate, given_std: Floats | None
 ) -> Profile:
-    """Profile likelihood: one parameter held at values around its estimate, all others estimated anew at each.
-    What is known beforehand counts as it does in the search.
+    """Return the profile likelihood: one parameter held around its estimate, all others estimated anew.
+
+    Priors count as they do in the search.
     """
     best = found.deviance
     std = estimate.std if math.isfinite(estimate.std) else 0.5 * abs(estimate.value)
@@ -43,7 +44,7 @@ def profile(
 
 
 def _crossing(values: Floats, deviances: Floats, side: int) -> float:
-    """Where the deviance passes the 95 % quantile of χ²(1) on one side of its least; NaN: not within the range."""
+    """Return where the deviance passes the 95 % quantile of χ²(1) on one side; NaN: not within the range."""
     limit = 3.841
     middle = int(np.argmin(deviances))
     rows = range(middle, len(values) - 1) if side > 0 else range(middle, 0, -1)

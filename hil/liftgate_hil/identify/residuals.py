@@ -1,4 +1,4 @@
-"""What a model leaves unexplained of one output: size, by phase of the motion, and whether it is noise."""
+"""The residual of a model in one output: its size, by phase of the motion, and whether it is noise."""
 
 from __future__ import annotations
 
@@ -17,19 +17,17 @@ from liftgate_plant.dynamics import Plant
 Floats = NDArray[np.float64]
 
 PHASES = ("rest", "inrush", "travel", "play crossing", "end stop")
-_INRUSH = 0.15  # s after the voltage rose from nothing or changed its sign
-_SLOW = 2.0  # % of the largest speed: below, it rests
-_ROUNDING = 1.15  # of what rounding alone leaves: an error that leaves no more
-_STOP_DEG = 1.0  # from an end of the travel
-_PLAY_REV = (
-    1.0  # revolutions of the motor on either side of a change of direction, at least the play
-)
+_INRUSH = 0.15  # s after the voltage rose from zero or changed its sign
+_SLOW = 2.0  # % of the largest speed, below which the drive is at rest
+_ROUNDING = 1.15  # of the error of rounding alone: the largest error that counts as rounding
+_STOP_DEG = 1.0  # deg, angle below which a gate pressed closed is at its end stop
+_PLAY_REV = 1.0  # revolutions of the motor after a change of direction; at least the play
 
 
 def phases_of(plant: Plant, times: Floats, voltage: Floats, states: Floats) -> NDArray[np.int64]:
-    """(n,) of PHASES: which one each row belongs to, by the simulated states (n, 7) of trajectory.OUTPUTS.
+    """Return the index (n,) into PHASES of each row, from the simulated states (n, 7) of trajectory.OUTPUTS.
 
-    A row is in the first of: end stop, play crossing, inrush, rest, travel.
+    A row belongs to the first that applies of: end stop, play crossing, inrush, rest, travel.
     """
     speed, position, angle = states[:, 2], states[:, 4], states[:, 6]
     result = np.full(len(times), PHASES.index("travel"))
@@ -57,7 +55,7 @@ def _open_angle(plant: Plant) -> float:
 
 
 class Frame(NamedTuple):
-    """What all outputs of an experiment share: times (n,), motor voltage (n,), phases (n,)."""
+    """Columns that all outputs of an experiment share: times (n,), motor voltage (n,), phases (n,)."""
 
     times: Floats
     voltage: Floats
@@ -67,7 +65,7 @@ class Frame(NamedTuple):
 def series_of(
     output: str, frame: Frame, measured: Floats, simulated: Floats, before: Floats | None
 ) -> Series:
-    """One output, from columns with a row for each time; rows without a sample are left out."""
+    """Return the series of one output, from columns with a row for each time, without rows that have no sample."""
     there = np.isfinite(measured)
     y, model = measured[there], simulated[there]
     errors = y - model
@@ -101,7 +99,7 @@ def series_of(
 
 
 def _is_rounding(measured: Floats, errors: Floats) -> bool:
-    """Whether errors are no more than the rounding of what was measured leaves: q/√12 for the step q."""
+    """Whether errors are no more than the rounding of the measured values causes: q/√12 for the step q."""
     step = statistics.rounding_step(measured)
     return bool(np.sqrt(np.mean(errors**2)) <= _ROUNDING * step / math.sqrt(12.0))
 
@@ -109,8 +107,9 @@ def _is_rounding(measured: Floats, errors: Floats) -> bool:
 def speed_series(
     output: str, frame: Frame, position: Floats, simulated: Floats, before: Floats | None
 ) -> Series:
-    """The speed of a drive whose position alone was measured: slopes of the measured and of the simulated
-    position, taken alike.
+    """Return the speed of a drive of which only the position was measured, as a series.
+
+    It consists of the slopes of the measured and of the simulated position, computed alike.
     """
     there = np.isfinite(position)
     times = frame.times[there]
@@ -129,15 +128,16 @@ def speed_series(
 
 
 def local_slope(times: Floats, values: Floats) -> Floats:
-    """Slope (n,) of the straight line through all samples within 0.05 s, by least squares."""
+    """Return the slope (n,) of the straight line through all samples within 0.05 s, by least squares."""
     return local_line(times, values, times)[1]
 
 
 def local_line(
     times: Floats, values: Floats, at: Floats, half_width: float = 0.05
 ) -> tuple[Floats, Floats]:
-    """Value and slope (n,) `at` times (n,) of the straight line through all samples within `half_width`
-    seconds, by least squares; where there are none the nearest sample, without a slope.
+    """Return value and slope (n,) `at` times (n,) of the straight line through all samples within `half_width` s.
+
+    The line is fitted by least squares; where there are no samples, the nearest one is used, with slope 0.
     """
     origin, level = np.mean(times), np.mean(values)
     t, y = times - origin, values - level
@@ -152,7 +152,7 @@ def local_line(
         result: Floats = sums[last] - sums[first]
         return result
 
-    # About each window's own middle, so that little cancels.
+    # Sums about each window's own centre, so that little cancels.
     count = (last - first).astype(np.float64)
     middle, mean = total(t) / count, total(y) / count
     spread = total(t * t) - count * middle * middle

@@ -1,4 +1,4 @@
-"""What comes out of an identification and of a validation. All values in the units of the vehicle file."""
+"""Results of an identification and of a validation; all values are in the units of the vehicle file."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter."""
+    """The estimate of one parameter or initial state."""
 
     name: str  # as in the vehicle file: "motor.resistance"
     symbol: str
     unit: str
     value: float
-    std: float  # inf: cannot be told
+    std: float  # inf: not identifiable
     initial: float
     low: float  # bounds of the search
     high: float
@@ -45,17 +45,17 @@ class Series:
     crosscorrelation: Floats  # (2 lags + 1,) with the input, lags -n..n
     band: float  # 99 % band of both, for white residuals independent of the input
     is_white: bool
-    # Why a residual that is not white says nothing against the model: "rounding" of the measured values, which
-    # leaves as much; "slopes" of stretches that overlap. Else empty.
+    # Why a residual that is not white does not contradict the model: "rounding" of the measured values, which
+    # causes as much; "slopes" over intervals that overlap. Otherwise empty.
     excuse: str = ""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measurement with what the model says of it."""
+    """One measurement and its simulation by the model."""
 
     name: str
-    times: Floats  # (m,) of the input
+    times: Floats  # (m,), timestamps of the input
     voltage: Floats  # (m,) V, motor voltage of the left drive
     series: tuple[Series, ...]
 
@@ -73,11 +73,11 @@ class Profile:
 
 @dataclass(frozen=True)
 class Identification:
-    """The whole result."""
+    """The whole result of an identification."""
 
     model: str  # full, third-order, second-order
     vehicle: str
-    outputs: tuple[str, ...]  # of noise_variance, in its order
+    outputs: tuple[str, ...]  # names of the outputs, in the order of noise_variance
     parameters: tuple[Estimate, ...]
     initial_states: tuple[Estimate, ...]
     covariance: Floats  # (p, p) of the parameters
@@ -90,22 +90,24 @@ class Identification:
     aicc: float
     bic: float
     condition_number: float
-    inseparable: tuple[str, ...]  # sentences: what cannot be told apart
+    inseparable: tuple[str, ...]  # sentences: parameters that cannot be separated
     stop_reason: str
     iterations: int
     evaluations: int
     seconds: float
-    covariance_kind: str  # a sentence: what it takes into account
-    history: Floats  # (iterations + 1,) loss
+    covariance_kind: str  # a sentence: what the covariance takes into account
+    history: Floats  # (iterations + 1,), loss after each iteration, the initial loss first
     experiments: tuple[Experiment, ...]
     profiles: tuple[Profile, ...] = ()
-    input_jitter: float = 0.0  # s, std of the inputs' stamps about the time of their effect
+    input_jitter: float = (
+        0.0  # s, standard deviation of the inputs' timestamps about the time of their effect
+    )
     notes: tuple[str, ...] = field(default_factory=tuple)  # what was done to the data
 
 
 @dataclass(frozen=True)
 class Validation:
-    """A model against measurements."""
+    """The result of a comparison of a model with measurements."""
 
     model: str
     vehicle: str

@@ -1,4 +1,4 @@
-"""The thesis's grey-box models: gate and drives rigidly joined, one speed for all.
+"""The thesis's grey-box models: gate and drives rigidly coupled, with one common speed.
 
     third order   L di_d/dt = u_d − R i_d − c2Φ n                                              (4.1)
                   J_tot dn/dt = Σ_d (c1Φ i_d − τ_C sgn n)
@@ -29,12 +29,12 @@ from liftgate_plant.gate import Linkage
 from liftgate_plant.integrate import Flow
 from liftgate_plant.motor import Response, mean_current
 
-PASSES = 2  # fixed-point turns of the step's middle
+PASSES = 2  # fixed-point iterations for the middle of the step
 
 
 @compilable
 def bend(link: Linkage, angle: float) -> float:
-    """How the lever changes, r' = dr_AP/dφ [m/rad].
+    """Return the derivative of the lever, r' = dr_AP/dφ [m/rad].
 
     From l r = s r_0 sin(φ + θ) follows l r' + r² = s r_0 cos(φ + θ).
     """
@@ -46,7 +46,7 @@ def bend(link: Linkage, angle: float) -> float:
 
 @compilable
 def angle_at(link: Linkage, extended: float) -> float:
-    """φ [rad] at an extension; beyond what the linkage can reach the nearest it can."""
+    """Return φ [rad] at an extension; beyond the reach of the linkage, the nearest angle it can reach."""
     s, r = link.body_radius, link.gate_radius
     total = max(link.closed_length + extended, 0.0)
     cosine = (s * s + r * r - total * total) / (2.0 * s * r)
@@ -57,7 +57,7 @@ def angle_at(link: Linkage, extended: float) -> float:
 def static_electrics(
     plant: Plant, state: State, inputs: Inputs, step: float
 ) -> tuple[Electric, Electric]:
-    """Both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed all along."""
+    """Return both windings without inductance: (R I + R_s d dᵀ) i = d U + u − c2Φ n, linear in the speed."""
     source = plant.source_resistance
     left, right = plant.left, plant.right
     winding_l, fuse_l = dynamics.resistances_soon(left, state.left, 0.5 * step)
@@ -98,7 +98,7 @@ def static_electrics(
 
 @compilable
 def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: float) -> float:
-    """Dry friction [N m] of all drives and the hinge on the one shaft."""
+    """Return the dry friction [N m] of all drives and the hinge on the common shaft."""
     limit = abs(plant.left.torque_per_force / lever) * plant.hinge.coulomb
     for drive in (plant.left, plant.right):
         if drive.active > 0.0:
@@ -114,8 +114,9 @@ def shaft_limit(plant: Plant, load: Load, force: float, speed: float, lever: flo
 def step_rigid(
     plant: Plant, state: State, inputs: Inputs, step: float, order: int
 ) -> tuple[State, Flow]:
-    """The state `step` seconds later by the model of that order, 3 or 2, and what the currents did meanwhile; the
-    inputs hold during the step.
+    """Return the state `step` seconds later by the model of `order` 3 or 2, and the course of the currents.
+
+    The inputs hold during the step.
     """
     load, link = inputs.load, plant.link
     if order == 2:
@@ -168,7 +169,7 @@ def step_rigid(
     ambient = load.ambient_temperature
     after_l = next_motor(left, state.left, path_l, new, position, ambient, step)
     after_r = next_motor(right, state.right, path_r, new, position, ambient, step)
-    # The angle follows from the position: `follow`.
+    # The angle is not integrated: it follows from the position.
     return State(
         after_l, after_r, state.gate_angle, state.gate_rate, 0.0, 0.0, 0.0, state.latch
     ), Flow(path_l, path_r)
@@ -184,8 +185,9 @@ def path_of(
     step: float,
     order: int,
 ) -> CurrentPath:
-    """What one motor's current does during the step; of the second order it follows its voltage at once and then
-    goes on a straight line.
+    """Return the course of one motor's current during the step.
+
+    In the second-order model the current follows its voltage at once, and then a straight line.
     """
     if order != 2 or drive.active == 0.0:
         return path_in(drive, electric, state, coast, speed, speed, step)
@@ -204,14 +206,14 @@ def next_motor(
     ambient: float,
     step: float,
 ) -> DriveState:
-    """One motor's state after a step with that current, at the common speed and position."""
+    """Return one motor's state after a step with that current, at the common speed and position."""
     winding, housing, fuse = warmed(drive, state, path, ambient, step)
     return DriveState(path.end, speed, position, winding, housing, fuse, 0.0)
 
 
 @compilable
 def rigid_start(state: State) -> State:
-    """The same state of a gate that moves with its drives: the left one's speed and position hold for all."""
+    """Return the state with gate and drives rigidly coupled: the left drive's speed and position hold for both."""
     left, right = state.left, state.right
     return State(
         left,

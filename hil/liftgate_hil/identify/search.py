@@ -1,4 +1,4 @@
-"""The search: from where it begins to the most likely point, and past minima that lie beside each other."""
+"""Search for the most likely point from an initial one, past neighbouring minima."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from liftgate_hil.identify.weighting import Weighting
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 200  # steps
-_MOST_SPREAD = 2.0  # of a prior's standard deviation: over which slopes are taken at most
-_SMOOTH = 0.05  # decrease of −log L: what slopes promise where there is no kink as far as they see
+_ROUNDS = 200  # steps of a search, at most
+_MOST_SPREAD = 2.0  # of a prior's standard deviation: width over which slopes are taken, at most
+_SMOOTH = 0.05  # decrease of −log L that slopes promise, at most, where there is no kink within their width
 _SPANS = (60.0, 20.0)  # standard deviations over which slopes are taken in turn to get past kinks
 
 
 @dataclass(frozen=True)
 class Found:
-    """Where a search ended."""
+    """The end of a search."""
 
     place: Place
-    history: tuple[float, ...]  # loss after each iteration, the initial one first
+    history: tuple[float, ...]  # loss after each iteration, the initial loss first
     stop_reason: str
     slopes: Floats  # (rows, outputs, unknowns) of the prediction, 0 where there is no sample
 
     @property
     def point(self) -> Floats:
-        """Parameters, then unknowns."""
+        """The point at the end: parameters, then unknowns."""
         return self.place.point
 
     @property
     def weighting(self) -> Weighting:
-        """Of the outputs, by the errors here."""
+        """Weighting of the outputs by the errors at the end."""
         return self.place.weighting
 
     @property
     def errors(self) -> Floats:
-        """(rows, outputs) measured − predicted, 0 where there is no sample."""
+        """Errors (rows, outputs), measured − predicted, 0 where there is no sample."""
         return self.place.errors
 
     @property
     def deviance(self) -> float:
-        """−2 log L, and what is known beforehand."""
+        """−2 log L at the end, plus the term of the priors."""
         return self.place.deviance
 
 
@@ -59,7 +59,7 @@ def search(
     fixed: Sequence[int] = (),
     rounds: int = _ROUNDS,
 ) -> Found:
-    """Minimise the loss from `begin`, with the unknowns numbered in `fixed` held there."""
+    """Minimise the loss from `begin`, where the unknowns with the indices `fixed` are held."""
     point = (problem.initial if begin is None else begin).copy()
     return _from(problem, place_at(problem, point, given_std), report, given_std, fixed, rounds)
 
@@ -80,18 +80,18 @@ def _from(
 def past_kinks(
     problem: Problem, found: Found, report: Report | None = None, given_std: Floats | None = None
 ) -> Found:
-    """The search's end, or a better one that lies behind a kink.
+    """Return the search's end, or a better one that lies behind a kink.
 
-    When the gate falls through its drives' play the loss has minima beside each other, a few dozens of standard
-    deviations apart: each is another time at which a tooth strikes. Slopes over so wide a difference see past
-    them; from where these lead, slopes over less find the minimum.
+    When the gate falls through its drives' play the loss has neighbouring minima, a few dozen standard deviations
+    apart: each belongs to another time at which a tooth strikes. Slopes over so wide a difference see past them;
+    from where these lead, slopes over narrower differences find the minimum.
     """
     if problem.model != "full" or not len(found.point):
         return found
     _, inverse_std = problem.priors()
     spread = pseudo_inverse(information(found.slopes, found.weighting.root, inverse_std))
     std = np.sqrt(np.diag(spread))
-    std = np.where(std > 0.0, std, problem.sizes)  # of what has no effect
+    std = np.where(std > 0.0, std, problem.sizes)  # for unknowns without effect
     most = _MOST_SPREAD / np.maximum(inverse_std, 1e-300)
     place = found.place
     for span in _SPANS:
@@ -104,7 +104,7 @@ def past_kinks(
 
 
 def better(found: Found, other: Found) -> Found:
-    """The more likely end of two searches; the other one's history goes on after that of the first."""
+    """Return the more likely end of two searches; the history of `other` continues that of `found`."""
     if found.deviance <= other.deviance:
         return found
     return replace(other, history=(*found.history, *other.history[1:]))

@@ -1,4 +1,4 @@
-"""How sure an estimate is, what cannot be told apart, and how good a model is.
+"""Uncertainty of the estimates, parameters that cannot be separated, and quality of a model.
 
 Definitions: Ljung, System Identification, 2nd ed., chapters 9 (covariance) and 16 (FPE, AIC), and the NRMSE fit of
 MATLAB's `compare`; the robust covariance is that of Newey and West (1987) with the bandwidth of Andrews (1991).
@@ -16,35 +16,38 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 LAGS = 25
-BAND = 2.5758  # of the standard normal distribution, 99 %
+BAND = 2.5758  # half width of the 99 % band of the standard normal distribution
 _SIGNIFICANT = (
-    1e-3  # of the Ljung-Box test: fewer than this share of white residuals are called not white
+    1e-3  # of the Ljung-Box test: share of white residuals that are called not white, at most
 )
-_FAR_OUT = 700.0  # half a χ² beyond which exp gives 0
-_SAME = 10  # samples of the same value, whose rounding is one and the same
-_SAME_LEVEL = 1e-7  # of an output's range
-_APART = 1e-10  # of the normalised information's eigenvalues: below, a direction cannot be told
-_PART = 5e-3  # of a parameter that lies in such directions, at which it is named
-_BLOCK = 16384  # rows that are summed up at a time
-_BINS = 200  # of time for the long-run covariance, at least
-_LINK = 0.05  # of two parameters' shares in common, at which they are named together
+_FAR_OUT = 700.0  # half a χ² beyond which the tail counts as 0
+_SAME = 10  # samples of the same value, at least, that share one rounding error
+_SAME_LEVEL = 1e-7  # of an output's range: distance within which two levels are the same
+_APART = (
+    1e-10  # eigenvalue of the normalised information below which a direction is not identifiable
+)
+_PART = 5e-3  # share of a parameter in such directions at which it is named
+_BLOCK = 16384  # rows that are summed at a time
+_BINS = 200  # bins of time for the long-run covariance, at least
+_LINK = 0.05  # common share of two parameters at which they are named together
 _ROUNDING = (
-    1e-7  # share of such a direction that rounding leaves in those that have nothing to do with it
+    1e-7  # component that rounding leaves in such a direction for parameters unrelated to it
 )
 
 
 class Uncertainty(NamedTuple):
-    """Covariance of all unknowns, and what the information says."""
+    """Covariance of all unknowns, and the unknowns that the information does not determine."""
 
     covariance: Floats  # (p, p)
-    condition: float  # of the sensitivities, each scaled to length one
+    condition: float  # condition number of the sensitivities, each scaled to length one
     silent: tuple[int, ...]  # unknowns without any effect
-    apart: tuple[tuple[int, ...], ...]  # groups that cannot be told apart
+    apart: tuple[tuple[int, ...], ...]  # groups of unknowns that cannot be separated
 
 
 def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floats, Floats]:
-    """(Σ ψᵀ Λ⁻¹ ψ (p, p), Σ ψᵀ Λ⁻¹ ε (p,)) of slopes ψ (rows, outputs, p) and errors ε (rows, outputs), with
-    Λ⁻¹ = W Wᵀ.
+    """Return (Σ ψᵀ Λ⁻¹ ψ (p, p), Σ ψᵀ Λ⁻¹ ε (p,)) of slopes ψ (rows, outputs, p) and errors ε (rows, outputs).
+
+    `root` is W with Λ⁻¹ = W Wᵀ.
     """
     count = slopes.shape[2]
     matrix, gradient = np.zeros((count, count)), np.zeros(count)
@@ -58,14 +61,14 @@ def normal_equations(slopes: Floats, errors: Floats, root: Floats) -> tuple[Floa
 
 
 def information(slopes: Floats, root: Floats, inverse_std: Floats) -> Floats:
-    """M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
+    """Return M = Σ ψᵀ Λ⁻¹ ψ (p, p), with the priors' share; slopes ψ (rows, outputs, p), Λ⁻¹ = W Wᵀ."""
     matrix, _ = normal_equations(slopes, np.zeros(slopes.shape[:2]), root)
     total: Floats = matrix + np.diag(inverse_std**2)
     return total
 
 
 def uncertainty(matrix: Floats) -> Uncertainty:
-    """What an information matrix tells."""
+    """Return the uncertainty that follows from an information matrix."""
     size = np.sqrt(np.diag(matrix))
     loud = size > 0.0
     silent = tuple(int(k) for k in np.flatnonzero(~loud))
@@ -87,7 +90,7 @@ def uncertainty(matrix: Floats) -> Uncertainty:
 
 
 def pseudo_inverse(matrix: Floats) -> Floats:
-    """The inverse of an information matrix in the directions that can be told, 0 in the others."""
+    """Return the inverse of an information matrix in the identifiable directions, 0 in the others."""
     size = np.sqrt(np.diag(matrix))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
@@ -97,8 +100,9 @@ def pseudo_inverse(matrix: Floats) -> Floats:
 
 
 def _together(projector: Floats) -> list[list[int]]:
-    """Groups of unknowns that the directions without information mix, by the projector onto these: of two sums of
-    which each cannot be told, the directions are any mixture, the projector is not.
+    """Return groups of unknowns that the directions without information mix, by the projector onto these.
+
+    For two sums that are both undetermined the directions are any mixture, but the projector is unique.
     """
     share = np.diag(projector)
     groups: list[list[int]] = []
@@ -114,7 +118,7 @@ def _together(projector: Floats) -> list[list[int]]:
 
 
 def sandwich(inverse: Floats, scores: Floats) -> Floats:
-    """M⁻¹ S M⁻¹ of a covariance S (p, p), with no variance below 0 where M can hardly be inverted."""
+    """Return M⁻¹ S M⁻¹ of a covariance S (p, p), with no variance below 0 where M is nearly singular."""
     values, vectors = np.linalg.eigh(scores)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T @ inverse
     result: Floats = root.T @ root
@@ -122,9 +126,10 @@ def sandwich(inverse: Floats, scores: Floats) -> Floats:
 
 
 def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Floats) -> Floats:
-    """M⁻¹ S M⁻¹ with the long-run covariance S of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) and the priors' share,
-    for residuals that are correlated in time; `series` (m, p) of scores for each experiment, evenly in time;
-    `inverse` is M⁻¹.
+    """Return M⁻¹ S M⁻¹ for residuals that are correlated in time.
+
+    S is the long-run covariance of the scores ψᵀ Λ⁻¹ ε (Bartlett's kernel) with the priors' share; `series` are
+    the scores (m, p) of each experiment, evenly spaced in time; `inverse` is M⁻¹.
     """
     size: Floats = np.sqrt(np.mean(np.concatenate(series) ** 2, axis=0))
     width = _bandwidth([each / np.where(size > 0.0, size, 1.0) for each in series])
@@ -137,9 +142,10 @@ def robust_covariance(series: Sequence[Floats], inverse: Floats, inverse_std: Fl
 
 
 def _window_sums(values: Floats, width: int) -> Floats:
-    """(n + width − 1, p): sums over `width` rows, the first and last ones over those there are. Their products
-    sum up to those of the rows at all lags, weighted by Bartlett's kernel, at a cost that does not grow with the
-    width.
+    """Return sums (n + width − 1, p) over `width` rows, the first and last ones over the rows there are.
+
+    Their products add up to those of the rows at all lags, weighted by Bartlett's kernel, at a cost that does not
+    grow with the width.
     """
     edge = np.zeros((width, values.shape[1]))
     sums = np.cumsum(np.concatenate([edge, values, edge[1:]]), axis=0)
@@ -148,9 +154,10 @@ def _window_sums(values: Floats, width: int) -> Floats:
 
 
 def score_series(times: Floats, measured: Floats, scores: Floats) -> Floats:
-    """Scores (n, p) of the rows of one experiment, summed over bins (m, p) of time as wide as the outputs' samples
-    are apart, where that makes bins enough: rows without a sample, and outputs that take turns, would hide how the
-    scores hang together.
+    """Return the scores (n, p) of the rows of one experiment, summed over bins (m, p) of time.
+
+    Bins are as wide as the outputs' samples are apart, where that makes enough bins: rows without a sample, and
+    outputs that are sampled in turn, would hide the correlation of the scores.
     """
     spacings = [
         float(np.median(np.diff(times[there])))
@@ -167,8 +174,9 @@ def score_series(times: Floats, measured: Floats, scores: Floats) -> Floats:
 
 
 def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floats:
-    """Covariance (p, p) of the scores that rounding adds where a rounded output stays the same for ten samples or
-    more: there its error, q²/12 for the step q, is not one a sample but one for all of them.
+    """Return the covariance (p, p) that rounding adds to the scores where an output is constant for ten samples.
+
+    There the error of a rounded output, q²/12 for the step q, is not one per sample but one for all of them.
     """
     total = np.zeros((slopes.shape[2], slopes.shape[2]))
     inverse = root @ root.T
@@ -186,8 +194,9 @@ def rounding_information(measured: Floats, slopes: Floats, root: Floats) -> Floa
 
 
 def rounding_step(values: Floats) -> float:
-    """The step of a rounded output: the largest that all its levels are multiples of, from one of them on; next to
-    0 of one that is not rounded, 0 of one that never changes.
+    """Return the step of a rounded output: the largest that divides the distances of all its levels.
+
+    It is close to 0 for an output that is not rounded, and 0 for one that never changes.
     """
     levels = np.unique(values)
     if len(levels) < 2:
@@ -195,7 +204,7 @@ def rounding_step(values: Floats) -> float:
     distances = np.diff(levels)
     least = _SAME_LEVEL * (levels[-1] - levels[0])
     step = float(np.max(distances))
-    while True:  # Euclid's
+    while True:  # Euclid's algorithm
         over = distances % step
         over = np.minimum(over, step - over)
         if not np.any(over > least):
@@ -204,7 +213,7 @@ def rounding_step(values: Floats) -> float:
 
 
 def _bandwidth(series: Sequence[Floats]) -> int:
-    """Andrews's plug-in for Bartlett's kernel, from first-order autoregressions."""
+    """Return Andrews's plug-in bandwidth for Bartlett's kernel, from first-order autoregressions."""
     count = sum(len(scores) for scores in series)
     later = np.concatenate([scores[1:] for scores in series])
     earlier = np.concatenate([scores[:-1] for scores in series])
@@ -220,7 +229,7 @@ def _bandwidth(series: Sequence[Floats]) -> int:
 
 
 def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
-    """(lags + 1,) of a residual, 1 at lag 0; zeros of a residual that is nothing."""
+    """Return the autocorrelation (lags + 1,) of a residual, 1 at lag 0; zeros for a constant residual."""
     centred = errors - np.mean(errors)
     power = float(centred @ centred)
     result = np.zeros(lags + 1)
@@ -231,12 +240,15 @@ def autocorrelation(errors: Floats, lags: int = LAGS) -> Floats:
 
 
 def _product(a: Floats, b: Floats) -> float:
-    """Σ a b. Not by BLAS, whose threads cost more than they save here."""
+    """Return Σ a b; not by BLAS, whose threads cost more than they save here."""
     return float(np.einsum("n,n->", a, b))
 
 
 def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats:
-    """(2 lags + 1,) of a residual with the input, lags −n … n; positive: the error follows the input."""
+    """Return the correlation (2 lags + 1,) of a residual with the input, lags −n … n.
+
+    At positive lags the error follows the input.
+    """
     e, u = errors - np.mean(errors), inputs - np.mean(inputs)
     power = math.sqrt(float(e @ e) * float(u @ u))
     result = np.zeros(2 * lags + 1)
@@ -248,12 +260,12 @@ def crosscorrelation(errors: Floats, inputs: Floats, lags: int = LAGS) -> Floats
 
 
 def is_nothing(errors: Floats, measured: Floats) -> bool:
-    """Whether errors are no more than rounding in double precision, as of data without noise."""
+    """Whether errors are no more than rounding in double precision, as for data without noise."""
     return bool(np.max(np.abs(errors)) <= 1e-9 * np.ptp(measured))
 
 
 def is_white(errors: Floats, lags: int = LAGS) -> bool:
-    """Ljung and Box's test of a residual's first autocorrelations."""
+    """Whether a residual is white, by Ljung and Box's test of its first autocorrelations."""
     count = len(errors)
     lags = min(lags, count // 4)
     if lags < 1:
@@ -264,7 +276,7 @@ def is_white(errors: Floats, lags: int = LAGS) -> bool:
 
 
 def chi_square_tail(value: float, freedom: int) -> float:
-    """The probability that χ² with so many degrees of freedom is larger (Abramowitz and Stegun, 26.4.4 f.)."""
+    """Return the probability of a χ² above `value` (Abramowitz and Stegun, 26.4.4 f.)."""
     half = 0.5 * value
     if half > _FAR_OUT:
         return 0.0
@@ -280,7 +292,7 @@ def chi_square_tail(value: float, freedom: int) -> float:
 
 
 def fit_percent(measured: Floats, simulated: Floats) -> float:
-    """NRMSE fit 100 (1 − ‖y − ŷ‖/‖y − mean y‖) [%]; NaN for an output that never changes."""
+    """Return the NRMSE fit 100 (1 − ‖y − ŷ‖/‖y − mean y‖) [%]; NaN for an output that never changes."""
     spread = float(np.linalg.norm(measured - np.mean(measured)))
     if spread == 0.0:
         return math.nan
@@ -288,7 +300,7 @@ def fit_percent(measured: Floats, simulated: Floats) -> float:
 
 
 class Criteria(NamedTuple):
-    """Model selection; smaller is better."""
+    """Criteria of model selection; smaller is better."""
 
     fpe: float
     aic: float
@@ -297,8 +309,9 @@ class Criteria(NamedTuple):
 
 
 def criteria(loss: float, deviance: float, samples: int, rows: int, unknowns: int) -> Criteria:
-    """FPE (of the loss, with `rows` sample times), AIC, AICc, BIC from −2 log L without its constants
-    (`deviance`), all `samples` and the number of unknowns.
+    """Return FPE (from the loss, with `rows` sample times), AIC, AICc and BIC.
+
+    These come from −2 log L without its constants (`deviance`), all `samples` and the number of unknowns.
     """
     share = unknowns / rows if rows > unknowns else math.nan
     likelihood = deviance + samples * (math.log(2.0 * math.pi) + 1.0)
@@ -314,7 +327,7 @@ def criteria(loss: float, deviance: float, samples: int, rows: int, unknowns: in
 
 
 def correlation_of(covariance: Floats) -> Floats:
-    """The correlation matrix; NaN where a variance is not finite."""
+    """Return the correlation matrix; NaN where a variance is not finite."""
     std = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         result: Floats = covariance / np.outer(std, std)
@@ -322,7 +335,7 @@ def correlation_of(covariance: Floats) -> Floats:
 
 
 def named(groups: Sequence[Sequence[int]], names: Sequence[str]) -> list[str]:
-    """Groups that cannot be told apart, as sentences; those of one unknown are told elsewhere."""
+    """Return a sentence for each group that cannot be separated; single unknowns are reported elsewhere."""
     return [
         f"{', '.join(names[k] for k in group[:-1])} and {names[group[-1]]} cannot be told apart"
         for group in groups

@@ -1,6 +1,6 @@
-"""Measured inputs through a model: the states at the sample times, by the full plant or by a rigid model.
+"""Simulation with measured inputs: the states at the sample times, by the full plant or by a rigid model.
 
-Between two samples the inputs hold; the interval is cut into equal steps no longer than asked for.
+Between two samples the inputs hold; the interval is divided into equal steps no longer than requested.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ OUTPUTS = (
 )
 
 
-# A stretch ends after so many steps, and keeps what the next one begins with: the row (-1: none yet), the steps
-# done after it, the currents shown, the state.
+# A stretch ends after this number of steps, and stores what the next one begins with: the row (-1: none yet), the
+# steps done after it, the currents that the sensors show, the state.
 _STRETCH = 100_000
 _ROW, _STEPS, _SHOWN = 0, 1, 2
 _DRIVE = len(DriveState._fields)
@@ -48,24 +48,26 @@ _KEPT = _CLAW + len(LatchState._fields)
 _LEFT = DriveState(*range(_AT_LEFT, _AT_RIGHT))
 _RIGHT = DriveState(*range(_AT_RIGHT, _ANGLE))
 _LATCH = LatchState(*range(_CLAW, _KEPT))
-_CREEP = 0.1  # rev/s: far below, the hinge's friction does not tell a direction
+_CREEP = 0.1  # rev/s; far below it the hinge's friction has no definite direction
 
 
 class Start(NamedTuple):
-    """How a trajectory begins."""
+    """The beginning of a trajectory."""
 
-    balanced: float  # 1.0: the gate is where its drives have it; 0.0: cold and at rest, drives amid their play
+    balanced: (
+        float  # 1.0: the gate is where its drives hold it; 0.0: cold, at rest, drives in mid-play
+    )
     latched: float
     left_current: float
     right_current: float
     speed: float  # rev/s, of both drives
-    # From here on for a gate that is where its drives have it, but for the angle.
+    # The fields below, except for the angle, are for a gate that is where its drives hold it.
     left_position: float  # rev
-    right_ahead: float  # rev, of the left drive
-    angle: float  # rad; the gate's, or what it is beyond the balance of forces
-    rate: float  # rad/s, beyond that of the drives
-    warmth: float = 0.0  # K, of the windings above the surroundings
-    housing_warmth: float = 0.0  # K, of the housings
+    right_ahead: float  # rev, ahead of the left drive
+    angle: float  # rad, angle of the gate, or its distance from the balance of forces
+    rate: float  # rad/s, in addition to the rate that the drives impose
+    warmth: float = 0.0  # K, temperature of the windings above ambient
+    housing_warmth: float = 0.0  # K, temperature of the housings above ambient
 
 
 REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -73,7 +75,7 @@ REST = Start(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @compilable
 def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: float) -> State:
-    """A gate that goes along with its drives."""
+    """Return the state of a gate that moves with its drives."""
     winding, housing = ambient + start.warmth, ambient + start.housing_warmth
     left, right = start.left_position, start.left_position + start.right_ahead
     return State(
@@ -90,7 +92,7 @@ def moving_state(claw: Claw, start: Start, angle: float, rate: float, ambient: f
 
 @compilable
 def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
-    """Torque [N m] on a gate that goes along with its drives, at an angle: falls as the angle grows."""
+    """Return the torque [N m] on a gate that moves with its drives, at an angle: it falls as the angle grows."""
     rate = plant.left.travel * start.speed / gate.lever(plant.link, angle)
     state = moving_state(plant.latch, start, angle, rate, load.ambient_temperature)
     share = start.speed / (abs(start.speed) + _CREEP)
@@ -99,7 +101,7 @@ def unbalanced(plant: Plant, load: Load, start: Start, angle: float) -> float:
 
 @compilable
 def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
-    """The angle [rad] at which the gate follows its drives without being accelerated."""
+    """Return the angle [rad] at which the gate follows its drives without being accelerated."""
     middle = rigid.angle_at(plant.link, plant.left.travel * start.left_position)
     low, high = middle - 0.1, middle + 0.1
     for _ in range(50):
@@ -113,7 +115,7 @@ def balanced_angle(plant: Plant, load: Load, start: Start) -> float:
 
 @compilable
 def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
-    """The state in which a trajectory begins."""
+    """Return the state in which a trajectory begins."""
     ambient = plant.environment.ambient_temperature
     if start.balanced == 0.0:
         state = initial.initial_state(plant, start.angle, start.latched)
@@ -129,7 +131,7 @@ def state_at(plant: Plant, load: Load, start: Start, model: int) -> State:
 
 @compilable
 def keep(kept: Floats, state: State, left: float, right: float) -> None:
-    """Put a state, and the currents that the sensors show, where the next stretch finds them."""
+    """Store a state, and the currents that the sensors show, for the next stretch."""
     fill(kept, _AT_LEFT, state.left)
     fill(kept, _AT_RIGHT, state.right)
     kept[_ANGLE], kept[_RATE], kept[_LATCHED] = state.gate_angle, state.gate_rate, state.latched
@@ -140,7 +142,7 @@ def keep(kept: Floats, state: State, left: float, right: float) -> None:
 
 @compilable
 def state_in(kept: Floats) -> State:
-    """The state that was kept."""
+    """Return the stored state."""
     return State(
         picked(kept, _LEFT),
         picked(kept, _RIGHT),
@@ -166,9 +168,10 @@ def run(
     out: Floats,
     kept: Floats,
 ) -> None:
-    """Fill `out` (n, 7) with OUTPUTS at `times`; the currents as a sensor of that filter, gain and offset shows
-    them. It returns after so many steps, to be called again until `kept` says that it is through: nobody can stop
-    it within.
+    """Fill `out` (n, 7) with OUTPUTS at `times`; the currents are those that the sensors show.
+
+    The sensors have a filter, a gain and an offset. The function returns after _STRETCH steps and must be called
+    again until `kept` states that all rows are done, because it cannot be interrupted while it runs.
     """
     degrees = 180.0 / math.pi
     k, done, room = int(kept[_ROW]), int(kept[_STEPS]), _STRETCH
@@ -229,12 +232,12 @@ def trajectory(
     rows: Floats,
     longest: float,
 ) -> Floats:
-    """OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds.
+    """Return OUTPUTS (n, 7) at `times` (n,), with inputs `rows` (n, 14) and steps of at most `longest` seconds.
 
-    Raises UnwantedError in a worker whose result nobody waits for any more.
+    Raises UnwantedError in a worker whose result is no longer needed.
     """
     out = np.empty((len(times), len(OUTPUTS)))
-    # Machine code tells 0 from 0.0, and an array from every other sample of one: each would be compiled anew.
+    # Machine code is compiled anew for each type and array layout: 0 and 0.0 differ, and so does a strided array.
     start = Start(*(float(value) for value in start))
     times, rows = (np.require(each, np.float64, ("C", "W")) for each in (times, rows))
     kept = np.zeros(_KEPT)

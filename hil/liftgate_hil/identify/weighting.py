@@ -1,4 +1,4 @@
-"""How much each output weighs: prediction errors by their own covariance, and the likelihood that follows.
+"""Weighting of the outputs: prediction errors by their own covariance, and the resulting likelihood.
 
 The loss is the determinant criterion, V = det(1/N Σ ε εᵀ): maximum likelihood for Gaussian noise of unknown
 covariance (Ljung, System Identification, 2nd ed., 15.2). Where the outputs are not all sampled together Λ is
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_FLOOR = 1e-18  # of an output's own variance: noise that a double cannot tell from none
-_HUGE = 1e6  # prediction of a model that diverged
+_FLOOR = 1e-18  # of an output's own variance: noise too small for double precision
+_HUGE = 1e6  # prediction that stands for that of a diverged model
 
 
 @dataclass(frozen=True)
@@ -27,36 +27,39 @@ class Weighting:
 
     @property
     def log_determinant(self) -> float:
-        """Of the Λ that W belongs to: where outputs go together (both drives alike) rounding makes the determinant
-        of `covariance` 0, or negative.
+        """Logarithm of the determinant of Λ, computed from W.
+
+        Where outputs are equal (both drives alike) rounding makes the determinant of `covariance` 0 or negative.
         """
         return float(-2.0 * np.sum(np.log(np.diag(self.root))))
 
     @property
     def loss(self) -> float:
-        """The determinant of Λ."""
+        """Determinant of Λ."""
         return float(np.exp(self.log_determinant))
 
 
 def is_whole(measured: Floats) -> bool:
-    """Whether the outputs are sampled together: where one of them has a sample all have."""
+    """Whether the outputs are sampled together: where one of them has a sample, all have one."""
     there = np.isfinite(measured)
     return bool(np.all(there[np.any(there, axis=1)]))
 
 
 def sampled_rows(measured: Floats) -> int:
-    """The number of rows with a sample."""
+    """Return the number of rows with a sample."""
     return int(np.sum(np.any(np.isfinite(measured), axis=1)))
 
 
 def errors_of(measured: Floats, predicted: Floats) -> Floats:
-    """ε = y − ŷ, 0 where there is no sample."""
-    predicted = np.where(np.abs(predicted) < _HUGE, predicted, _HUGE)  # not a number is not less
+    """Return the errors ε = y − ŷ, 0 where there is no sample."""
+    predicted = np.where(
+        np.abs(predicted) < _HUGE, predicted, _HUGE
+    )  # NaN is not less, so it is replaced too
     return np.where(np.isfinite(measured), measured - predicted, 0.0)
 
 
 def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weighting:
-    """Λ from the errors, or from `given` standard deviations."""
+    """Return the weighting with Λ from the errors, or from `given` standard deviations."""
     counts = np.sum(np.isfinite(measured), axis=0)
     floor = _FLOOR * np.maximum(np.nanvar(measured, axis=0), 1e-300)
     if given is not None:
@@ -72,8 +75,9 @@ def weighting_of(measured: Floats, errors: Floats, given: Floats | None) -> Weig
 
 
 def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighting) -> float:
-    """−2 log L without N (log 2π + 1): N log det Λ + Σ εᵀ Λ⁻¹ ε − N, the last two of which cancel at the maximum
-    over Λ.
+    """Return −2 log L without N (log 2π + 1): N log det Λ + Σ εᵀ Λ⁻¹ ε − N.
+
+    The last two terms cancel at the maximum over Λ.
     """
     counts = np.sum(np.isfinite(measured), axis=0)
     excess = float(np.sum((errors @ weighting.root) ** 2) - np.sum(counts))
@@ -85,8 +89,9 @@ def log_likelihood_deviance(measured: Floats, errors: Floats, weighting: Weighti
 def loss_of(
     measured: Floats, weighting: Weighting, errors: Floats, given_std: Floats | None
 ) -> float:
-    """The loss of prediction errors: the determinant of their covariance, or the mean of their weighted squares
-    where the noise is given.
+    """Return the loss of prediction errors.
+
+    It is the determinant of their covariance, or the mean of their weighted squares where the noise is given.
     """
     if given_std is None:
         return weighting.loss

@@ -1,7 +1,7 @@
-"""Simulations on all CPUs: machine code holds no interpreter lock, so threads are enough.
+"""Simulations on all CPUs: machine code does not hold the interpreter lock, so threads are enough.
 
-While they run the main thread only waits, so that an interrupt (Ctrl-C) reaches it at once; a simulation looks
-between its stretches whether somebody still waits for it.
+While they run the main thread only waits, so that an interrupt (Ctrl-C) reaches it at once; a simulation checks
+between its stretches whether its result is still needed.
 """
 
 from __future__ import annotations
@@ -15,20 +15,22 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_MOST_ROWS = 4_000_000  # of all simulations at a time: each needs some 150 bytes a row
+_MOST_ROWS = (
+    4_000_000  # rows of all simulations that run at a time; each needs some 150 bytes a row
+)
 _this_thread = threading.local()
 
 
 class UnwantedError(Exception):
-    """Nobody waits for the result any more."""
+    """Raised in a worker whose result is no longer needed."""
 
 
 def on_all_cpus(
     function: Callable[[Item], Result], items: Sequence[Item], rows: int
 ) -> list[Result]:
-    """`function` of each item, in their order; `rows` of a simulation limit how many run at a time.
+    """Return `function` of each item, in their order; `rows` of a simulation limit how many run at a time.
 
-    What `function` raises, or an interrupt of the caller, ends all of them.
+    An exception of `function`, or an interrupt of the caller, ends all of them.
     """
     count = min(len(items), _cpus(), max(1, _MOST_ROWS // max(rows, 1)))
     if count <= 1:
@@ -44,7 +46,7 @@ def on_all_cpus(
 
 
 def check_wanted() -> None:
-    """Raises UnwantedError in a worker whose caller has given up."""
+    """Raise UnwantedError in a worker whose caller has given up."""
     is_over: threading.Event | None = getattr(_this_thread, "is_over", None)
     if is_over is not None and is_over.is_set():
         raise UnwantedError

@@ -1,1 +1,1 @@
-"""What is expected of a run, and what came of it."""
+"""Expectations of a run, and their verdicts."""

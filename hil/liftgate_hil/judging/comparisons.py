@@ -1,4 +1,4 @@
-"""A condition taken apart: what it compares with what, for those who show it."""
+"""The comparisons in a condition, for those who display them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ARITHMETIC: Mapping[int, tuple[str, int, Callable[[Floats, Floats], Floats]]] =
     codes.MUL: ("*", 2, np.multiply),
     codes.DIV: ("/", 2, np.divide),
 }
-_UNARY, _ATOM = 3, 4  # how tightly a text binds; sums and products: see _ARITHMETIC
+_UNARY, _ATOM = 3, 4  # levels of precedence; sums and products: see _ARITHMETIC
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class Side:
 
     @property
     def constant(self) -> float | None:
-        """Its value, where it speaks of no column and no signal."""
+        """Its value, if it reads no column and no signal."""
         if any(code in (COLUMN, SIGNAL) for code, _ in self.ops):
             return None
         return float(self.values({}, 1)[0])
 
     def names(self) -> list[str]:
-        """The columns and signals that it reads, each once."""
+        """Return the columns and signals that it reads, each once."""
         return list(dict.fromkeys(str(name) for code, name in self.ops if code in (COLUMN, SIGNAL)))
 
     def values(self, read: Mapping[str, Floats], count: int) -> Floats:
-        """Its value in so many ticks, from the columns and signals that it reads; NaN: it has none."""
+        """Return its values in `count` ticks, from the columns and signals that it reads; NaN: it has none."""
         stack: list[Floats] = []
         with np.errstate(all="ignore"):
             for code, what in self.ops:
@@ -65,7 +65,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two sides, and the sign between them."""
+    """Two sides and the sign between them."""
 
     left: Side
     sign: str
@@ -73,12 +73,12 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """As in a condition."""
+        """The comparison as in the text of a condition."""
         return f"{self.left.text} {self.sign} {self.right.text}"
 
     @property
     def limit(self) -> tuple[Side, str, float] | None:
-        """What is compared with a number: the side, the sign, the number; None where both sides vary, or none."""
+        """The side, sign and number of a comparison with a number; None where both sides vary, or none."""
         turned = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
         left, right = self.left.constant, self.right.constant
         if right is not None and left is None and math.isfinite(right):
@@ -89,14 +89,14 @@ class Comparison:
 
 
 def shown_name(column: str) -> str:
-    """A column as conditions name it."""
+    """Return the name of a column in conditions."""
     if column.startswith(SENSED_PREFIX):
         return f"sensed.{column.removeprefix(SENSED_PREFIX)}"
     return column
 
 
 def comparisons_of(condition: Condition) -> list[Comparison]:
-    """The comparisons of a condition, in the order of its text, which is that of its units."""
+    """Return the comparisons of a condition, in the order of its text, which is that of its units."""
     found: list[Comparison] = []
     stack: list[tuple[str, int, tuple[tuple[int, str | float], ...]]] = []
     for code, what in condition.ops:
@@ -123,7 +123,7 @@ def comparisons_of(condition: Condition) -> list[Comparison]:
 
 
 def sides_of(comparisons: Sequence[Comparison]) -> list[Side]:
-    """What varies in comparisons, each once."""
+    """Return the sides of comparisons that vary, each once."""
     sides = [side for each in comparisons for side in (each.left, each.right)]
     return list({side.text: side for side in sides if side.constant is None}.values())
 

@@ -1,4 +1,4 @@
-"""Long signals in little room: of each stretch of ticks the smallest and the largest value, which are exact."""
+"""Long signals in little memory: the smallest and the largest value of each stretch of ticks, which are exact."""
 
 from __future__ import annotations
 
@@ -7,24 +7,26 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-MOST_BINS = 1000  # two for each pixel of a picture's width, or nearly so
+MOST_BINS = 1000  # about two per pixel of a plot's width
 
 
 class Envelope:
-    """Takes the ticks of some signals as they come. A bin begins as one tick; where there is no room for more of
-    them, two neighbours become one, so that room and work do not grow with the run.
+    """Collects the ticks of some signals as they come.
+
+    A bin begins as one tick; where there is no room for more bins, neighbours are merged in pairs, so that memory
+    and work do not grow with the run.
     """
 
     def __init__(self, signals: int, most: int = MOST_BINS) -> None:
         self._most = most
-        self._every = 1  # ticks a bin
+        self._every = 1  # ticks per bin
         self._seen = 0
         self._times = np.full(most, np.nan)
         self._low = np.full((most, signals), np.nan)
         self._high = np.full((most, signals), np.nan)
 
     def add(self, times: Floats, values: Floats) -> None:
-        """Ticks (n,) in the order of time with their values (n, signals); NaN: none."""
+        """Add ticks (n,) in the order of time with their values (n, signals); NaN: none."""
         count = len(times)
         if not count:
             return
@@ -40,7 +42,7 @@ class Envelope:
         self._seen += count
 
     def bins(self) -> tuple[Floats, Floats, Floats, int]:
-        """When each bin begins [s] (n,), lowest and highest values in it (n, signals), and ticks a bin."""
+        """Return when each bin begins [s] (n,), its lowest and highest values (n, signals), and ticks per bin."""
         count = -(-self._seen // self._every)
         return self._times[:count], self._low[:count], self._high[:count], self._every
 

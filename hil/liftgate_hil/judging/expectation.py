@@ -1,4 +1,4 @@
-"""What is expected of a run, as a scenario says it."""
+"""Expectations of a run, as given in a scenario."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ PRESENT, ABSENT = STATES = ("present", "absent")  # of a trouble code
 
 @dataclass(frozen=True)
 class Expectation:
-    """A condition that holds always, eventually or never in a window; or a trouble code (`condition`) that the ECU
-    reports in an answer of the window, or in none (`state`).
+    """A condition that holds always, eventually or never in a window, or a trouble code.
 
-    `after` opens it: a time [s], or the first time that a condition is true; `within` [s] is its length, to the
-    run's end where it is infinite. What holds eventually holds for `hold` [s] without interruption.
+    The ECU reports a trouble code (`condition`) in a response in the window, or in none (`state`). `after` opens
+    the window: a time [s], or the first time that a condition is true; `within` [s] is its length, to the run's
+    end where it is infinite. What holds eventually holds for `hold` [s] without interruption.
     """
 
     name: str
@@ -24,11 +24,11 @@ class Expectation:
     after: float | str = 0.0
     within: float = math.inf
     hold: float = 0.0
-    key: str = ""  # of the file: expect[0]
+    key: str = ""  # its key in the file, such as expect[0]
     state: str = ""  # of a trouble code: one of STATES
     source: str = field(default="", compare=False)  # the file; "": the scenario's
 
     @property
     def is_always(self) -> bool:
-        """Whether one tick can be enough to break it, not to fulfil it."""
+        """Whether one tick can be enough to violate it, but not to fulfil it."""
         return self.kind in ("always", "never") or self.state == ABSENT

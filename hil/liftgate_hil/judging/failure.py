@@ -10,7 +10,7 @@ from liftgate_hil.judging.comparisons import Comparison, comparisons_of
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.judging.table import SLACK
 
-# What a comparison allows, and what its negation does.
+# What a comparison allows, and its negation.
 _ALLOWED = {
     "<": "below", "<=": "at most", ">": "above", ">=": "at least", "==": "exactly", "!=": "other than",
 }  # fmt: skip
@@ -19,9 +19,10 @@ _COMPARISONS = (LT, LE, GT, GE, EQ, NE)
 
 
 def failure_of(expectation: Expectation, condition: Condition, progress: Any, last: float) -> str:
-    """Why an expectation failed, from its row of PROGRESS; `last` [s] is the end of what was judged in its window.
+    """Return why an expectation failed, from its row of PROGRESS.
 
-    For example "pinch_force_n: 171.3 N, allowed below 150 N, at 18.45 s".
+    `last` [s] is the end of what was judged in its window. For example "pinch_force_n: 171.3 N, allowed below 150
+    N, at 18.45 s".
     """
     if expectation.kind == "dtc":
         return _of_a_code(expectation, progress, last)
@@ -38,12 +39,12 @@ def failure_of(expectation: Expectation, condition: Condition, progress: Any, la
 
 
 def shown_time(time: float) -> str:
-    """A time of a run [s], to the microsecond, with its unit."""
+    """Return the text of a time of a run [s], to the microsecond, with its unit."""
     return f"{round(float(time), 6):.12g} s"
 
 
 def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
-    """Why one of a trouble code failed."""
+    """Return why an expectation of a trouble code failed."""
     code = expectation.condition
     if expectation.is_always:
         return f"{code}: reported at {progress.decided_at:g} s"
@@ -55,7 +56,7 @@ def _of_a_code(expectation: Expectation, progress: Any, last: float) -> str:
 
 
 def _measured(condition: Condition, progress: Any) -> str:
-    """What the comparison that decided it measured, with what it allows, and when."""
+    """Return what the deciding comparison measured, with what it allows, and when."""
     decider, margin = int(progress.decider), float(progress.margin)
     comparison = comparisons_of(condition)[decider]
     unit, at = condition.units[decider], f"at {shown_time(progress.margin_at)}"
@@ -74,8 +75,9 @@ def _measured(condition: Condition, progress: Any) -> str:
 
 
 def _sides(comparison: Comparison) -> tuple[str, str, float]:
-    """What varies in a comparison, the sign between it and a number, and that number: the difference of two sides
-    that both vary is compared with 0.
+    """Return what varies in a comparison, the sign between it and a number, and that number.
+
+    If both sides vary, their difference is compared with 0.
     """
     limit = comparison.limit
     if limit is not None:
@@ -87,9 +89,9 @@ def _sides(comparison: Comparison) -> tuple[str, str, float]:
 
 
 def negated(condition: Condition) -> list[bool]:
-    """Of each comparison of a condition, in the order of its text, whether its falsehood is what is allowed."""
+    """Return whether only the negation of each comparison of a condition is allowed, in the order of its text."""
     found: list[bool] = []
-    stack: list[list[int]] = []  # of each truth on the stack, the comparisons in it
+    stack: list[list[int]] = []  # the comparisons in each truth value on the stack
     for code, _ in condition.ops:
         if code in _COMPARISONS:
             stack.append([len(found)])
@@ -104,7 +106,7 @@ def negated(condition: Condition) -> list[bool]:
 
 
 def _told_apart(value: float, limit: float) -> str:
-    """A value in as few digits as tell it from a limit, at least four."""
+    """Return a value in as few digits as distinguish it from a limit, at least four."""
     for digits in range(4, 17):
         shown = f"{value:.{digits}g}"
         if float(shown) != limit or value == limit:

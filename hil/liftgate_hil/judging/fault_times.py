@@ -1,4 +1,4 @@
-"""Whether the faults of a run were in force for long enough to matter, from the rows that judging sees."""
+"""Whether the faults of a run were in force long enough to matter, from the rows that the judge gets."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from liftgate_hil.stimuli.moments import Instant
 
 @dataclass(frozen=True)
 class TimedFault:
-    """When a fault is in force, and for how long [s] it has to be so that anybody can notice: what acts on a
-    message, or on what an ECU learns by messages, is bridged by the last one for their time-out.
+    """When a fault is in force, and for how long [s] it must be so that it can be noticed.
+
+    A fault of a message, or of what an ECU learns by messages, is bridged by the last message until its time-out.
     """
 
-    name: str  # as notes call it
+    name: str  # its name in notes
     start: Instant
     end: Instant
-    length: float  # s from its start; infinite: it has none
-    least: float  # s
-    bridge: str  # whose time-out that is
+    length: float  # s from its start; infinite: no limit
+    least: float  # s, shortest time that can be noticed
+    bridge: str  # message whose time-out that is
 
 
 def brief_faults(
@@ -31,9 +32,11 @@ def brief_faults(
     last: float,
     step: float,
 ) -> list[str]:
-    """A note for each fault that was in force, but for less than it needs. `came` is when each condition came true
-    [s], by its text and what it counted after (see `Scenario.awaited`); `last` [s] is the end of the run, and no
-    end follows its start sooner than by a `step` [s] of its rows.
+    """Return a note for each fault that was in force, but for less time than it needs.
+
+    `came` is when each condition came true [s], by its text and what it counted after (see `Scenario.awaited`);
+    `last` [s] is the end of the run. The end of a fault follows its start no sooner than by a `step` [s] of the
+    rows.
     """
     found = []
     for each in faults:
@@ -41,7 +44,7 @@ def brief_faults(
         end = _time_of(each.end, each.start.condition or each.start.time, came)
         if (
             end < start - SLACK
-        ):  # it came true before the delay of the start was over: when again is not known
+        ):  # it came true before the delay of the start was over: its next time is unknown
             continue
         end = math.inf if math.isnan(end) else max(end, start + step)
         end = min(end, start + each.length, last)
@@ -56,7 +59,7 @@ def brief_faults(
 def _time_of(
     instant: Instant, after: float | str, came: Mapping[tuple[str, float | str], float]
 ) -> float:
-    """When an instant was [s]; NaN: it has not come."""
+    """Return the time of an instant [s]; NaN: it has not come."""
     if not instant.condition:
         return instant.time
     return came.get((instant.condition, after), math.nan) + instant.delay

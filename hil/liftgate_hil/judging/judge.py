@@ -1,9 +1,9 @@
-"""Judges a run: takes its rows and frames as they come, and says at the end what came of each expectation."""
+"""The judge of a run: processes rows and frames as they come, and returns the verdicts at the end."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,29 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import no_logged
-from liftgate_hil.codec.watch import signal_unit, watched
-from liftgate_hil.conditions.condition import COLUMN, CONST, EQ, NOT, SIGNAL, Condition
-from liftgate_hil.conditions.evaluator import table_of, work_for
-from liftgate_hil.conditions.parser import parsed
-from liftgate_hil.diagnostics import services
-from liftgate_hil.diagnostics.answers import MOST_CODES, Answers
-from liftgate_hil.diagnostics.tester import Diagnostics
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.diagnostics.answers import Answers
 from liftgate_hil.judging.comparisons import comparisons_of
-from liftgate_hil.judging.expectation import PRESENT, Expectation
+from liftgate_hil.judging.expectation import Expectation
+from liftgate_hil.judging.expected import Expected, tables_of
 from liftgate_hil.judging.failure import failure_of
-from liftgate_hil.judging.fault_times import TimedFault, brief_faults
+from liftgate_hil.judging.fault_times import brief_faults
 from liftgate_hil.judging.stepped_again import LONGEST, StepAgain, stepped_again
 from liftgate_hil.judging.table import (
-    ALWAYS,
-    BLOCK,
-    EVENTUALLY,
-    EXPECTATION,
-    PROGRESS,
     SLACK,
-    STRETCH,
-    Expectations,
-    Judged,
     judge_block,
 )
 from liftgate_hil.judging.timeliness import Timeliness
@@ -42,140 +28,27 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compiled
 
 if TYPE_CHECKING:
-    from cantools.database.can import Message
+    pass
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Gap:
-    """From when to when [s] nothing is known of some columns; none: of all."""
+    """A time span [s] in which some columns are unknown; without names: all of them."""
 
     begin: float
     end: float
     names: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True)
-class Expected:
-    """Expectations with their conditions, fitted to a rig's database and to a gate's drives."""
-
-    expectations: tuple[Expectation, ...]
-    conditions: tuple[Condition, ...]  # of each its own, then of each that has one its opener
-    openers: tuple[int, ...]  # which of the conditions opens each; -1: a time
-    signals: tuple[str, ...]  # of the bus, that they speak of
-    messages: Mapping[str, Message]
-    awaited: int = 0  # the last so many are what stimuli wait for
-    codes: tuple[str, ...] = ()  # trouble codes, that they speak of
-    diagnostics: Diagnostics | None = None  # how the ECU is asked for them
-    faults: tuple[TimedFault, ...] = ()  # of the scenario
-
-    def names(self, place: int) -> list[str]:
-        """The columns and signals that an expectation speaks of, and what opens it, each once."""
-        opener = self.openers[place]
-        those = [self.conditions[place], *([self.conditions[opener]] if opener >= 0 else [])]
-        found = [name for each in those for kind in (COLUMN, SIGNAL) for name in each.names(kind)]
-        return list(dict.fromkeys(found))
-
-
-def expected_of(
-    expectations: Sequence[Expectation],
-    parameters: Mapping[str, float],
-    messages: Mapping[str, Message],
-    drives: int,
-    source: str,
-    awaited: Sequence[Expectation] = (),
-    diagnostics: Diagnostics | None = None,
-    faults: Sequence[TimedFault] = (),
-) -> Expected:
-    """Fit expectations to a database and to a gate. Raises ConfigError with all that does not fit; `source` is the
-    file. `awaited` are conditions that stimuli wait for, as expectations: where one never comes nothing passes.
-    `diagnostics` is how the ECU is asked for trouble codes; None: it cannot be. `faults` are the scenario's.
-    """
-    expectations = [*expectations, *awaited]
-    issues = ConfigIssues(source)
-
-    def condition_of(
-        of: Expectation, key: str, text: str, is_never: bool = False
-    ) -> Condition | None:
-        try:
-            made = parsed(text, parameters, lambda name: signal_unit(messages, name))
-        except ValueError as error:
-            issues.add_of(of.source, key, str(error))
-            return None
-        for said in made.beyond(drives):
-            issues.add_of(of.source, key, said)
-        return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
-
-    own: list[Condition | None] = []
-    openers, judged = [], len(expectations) - len(awaited)
-    codes = codes_of(expectations, diagnostics, issues)
-    for place, each in enumerate(expectations):
-        is_own = place < judged
-        key = f"{each.key}.{each.kind}" if is_own else each.key
-        if each.kind == "dtc":
-            own.append(_reported(each))
-        else:
-            own.append(condition_of(each, key, each.condition, each.kind == "never"))
-        if isinstance(each.after, str):
-            key = f"{each.key}.after" if is_own else each.key
-            openers.append(condition_of(each, key, each.after))
-    issues.raise_if_any()
-    conditions = [each for each in (*own, *openers) if each is not None]
-    opener_of, count = [], len(expectations)
-    for each in expectations:
-        is_opened = isinstance(each.after, str)
-        opener_of.append(count if is_opened else -1)
-        count += is_opened
-    names = dict.fromkeys(name for each in conditions for name in each.names(SIGNAL))
-    signals = tuple(name for name in names if name not in codes)
-    watched(messages, signals, issues)
-    issues.raise_if_any()
-    found = tuple(expectations), tuple(conditions), tuple(opener_of)
-    return Expected(
-        *found,
-        signals,
-        messages,
-        len(awaited),
-        codes,
-        diagnostics if codes else None,
-        tuple(faults),
-    )
-
-
-def codes_of(
-    expectations: Sequence[Expectation], diagnostics: Diagnostics | None, issues: ConfigIssues
-) -> tuple[str, ...]:
-    """The trouble codes that expectations speak of; why they cannot be read is noted."""
-    asking = [each for each in expectations if each.kind == "dtc"]
-    codes = tuple(dict.fromkeys(each.condition for each in asking))
-    if not asking:
-        return ()
-    key, source = f"{asking[0].key}.dtc", asking[0].source
-    if diagnostics is None:
-        said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
-        issues.add_of(source, key, f"{asking[0].condition}: {said}")
-    if not services.is_there():
-        issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")
-    if len(codes) > MOST_CODES:
-        issues.add_of(source, key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
-    return codes
-
-
-def _reported(expectation: Expectation) -> Condition:
-    """That a trouble code is reported, or is not: its value is 1 in a tick with an answer that reports it, 0 in
-    one with another answer, and none in all others.
-    """
-    code = expectation.condition
-    ops = ((SIGNAL, code), (CONST, 1.0), (EQ, 0.0))
-    return Condition(code, ops if expectation.state == PRESENT else (*ops, (NOT, 0.0)), ("",))
-
-
 class Judge:
-    """Judges rows and frames as they come; a Taker. `rate` [Hz] is that of the rows, `end` [s] that of the run and
-    of every window. A frame may wait for `tolerance` [s] until the gate picks it up; None: on the
-    rows' clock none waits, and the bench is never late. After a lateness of more than `silence` [s] an ECU may
-    have taken messages of the gate for lost, and nothing more can be said of it.
+    """Judges rows and frames as they come; a Sink.
+
+    `rate` [Hz] is that of the rows, `end` [s] that of the run and of every window. A frame may wait for
+    `tolerance` [s] until the gate processes it; None: on the rows' clock none waits, and the bench is never late.
+    After a lateness of more than `silence` [s] an ECU may have taken messages of the gate for lost, and nothing
+    more can be said of it.
     """
 
     def __init__(
@@ -192,7 +65,7 @@ class Judge:
         self._timeliness = None if tolerance is None else Timeliness(tolerance, 1.0 / rate)
         self.end = end
         self._last = -math.inf
-        self._not_made = 0.0  # of stimuli, at the last row
+        self._not_made = 0.0  # stimuli that could not be applied, at the last row
         self._frames = no_logged()
         self._marks = _NO_MARKS
         self._answers = (
@@ -200,15 +73,15 @@ class Judge:
         )
         self._run = compiled(judge_block)
         self._tables, self._judged = tables_of(expected, rate, end)
-        self._judge(np.zeros((0, ROW_WIDTH)), no_logged(), _NO_MARKS)  # compiles before time counts
+        self._judge(np.zeros((0, ROW_WIDTH)), no_logged(), _NO_MARKS)  # compiles in advance
 
     @property
     def reads_the_bus(self) -> bool:
-        """Whether it needs frames."""
+        """Whether the judge needs frames."""
         return bool(self.expected.signals or self.expected.codes)
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """Judge rows (n, ROW_WIDTH) and the frames up to them; later frames wait for their rows."""
         if not self.reads_the_bus:
             frames = no_logged()
         marks = _NO_MARKS
@@ -219,7 +92,7 @@ class Judge:
         if not len(rows):
             self._frames, self._marks = np.array(frames), marks
             return
-        if (np.diff(frames["time_ns"]) < 0).any():  # what came while the gate was sending
+        if (np.diff(frames["time_ns"]) < 0).any():  # some came while the gate was sending
             frames = frames[np.argsort(frames["time_ns"], kind="stable")]
         if self._timeliness is not None:
             self._timeliness.take(rows)
@@ -232,8 +105,9 @@ class Judge:
         self._marks = marks[seen:]
 
     def _judge(self, rows: NDArray[np.float64], frames: Any, marks: Any) -> int:
-        """Judge rows with the frames that came and their marks. How many frames belong to these rows; the others
-        wait for later ones.
+        """Judge rows with the frames that came and their marks.
+
+        Returns how many frames belong to these rows; the others wait for later ones.
         """
         frames = frames.view(np.recarray)
         payloads = np.ascontiguousarray(frames["payload"])
@@ -246,9 +120,11 @@ class Judge:
         gaps: Sequence[Gap] = (),
         again: StepAgain | None = None,
     ) -> list[Verdict]:
-        """What came of them, in the order of the file; `error` is why the run has not come to its end, `late` how
-        late the bench itself was, or what it has not made, so that nothing can be said of the ECU, `gaps` what was
-        not recorded. Where the bench's lateness may have decided, `again` steps the gate again.
+        """Return the verdicts in the order of the file.
+
+        `error` is why the run did not reach its end; `late` is how late the bench itself was, or which stimuli
+        could not be applied, so that no verdict on the ECU is possible; `gaps` is what was not recorded. Where the
+        bench's lateness may have decided, `again` steps the gate again.
         """
         if self._not_made > 0.0 and not late:
             late = f"the bench has not made {self._not_made:g} of the stimuli that it was asked for"
@@ -259,17 +135,17 @@ class Judge:
         return [replace(each, window_s=self.window(place)) for place, each in enumerate(found)]
 
     def late(self) -> str:
-        """When the bench was later than is tolerated, of all the run; "": it was not."""
+        """Return when the bench was later than is tolerated, in all the run; "": it was not."""
         if self._timeliness is None:
             return ""
         found = self._timeliness.worst(0.0, math.inf)
         return found.told if found.seconds > self._timeliness.tolerance else ""
 
     def _on_time(self, place: int, verdict: Verdict, again: StepAgain | None) -> Verdict:
-        """A verdict that the bench's own lateness in its window, until it was decided, has not decided; how that
-        is known is its method.
+        """Return the verdict if the bench's lateness in its window, until it was decided, has not decided it.
 
-        One that fails, or whose trigger never came, tells of lateness before, which may have led to it.
+        Otherwise the verdict is checked by `stepped_again`; its method says how. One that fails, or whose trigger
+        never came, reports lateness before, which may have led to it.
         """
         progress, timeliness = self._judged.progress[place], self._timeliness
         if timeliness is None or verdict.verdict == ERROR:
@@ -291,7 +167,7 @@ class Judge:
         late, force = timeliness.worst(begin, end), 0.0
         if verdict.margin_unit == "N" and late.seconds > 0.0:
             at, around = float(progress.margin_at), late.seconds + self._step
-            # Where nothing is pinched around its margin a force cannot be another there.
+            # If nothing is pinched around its margin, the force cannot differ there.
             if timeliness.pinches(at - around, at + around):
                 force = late.seconds * timeliness.force_rate(begin, end)
         if late.seconds > timeliness.tolerance:
@@ -302,7 +178,7 @@ class Judge:
         return replace(verdict, uncertainty=force or None)
 
     def _hindered(self, found: list[Verdict], late: str, gaps: Sequence[Gap]) -> list[Verdict]:
-        """Verdicts of a run in which stimuli never came, or the bench was late."""
+        """Return the verdicts; a pass becomes inconclusive if stimuli never came, any but an error if `late`."""
         count = len(found)
         for place in range(count, len(self.expected.expectations)):
             if not self._judged.progress[place].is_decided:
@@ -324,7 +200,7 @@ class Judge:
         ]
 
     def window(self, place: int) -> tuple[float, float] | None:
-        """From when to when [s] an expectation is judged, as far as is known by now; None: it is not open yet."""
+        """Return from when to when [s] an expectation is judged, as far as known; None: it is not open yet."""
         progress = self._judged.progress[place]
         if np.isnan(progress.begin):
             return None
@@ -332,7 +208,7 @@ class Judge:
         return begin, max(begin, end if math.isfinite(end) else self._last)
 
     def closest(self, place: int) -> float:
-        """When the margin of an expectation was [s], so far; NaN: there is none."""
+        """Return the time [s] of the margin of an expectation so far; NaN: there is none."""
         if self.expected.expectations[place].kind == "dtc":
             return math.nan
         return float(self._judged.progress[place].margin_at)
@@ -366,7 +242,7 @@ class Judge:
         )
 
     def _in_gaps(self, place: int, verdict: Verdict, gaps: Sequence[Gap]) -> Verdict:
-        """A verdict that nothing missing in its window, or before what opens it, could have changed."""
+        """Return the verdict, inconclusive if data missing in its window, or before it opens, could change it."""
         progress = self._judged.progress[place]
         is_opened = self.expected.openers[place] >= 0
         begin = 0.0 if is_opened else float(progress.begin)
@@ -382,7 +258,7 @@ class Judge:
         return verdict
 
     def _undecided(self, place: int) -> str:
-        """Why nothing can be said of an expectation; "": something can."""
+        """Return why there is no verdict on an expectation; "": there is one."""
         expectation, progress = self.expected.expectations[place], self._judged.progress[place]
         if np.isnan(progress.begin):
             return f"its trigger never came: {expectation.after}"
@@ -407,7 +283,7 @@ class Judge:
 
     @staticmethod
     def _unanswered(answers: Answers, progress: Any, expectation: Expectation, end: float) -> str:
-        """Why nothing can be said of a trouble code in a window up to a time [s]; "": something can."""
+        """Return why there is no verdict on a trouble code in a window up to a time [s]; "": there is one."""
         if progress.counted == 0:
             why = f"; the ECU refused {answers.refused}" if answers.refused else ""
             return f"no answer to reading the trouble codes in its window, {progress.begin:g} to {end:g} s{why}"
@@ -417,7 +293,7 @@ class Judge:
         return ""
 
     def _told(self, place: int, verdict: str) -> str:
-        """Why an expectation failed; "" where it passed."""
+        """Return why an expectation failed; "" if it passed."""
         if verdict == PASS:
             return ""
         progress = self._judged.progress[place]
@@ -428,7 +304,7 @@ class Judge:
         )
 
     def notes(self) -> list[str]:
-        """What of the stimuli may explain verdicts: faults that were in force for too short to matter."""
+        """Return notes on stimuli that may explain verdicts: faults that were in force too briefly to matter."""
         expected = self.expected
         first = len(expected.expectations) - expected.awaited
         came = {
@@ -437,49 +313,6 @@ class Judge:
             if place >= first and self._judged.progress[place].is_decided
         }
         return brief_faults(expected.faults, came, self._last, self._tables.step)
-
-
-def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
-    """The tables of a judge before its first row; see Judge."""
-    count = len(expected.expectations)
-    rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
-    progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
-    room = 0
-    for place, (row, each) in enumerate(zip(rows, expected.expectations, strict=True)):
-        row.kind = ALWAYS if each.is_always else EVENTUALLY
-        row.condition, row.opener = place, expected.openers[place]
-        row.after = math.nan if isinstance(each.after, str) else each.after
-        row.within, row.hold = each.within, each.hold
-        row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
-        room += int(row.stretch_count) if each.hold else 0
-    for name in (
-        "begin",
-        "end",
-        "decided_at",
-        "margin",
-        "margin_at",
-        "since",
-        "false_at",
-        "late_at",
-    ):
-        progress[name] = math.nan
-    issues = ConfigIssues("")
-    tables = Expectations(
-        rows,
-        table_of(expected.conditions, (*expected.signals, *expected.codes)),
-        watched(expected.messages, expected.signals, issues),
-        len(expected.codes),
-        1.0 / rate,
-    )
-    signals = len(expected.signals) + len(expected.codes)
-    judged = Judged(
-        progress,
-        np.zeros(room, dtype=STRETCH).view(np.recarray),
-        np.full(signals, math.nan),
-        np.full((BLOCK, signals), math.nan),
-        work_for(BLOCK),
-    )
-    return tables, judged
 
 
 def _with_reason(verdict: Verdict, more: str) -> Verdict:

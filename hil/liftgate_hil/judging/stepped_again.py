@@ -1,5 +1,7 @@
-"""Whether a verdict of a run in real time holds although the bench was late: the gate is stepped again, in model
-time, with the ECU's commands as they arrived, and with them earlier and later by the bench's lateness.
+"""Whether a verdict of a run in real time holds although the bench was late.
+
+The gate is stepped again, in model time, with the ECU's commands as they arrived, and with them earlier and later
+by the bench's lateness.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ class SteppedAgain:
     as_they_arrived: Sequence[Verdict]  # in the order of the expectations
     earlier: Sequence[Verdict]
     later: Sequence[Verdict]
-    # By the place of an expectation: how far what decided it changed within the lateness around its margin.
+    # By the place of an expectation: how much the deciding value changed within the lateness around its margin.
     changes: Sequence[float]
 
 
@@ -31,8 +33,10 @@ StepAgain = Callable[[float], SteppedAgain | None]
 def stepped_again(
     verdict: Verdict, place: int, late: float, force: float, why: str, again: StepAgain | None
 ) -> Verdict:
-    """A run's verdict of the expectation at a place, where the bench was `late` [s], which means `force` [N] where
-    its margin is one: as it is, where the gate stepped again confirms it with room to spare, else inconclusive.
+    """Return the verdict of the expectation at a place of a run whose bench was `late` [s].
+
+    `force` [N] is what this means for a margin that is a force. The verdict stays as it is if the gate stepped
+    again confirms it with room to spare, else it is inconclusive.
     """
     found = None if again is None or late > LONGEST else again(late)
     if found is None:
@@ -46,7 +50,7 @@ def stepped_again(
         if other.verdict != verdict.verdict:
             said = f"stepped again with the commands as they arrived{how}: {other.verdict}"
             return Verdict(verdict.name, INCONCLUSIVE, reason=f"{why}; {said}", method=REPLAY)
-    if verdict.margin is None:  # of a trouble code: what the ECU answered is all that is known
+    if verdict.margin is None:  # a trouble code: only the ECU's responses are known
         return Verdict(
             verdict.name, INCONCLUSIVE, reason=f"{why}; no margin tells whether it bears that"
         )

@@ -1,9 +1,8 @@
-"""Expectations as tables, judged in machine code over blocks of rows and frames: while a run goes on, and again
-from its recording.
+"""Expectations as tables, judged in machine code over blocks of rows and frames, live and from a recording.
 
-An expectation has a window, [begin, end], both ends in, that a time or a condition opens. In it a condition holds
-always, or eventually, or eventually for some time without interruption. What is kept of it does not grow with the
-run.
+An expectation has a window, [begin, end], both ends included, that a time or a condition opens. In it a condition
+holds always, or eventually, or eventually for some time without interruption. The memory that this takes does not
+grow with the run.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ EXPECTATION = np.dtype(
         ("opener", "i8"),  # condition that opens the window; -1: a time does
         ("after", "f8"),  # s
         ("within", "f8"),  # s; infinite: to the end
-        ("hold", "f8"),  # s, 0: a single tick does
-        ("stretch_first", "i8"),  # rows of the ring that the last `hold` is kept in
+        ("hold", "f8"),  # s; 0: a single tick is enough
+        ("stretch_first", "i8"),  # rows of the ring buffer for the last `hold`
         ("stretch_count", "i8"),
     ]
 )
@@ -47,50 +46,50 @@ PROGRESS = np.dtype(
         ("decided_at", "f8"),  # s
         ("margin", "f8"),  # so far; NaN: none
         ("margin_at", "f8"),  # s
-        ("decider", "i8"),  # comparison that it is of
-        # Of the last `hold`: the smallest margins to come, in a ring.
-        ("since", "f8"),  # s, from when on there is no interruption; NaN: none
+        ("decider", "i8"),  # comparison that the margin is of
+        # For the last `hold`: the candidates for the smallest margin, in a ring buffer.
+        ("since", "f8"),  # s, from when on all ticks have a value; NaN: the last has none
         ("false_at", "f8"),  # s, the last tick in which the condition was false
         ("head", "i8"),
         ("tail", "i8"),
         (
             "late_at",
             "f8",
-        ),  # s, when it was true (eventually) behind its window only; NaN: it was not
+        ),  # s, when the condition came true (eventually) only after the window; NaN: it did not
     ]
 )
 
 STRETCH = np.dtype([("time", "f8"), ("margin", "f8"), ("decider", "i8")])
 
-BLOCK = 512  # ticks that are evaluated at once
+BLOCK = 512  # ticks evaluated at once
 
 SLACK = 1e-7  # s: rows lie 1e-4 s apart at least, sums of times are exact to 1e-10 s
 _TIME = COLUMN_PLACE["time_s"]
 
 
 class Expectations(NamedTuple):
-    """All of a scenario, and the signals on the bus that they speak of."""
+    """All expectations of a scenario, and the bus signals that they refer to."""
 
     rows: Any  # (n,) EXPECTATION
     conditions: Conditions
     bus: BusConfig
-    codes: int  # trouble codes, whose values are behind those of the signals
+    codes: int  # number of trouble codes, whose values follow those of the signals
     step: float  # s from a row to the next
 
 
 class Judged(NamedTuple):
-    """How far they are. Written in place."""
+    """The progress of the expectations. Written in place."""
 
     progress: Any  # (n,) PROGRESS
-    stretches: Any  # STRETCH, the rings
-    values: NDArray[np.float64]  # (signals + codes,) on the bus as they stand
+    stretches: Any  # STRETCH, the ring buffers
+    values: NDArray[np.float64]  # (signals + codes,) current values
     signals: NDArray[np.float64]  # (BLOCK, signals + codes) in each tick of a block
     work: Work
 
 
 @compilable
 def forget_codes(expectations: Expectations, judged: Judged) -> None:
-    """A trouble code has a value in the ticks with an answer alone."""
+    """Clear the values of the trouble codes, which have one only in ticks with a response."""
     first = len(judged.values) - expectations.codes
     for place in range(first, len(judged.values)):
         judged.values[place] = np.nan
@@ -98,8 +97,9 @@ def forget_codes(expectations: Expectations, judged: Judged) -> None:
 
 @compilable
 def take_codes(expectations: Expectations, judged: Judged, mark: int) -> None:
-    """What a frame says of the trouble codes, as in `diagnostics/answers.py`. Of two answers in a tick either may
-    report one.
+    """Set the values of the trouble codes by a frame's mark, as in `diagnostics/answers.py`.
+
+    Of two responses in a tick, either may report a code.
     """
     first = len(judged.values) - expectations.codes
     for bit in range(expectations.codes if mark >= 0 else 0):
@@ -117,8 +117,10 @@ def signals_in(
     marks: NDArray[np.int64],
     seen: int,
 ) -> int:
-    """The bus's signals in each tick of a block, from the frames after so many: how many are behind it then. A
-    frame counts from the first row whose time is its own or later, in whole microseconds.
+    """Write the bus signals in each tick of a block, and return how many frames belong to it or to earlier ticks.
+
+    The frames after the first `seen` are new. A frame counts from the first row whose time is its own or later, in
+    whole microseconds.
     """
     if len(judged.values) == 0:
         return len(frames)
@@ -140,7 +142,7 @@ def signals_in(
 def opened(
     expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
 ) -> None:
-    """Open a window in this block, where its time or its condition comes."""
+    """Open a window in this block if its time or its condition comes."""
     own, progress = expectations.rows[which], judged.progress[which]
     if own.opener < 0:
         progress.begin = own.after
@@ -156,7 +158,7 @@ def opened(
 
 @compilable
 def note_margin(progress: Any, kind: int, time: float, margin: float, decider: int) -> None:
-    """The smallest margin of always, the largest of eventually."""
+    """Keep the smallest margin of always, the largest of eventually."""
     better = margin < progress.margin if kind == ALWAYS else margin > progress.margin
     if better or np.isnan(progress.margin):
         progress.margin, progress.margin_at, progress.decider = margin, time, decider
@@ -173,12 +175,14 @@ def note_stretch(
     margin: float,
     decider: int,
 ) -> None:
-    """One tick more of an expectation that must hold for some time: the smallest margin of each stretch that ends
-    here, from a queue of those that may yet be the smallest.
+    """Add one tick to an expectation that must hold for some time.
+
+    The smallest margin of each stretch that ends here is taken from a queue of those that can still be the
+    smallest.
     """
     first, count = own.stretch_first, own.stretch_count
     if np.isnan(progress.since):
-        progress.since, progress.head, progress.tail = time, 0, 0  # the ring is of this stretch
+        progress.since, progress.head, progress.tail = time, 0, 0  # the ring buffer starts again
     if not truth:
         progress.false_at = time
     while progress.tail > progress.head and (
@@ -201,15 +205,16 @@ def note_stretch(
 
 @compilable
 def is_covered(progress: Any, begin: float, step: float) -> bool:
-    """Whether a stretch from a time [s] to the tick in hand lies behind the window's begin, and behind the last
-    tick without a value, as far as ticks of a `step` [s] tell.
+    """Whether a stretch up to the current tick begins after the window's begin and the last tick without a value.
+
+    `begin` [s] is that of the stretch; the accuracy is that of ticks of a `step` [s].
     """
     return bool(begin > progress.since - step + SLACK)
 
 
 @compilable
 def has_held(progress: Any, begin: float, step: float) -> bool:
-    """Whether a condition has been true without interruption from a time [s] to the tick in hand."""
+    """Whether a condition has been true without interruption from a time [s] to the current tick."""
     if np.isnan(progress.since) or not is_covered(progress, begin, step):
         return False
     return bool(np.isnan(progress.false_at) or progress.false_at < begin - SLACK)
@@ -225,8 +230,9 @@ def note_late(
     first: int,
     last: int,
 ) -> None:
-    """Look in the ticks from `first` to before `last`, which are behind the window, for when the condition is true
-    at last.
+    """Note when the condition becomes true for the first time, in the ticks from `first` to before `last`.
+
+    These are the ticks after the window.
     """
     for i in range(first, last):
         time = rows[i, _TIME]
@@ -246,7 +252,7 @@ def note_late(
 def note_ticks(
     own: Any, progress: Any, work: Work, rows: NDArray[np.float64], first: int, last: int
 ) -> None:
-    """The ticks from `first` to before `last` of an expectation whose single tick decides."""
+    """Add the ticks from `first` to before `last` to an expectation that a single tick decides."""
     is_always, best, best_at, decided_at = own.kind == ALWAYS, progress.margin, -1, -1
     for i in range(first, last):
         margin = work.numbers[0, i]
@@ -267,7 +273,7 @@ def note_ticks(
 def judge_one(
     expectations: Expectations, judged: Judged, which: int, rows: NDArray[np.float64]
 ) -> None:
-    """Take a block into one expectation."""
+    """Judge a block for one expectation."""
     own, progress = expectations.rows[which], judged.progress[which]
     if np.isnan(progress.begin):
         opened(expectations, judged, which, rows)
@@ -285,7 +291,7 @@ def judge_one(
     while behind > first and rows[behind - 1, _TIME] > progress.end + SLACK:
         behind -= 1
     if progress.ticks == 0 and behind > first:
-        # A row tells of the tick that it ends: where a window opens within that, nothing of the window is missing.
+        # A row is for the tick that it ends: if a window opens within that tick, nothing of the window is missing.
         progress.since = max(progress.begin, rows[first, _TIME] - expectations.step)
     progress.ticks += behind - first
     if own.hold == 0.0:
@@ -309,7 +315,7 @@ def note_stretches(
     first: int,
     last: int,
 ) -> None:
-    """Take the ticks from `first` to before `last` of an expectation that must hold for some time."""
+    """Add the ticks from `first` to before `last` to an expectation that must hold for some time."""
     for i in range(first, last):
         margin = work.numbers[0, i]
         if np.isnan(margin):
@@ -330,8 +336,10 @@ def judge_block(
     marks: NDArray[np.int64],
     last: float,
 ) -> int:
-    """Take rows (n, ROW_WIDTH) up to a time [s] and frames (m,) LOGGED with their payloads (m, 64), and where
-    there are trouble codes what each says of them (m,): how many of the frames are behind the last row.
+    """Judge rows (n, ROW_WIDTH) up to a time [s] and frames (m,) LOGGED with their payloads (m, 64).
+
+    `marks` (m,) is what each frame reports of trouble codes, if there are any. Returns how many frames belong to
+    these rows.
     """
     seen = 0
     for first in range(0, len(rows), BLOCK):

@@ -1,8 +1,7 @@
-"""How late the bench itself was: its lateness is bounded, from the columns that tell it, live and from a recording
-alike.
+"""The lateness of the bench itself, bounded by the columns that report it, live and from a recording alike.
 
-What is told does not depend on how many rows come at a time: live they come by a few, from a recording by
-thousands. Memory grows with what was late, not with the rows.
+The result does not depend on how many rows come at a time: live they come by a few, from a recording by thousands.
+Memory grows with late events, contacts and seconds of the run, not with the rows.
 """
 
 from __future__ import annotations
@@ -21,27 +20,27 @@ _TIME, _FORCE = COLUMN_PLACE["time_s"], COLUMN_PLACE["pinch_force_n"]
 _MISSED, _DROPPED = COLUMN_PLACE["ticks_missed"], COLUMN_PLACE["frames_dropped"]
 _DELAY = COLUMN_PLACE["command_delay_s"]
 _PLACES = [_TIME, _MISSED, _DROPPED, _DELAY, _FORCE]
-_ROWS = 512  # that wait until they are looked at together
+_ROWS = 512  # rows that are processed together
 
 
 class Lateness(NamedTuple):
-    """The longest that anything waited because of the bench; infinite: nobody knows how long."""
+    """The longest that anything waited because of the bench; infinite: unknown."""
 
     seconds: float
-    told: str  # what it was, and when
+    told: str  # description: what it was, and when
 
 
 @dataclass
 class _Late:
-    """A time in which the bench was late."""
+    """A time span in which the bench was late."""
 
     begin: float  # s
     end: float
-    seconds: float  # that something waited
-    missed: int  # ticks; 0: it was something else
+    seconds: float  # how long something waited
+    missed: int  # missed ticks; 0: it was something else
 
     def told(self) -> str:
-        """In words."""
+        """Return a description of the lateness."""
         at = f"about {self.begin:.3f} s"
         if self.missed:
             return f"{self.missed} {'tick was' if self.missed == 1 else 'ticks were'} missed {at}"
@@ -53,18 +52,18 @@ class _Late:
 
 @dataclass
 class _Second:
-    """What is kept of a second of the run."""
+    """What is kept of one second of the run."""
 
     delay: float = 0.0  # s, the longest that a frame waited, up to the tolerance
     force_rate: float = 0.0  # N/s, the fastest that the pinch force changed
 
 
 class Timeliness:
-    """Takes rows as they come, `step` [s] apart. Lateness up to `tolerance` [s] is what a bus may cost."""
+    """Evaluates rows as they come, `step` [s] apart; lateness up to `tolerance` [s] is what a bus may cause."""
 
     def __init__(self, tolerance: float, step: float) -> None:
         self.tolerance, self._step = tolerance, round(step, 9)  # from a recording it is an estimate
-        self._late: list[_Late] = []  # by their ends
+        self._late: list[_Late] = []  # in the order of their ends
         self._seconds: dict[int, _Second] = {}
         self._last = np.zeros(len(_PLACES))
         self._waiting: list[NDArray[np.float64]] = []
@@ -74,18 +73,18 @@ class Timeliness:
 
     @property
     def is_told(self) -> bool:
-        """Whether any row says how it went."""
+        """Whether any row reports timing."""
         self._look()
         return self._is_told
 
     def take(self, rows: NDArray[np.float64]) -> None:
-        """Rows (n, ROW_WIDTH); those without these columns (NaN) say nothing."""
+        """Process rows (n, ROW_WIDTH); those without these columns (NaN) are ignored."""
         self._waiting.append(rows[:, _PLACES])
         if sum(map(len, self._waiting)) >= _ROWS:
             self._look()
 
     def worst(self, begin: float, end: float) -> Lateness:
-        """The longest lateness from a time [s] to another."""
+        """Return the longest lateness from a time [s] to another."""
         self._look()
         hit = [
             each for each in self._late if each.begin <= end + SLACK and each.end >= begin - SLACK
@@ -97,8 +96,9 @@ class Timeliness:
         return Lateness(max(longest.seconds, delay), f"the bench was late: {longest.told()}")
 
     def force_rate(self, begin: float, end: float) -> float:
-        """The fastest that the pinch force changed from a time [s] to another [N/s]: the speed of what pinches
-        times the stiffness of what is pinched.
+        """Return the fastest change of the pinch force from a time [s] to another [N/s].
+
+        It is the speed of what pinches times the stiffness of what is pinched.
         """
         self._look()
         return max((each.force_rate for each in self._within(begin, end)), default=0.0)
@@ -109,7 +109,7 @@ class Timeliness:
         return any(first <= end + SLACK and last >= begin - SLACK for first, last in self._contacts)
 
     def _note_contacts(self, times: NDArray[np.float64], forces: NDArray[np.float64]) -> None:
-        """Note from when to when there is a force; contacts that follow each other at once are one."""
+        """Note from when to when there is a force; contacts that follow each other at once are merged."""
         touches = np.concatenate([[False], forces > 0.0, [False]])
         edges = np.flatnonzero(np.diff(touches.astype(np.int8)))
         for first, after in edges.reshape(-1, 2).tolist():
@@ -126,7 +126,7 @@ class Timeliness:
         ]
 
     def _look(self) -> None:
-        """At the rows that have come."""
+        """Process the rows that have come."""
         waiting, self._waiting = self._waiting, []
         own = np.concatenate([np.empty((0, len(_PLACES))), *waiting])
         own = own[~np.isnan(own[:, 1:4]).any(axis=1)]
@@ -155,7 +155,7 @@ class Timeliness:
             second.force_rate = max(second.force_rate, float(rate[place]))
 
     def _note_missed(self, times: NDArray[np.float64], missed: NDArray[np.float64]) -> None:
-        """Note gaps: ticks missed one after the other are one."""
+        """Note missed ticks; those one after the other are one gap."""
         for row in np.flatnonzero(missed).tolist():
             time, count = float(times[row]), int(missed[row])
             goes_on = self._is_missing if row == 0 else missed[row - 1] > 0
@@ -171,7 +171,7 @@ class Timeliness:
         return next((each for each in reversed(self._late) if each.missed), None)
 
     def _note(self, begin: float, end: float, seconds: float) -> None:
-        """Note that something waited, in one with what waited at the same time."""
+        """Note that something waited, merged with what waited at the same time."""
         last = self._late[-1] if self._late else None
         is_more = last is not None and not last.missed and begin <= last.end + self._step
         if last is not None and is_more and math.isinf(seconds) == math.isinf(last.seconds):

@@ -1,22 +1,22 @@
-"""Where a run began, kept for those who step its gate again."""
+"""The beginning of a run, kept so that its gate can be stepped again."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
 
 @dataclass(frozen=True)
 class Begun:
-    """Where a scenario's time 0 is: constants, the loop's state and the stimuli there, which stay as they are."""
+    """Constants, loop state and stimuli at the scenario's time 0; they are never changed."""
 
     config: LoopConfig
     state: LoopState
-    scene: Scene
+    stimuli: StimulusPlan
 
     @classmethod
-    def at(cls, config: LoopConfig, state: LoopState, scene: Scene) -> Begun:
-        """A copy of what a loop is about to move on."""
-        return cls(config, copied(state), copied(scene))
+    def at(cls, config: LoopConfig, state: LoopState, stimuli: StimulusPlan) -> Begun:
+        """Return a copy of what a loop is about to advance."""
+        return cls(config, copied(state), copied(stimuli))

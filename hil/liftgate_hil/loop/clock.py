@@ -1,8 +1,9 @@
-"""When the next tick is, and how many steps it makes: two clocks behind one small interface.
+"""Clocks that decide when the next tick is due, and how many steps it makes.
 
-realtime: absolute deadlines. A tick that comes too late skips whole periods: they are counted, and the plant
-makes their steps at once, so that model time equals wall time.
-free: as fast as it goes. Lockstep is not here: there the bus is the clock (`python_loop.run_lockstep`).
+realtime: absolute deadlines. A tick that is too late skips whole periods: they are counted, and the plant makes
+their steps at once, so that model time equals wall time.
+
+free: as fast as possible. Lockstep is not here: there the bus is the clock (`lockstep.run_lockstep`).
 """
 
 from __future__ import annotations
@@ -19,27 +20,27 @@ from liftgate_hil.loop.histogram import BINS, note
 
 
 class Clock(Protocol):
-    """Tells the loop when to tick."""
+    """A clock that tells the loop when to tick."""
 
-    lateness: NDArray[np.int64]  # histogram
+    lateness: NDArray[np.int64]  # histogram of how late the ticks were
 
     def wait(self, tick: int) -> int:
         """Wait until the plant may make step number `tick`; return how many steps are due."""
 
 
 class FreeClock:
-    """No waiting."""
+    """A clock that does not wait."""
 
     def __init__(self) -> None:
         self.lateness = np.zeros(BINS, dtype=np.int64)
 
     def wait(self, tick: int) -> int:
-        """One step at a time."""
+        """Return 1: one step is due at a time."""
         return 1
 
 
 class RealtimeClock:
-    """Step number k is due at start + (k + 1) · period. Raises OverrunError past `limit_ns`."""
+    """A clock on which step number k is due at start + (k + 1) · period."""
 
     def __init__(
         self,
@@ -56,7 +57,10 @@ class RealtimeClock:
         self._start_ns: int | None = None
 
     def wait(self, tick: int) -> int:
-        """Sleep to the deadline; one step, and one more for each whole period that was missed."""
+        """Sleep until the deadline; return 1, and one more for each whole period that was missed.
+
+        Raises OverrunError past `limit_ns`.
+        """
         if self._start_ns is None:
             self._start_ns = self._now() - tick * self._period_ns
         deadline = self._start_ns + (tick + 1) * self._period_ns

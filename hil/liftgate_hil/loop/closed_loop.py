@@ -1,4 +1,4 @@
-"""An episode from beginning to end: stretches of machine code, and what is taken out of the rings between them."""
+"""An episode from beginning to end: stretches of machine code, and the reading of the rings between them."""
 
 from __future__ import annotations
 
@@ -21,31 +21,32 @@ from liftgate_hil.loop.episode import (
     most_frames,
     run_stretch,
 )
-from liftgate_hil.loop.lookout import Lookout, Moment
-from liftgate_hil.loop.recorder import Taker
+from liftgate_hil.loop.observers import Sink
+from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.rings import Memory
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.signals import COLUMN_PLACE
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_plant.compiler import compiled
 
-ROWS = 4096  # of a stretch: what is written stays in the processor's cache
+ROWS = 4096  # rows of a stretch, few enough to stay in the processor's cache
 FRAMES = 16384
 
 
 class Episode:
-    """A closed loop about to run, as fast as it goes. `memory` may be seen by others; its frames are to have room
-    for two ticks at least. Raises ValueError.
+    """A closed loop about to run, as fast as possible. Raises ValueError.
+
+    `memory` may be read by others; its ring of frames must have room for at least two ticks.
     """
 
     def __init__(
         self,
         config: LoopConfig,
         state: LoopState,
-        scene: Scene,
+        stimuli: StimulusPlan,
         adapter: Adapter,
-        takers: Sequence[Taker] = (),
+        sinks: Sequence[Sink] = (),
         is_recorded: bool = True,
         memory: Memory | None = None,
     ) -> None:
@@ -56,30 +57,30 @@ class Episode:
         self.memory = memory or Memory(ROWS, FRAMES)
         self._owns_memory = memory is None
         self._adapter = adapter
-        self._takers = takers
+        self._sinks = sinks
         self._script = Script(
-            scene=scene,
+            stimuli=stimuli,
             ticks=0,
             is_last=0,
             is_recorded=int(is_recorded),
             edges=ANY,
         )
-        # An ECU that has gone through something before is not asked twice at the same time.
-        has_begun = int(scene.origin[0] > 0)
+        # After a precondition the ECU has already had its turn at this time.
+        has_begun = int(stimuli.origin[0] > 0)
         self._now = Stretch(state, adapter.state, has_begun=has_begun, pending=0, outcome=DONE)
         self._run = compiled(run_stretch)
-        self.lookout: Lookout | None = None
+        self.monitor: ProgressMonitor | None = None
         self.bits = 0
 
     @property
     def state(self) -> LoopState:
-        """Where the gate is."""
+        """The loop's state after the last tick."""
         return self._now.loop
 
     @property
     def ticks(self) -> int:
         """Plant steps done since the scenario's time 0."""
-        return int(self._now.loop.tick - self._script.scene.origin[0])
+        return int(self._now.loop.tick - self._script.stimuli.origin[0])
 
     @property
     def time(self) -> float:
@@ -87,8 +88,8 @@ class Episode:
         return self.ticks * self.config.step
 
     def begin(self) -> None:
-        """Compile, or read the cache, before anything happens."""
-        script = self._script._replace(ticks=0, scene=copied(self._script.scene))
+        """Compile, or read the cache, before the run begins."""
+        script = self._script._replace(ticks=0, stimuli=copied(self._script.stimuli))
         self._run(
             self.config,
             self._adapter.node,
@@ -98,29 +99,29 @@ class Episode:
         )
 
     def run(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run until so many ticks are done. Raises PlantDivergedError, EcuError."""
+        """Run until `ticks` ticks are done. Raises PlantDivergedError, EcuError."""
         self.advance(ticks - self.ticks, stopped)
 
     def advance(self, ticks: int, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Run so many ticks more. Raises PlantDivergedError, EcuError."""
+        """Run `ticks` more ticks. Raises PlantDivergedError, EcuError."""
         self._stretches(self._script._replace(ticks=self.state.tick + ticks), stopped)
 
-    def follow(self, scene: Scene) -> None:
-        """Another scene from now on."""
-        self._script = self._script._replace(scene=scene)
+    def follow(self, stimuli: StimulusPlan) -> None:
+        """Use another stimulus plan from now on."""
+        self._script = self._script._replace(stimuli=stimuli)
 
     def finish(self) -> None:
-        """One more tick with the motors off, in which every message is sent."""
+        """Run one more tick with the motors off, in which every message is sent."""
         script = self._script._replace(ticks=self.state.tick, is_last=1)
         self._stretches(script, lambda: False)
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Release the memory, unless the caller provided it."""
         if self._owns_memory:
             self.memory.close()
 
     def summary(self, bitrate: float) -> Summary:
-        """The figures so far."""
+        """Return the figures so far."""
         seconds = self.time
         load = 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
         return Summary(
@@ -151,29 +152,29 @@ class Episode:
                 raise EcuError(f"the ECU at {self.time:.3f} s: {self._adapter.failure()}")
 
     def _take(self) -> None:
-        """Hand on what the rings hold, and empty them."""
+        """Hand the contents of the rings to the sinks and the monitor, and empty the rings."""
         control = self.memory.shared.control[0]
         rows = self.memory.shared.rows[: control.rows]
         frames = self.memory.shared.frames[: control.frames]
-        for taker in self._takers:
-            taker.take(rows, frames)
-        if self.lookout is not None and len(rows):
+        for sink in self._sinks:
+            sink.take(rows, frames)
+        if self.monitor is not None and len(rows):
             moment = Moment(self.ticks, rows[-1], int(control.sent), 0)
-            self.lookout.look(moment, is_last=self._now.outcome not in (DONE, RESET))
+            self.monitor.look(moment, is_last=self._now.outcome not in (DONE, RESET))
         self.bits += int(control.bits)
         control.rows = control.frames = control.bits = 0
 
 
 class Extremes:
-    """The largest and the smallest value of every column, and when the largest pinch force was."""
+    """A sink that keeps each column's largest and smallest value, and the time of the largest pinch force."""
 
     def __init__(self) -> None:
         self.high: NDArray[np.float64] | None = None
         self.low: NDArray[np.float64] | None = None
-        self.pinch_time = np.nan  # nothing was pinched
+        self.pinch_time = np.nan  # s; NaN: nothing was pinched
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """Update the extremes with rows (n, ROW_WIDTH)."""
         if not len(rows):
             return
         high, low = rows.max(axis=0), rows.min(axis=0)
@@ -186,7 +187,7 @@ class Extremes:
 
 
 class Trace:
-    """Keeps every so many rows."""
+    """A sink that keeps every `every`-th row."""
 
     def __init__(self, every: int = 1) -> None:
         self._every = every
@@ -194,18 +195,18 @@ class Trace:
         self._parts: list[NDArray[np.float64]] = []
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """Keep copies of every `every`-th of the rows (n, ROW_WIDTH)."""
         first = -self._seen % self._every
         self._parts.append(rows[first :: self._every].copy())
         self._seen += len(rows)
 
     def rows(self) -> NDArray[np.float64]:
-        """(n, ROW_WIDTH) in the order of signals.COLUMNS."""
+        """Return the kept rows (n, ROW_WIDTH) in the order of signals.COLUMNS."""
         if not self._parts:
             return np.empty((0, len(COLUMN_PLACE)))
         return np.concatenate(self._parts)
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """By name, (n,) each."""
+        """Return the kept columns by name, (n,) each."""
         rows = self.rows()
         return {name: rows[:, place] for name, place in COLUMN_PLACE.items()}

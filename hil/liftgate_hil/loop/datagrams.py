@@ -1,8 +1,8 @@
-"""Frames through a socket, for code that holds no interpreter lock.
+"""Reading and writing of frames through a socket, by code that does not hold the interpreter lock.
 
 Every wire is a datagram socket that carries the kernel's `struct can_frame` (16 bytes) and `struct canfd_frame`
 (72 bytes, linux/can.h): a raw CAN socket, or one end of a socket pair whose other end a pump thread serves. Many
-frames cost one system call (recvmmsg, sendmmsg). The message headers lie ready in arrays: all addresses are
+frames take one system call (recvmmsg, sendmmsg). The message headers lie ready in arrays: all addresses are
 written once.
 
 Only for 64-bit little-endian Linux; `POSSIBLE` says whether this is one.
@@ -18,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import FD, Frames
-from liftgate_hil.stimuli.bus_faults import MOST
+from liftgate_hil.stimuli.bus_fault_tables import MOST
 from liftgate_plant.compiler import System, compilable, last_error
 
 POSSIBLE = sys.platform == "linux" and sys.maxsize > 2**32 and sys.byteorder == "little"
 
-BATCH = 64  # frames a system call
-CAPACITY = MOST  # frames a tick; more wait in the kernel for the next one
+BATCH = 64  # frames per system call
+CAPACITY = MOST  # frames per tick; more wait in the kernel for the next one
 CLASSIC, LONG = 16, 72  # bytes of the two structs
-_ROW = LONG + 8  # and our own pump's time stamp
-_CONTROL = 64  # bytes of ancillary data: a time stamp and a drop counter
+_ROW = LONG + 8  # bytes of a row: a frame, and the timestamp of this project's pump
+_CONTROL = 64  # bytes of ancillary data: a timestamp and a drop counter
 
 _PAUSE_NS = 1_000_000
 
@@ -42,7 +42,7 @@ _nanosleep = System("nanosleep", "i", "ll")
 
 
 class Buffers(NamedTuple):
-    """Headers and room for a batch, one way. A header is 64 bytes (struct mmsghdr)."""
+    """Headers and buffers for a batch in one direction. A header is 64 bytes (struct mmsghdr)."""
 
     headers: NDArray[
         np.int64
@@ -50,21 +50,21 @@ class Buffers(NamedTuple):
     vectors: NDArray[np.int64]  # (n, 2): address, bytes
     rows: NDArray[np.uint8]  # (n, 80) frames
     control: NDArray[np.int64]  # (n, 8) ancillary data
-    pause: NDArray[np.int64]  # (2,) struct timespec: between two trials to send
+    pause: NDArray[np.int64]  # (2,) struct timespec: pause between two attempts to send
 
 
 class Reading(NamedTuple):
-    """What a read gave besides its frames."""
+    """Result of a read, besides its frames."""
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     error: int  # errno of a failure, 0: none
     dropped: (
-        int  # the kernel's count of frames it dropped since the socket was opened; -1: not told
+        int  # the kernel's count of frames it dropped since the socket was opened; -1: not reported
     )
 
 
 class Writing(NamedTuple):
-    """What became of the frames."""
+    """Result of a write: what became of the frames."""
 
     sent: int
     full: int  # not sent: the wire's queue was full
@@ -73,7 +73,7 @@ class Writing(NamedTuple):
 
 
 def make_buffers() -> Buffers:
-    """Headers that point at their own rows."""
+    """Return headers that point at their own rows."""
     buffers = Buffers(
         np.zeros((BATCH, 8), dtype=np.int64),
         np.zeros((BATCH, 2), dtype=np.int64),
@@ -94,11 +94,11 @@ def make_buffers() -> Buffers:
 def read_frames(
     descriptor: int, buffers: Buffers, frames: Frames, stamps: NDArray[np.int64]
 ) -> Reading:
-    """Read what is there, at most as many datagrams as `frames` has room for; never waits.
+    """Read the datagrams that are there, at most as many as `frames` has room for; never waits.
 
-    What is no frame is passed over, but counts: a socket whose other end has gone gives empty datagrams for ever.
-    `stamps` gets each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative number, a pump's
-    (CLOCK_MONOTONIC) as a positive one, 0 where there is none.
+    Datagrams that are no frames are skipped, but count: a socket whose other end is closed returns empty datagrams
+    for ever. `stamps` receives each frame's time of arrival [ns]: the kernel's (CLOCK_REALTIME) as a negative
+    number, a pump's (CLOCK_MONOTONIC) as a positive one, 0 where there is none.
     """
     count, error, dropped = 0, 0, -1
     left = len(frames.identifiers)
@@ -126,7 +126,7 @@ def read_frames(
 
 @compilable
 def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> None:
-    """A struct can_frame or canfd_frame as a row of frames."""
+    """Convert a struct can_frame or canfd_frame to a row of frames."""
     raw = buffers.rows[i]
     low = int(np.int64(raw[0])) | int(np.int64(raw[1])) << 8
     high = int(np.int64(raw[2])) | int(np.int64(raw[3])) << 8
@@ -142,9 +142,9 @@ def _unpack(buffers: Buffers, i: int, size: int, frames: Frames, row: int) -> No
 
 @compilable
 def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, int]:
-    """(time stamp, drop counter) that came with a frame."""
+    """Return (timestamp, drop counter) that came with a frame."""
     stamp = 0
-    if size == _ROW:  # our own pump's
+    if size == _ROW:  # from this project's pump
         for k in range(8):
             stamp |= int(np.int64(buffers.rows[i, LONG + k])) << (8 * k)
         return stamp, dropped
@@ -164,8 +164,9 @@ def _ancillary(buffers: Buffers, i: int, size: int, dropped: int) -> tuple[int, 
 
 @compilable
 def write_frames(descriptor: int, buffers: Buffers, frames: Frames, patience: int) -> Writing:
-    """Write all; what the wire does not take at once is not sent (the next cycle's frame is newer), or tried again
-    up to `patience` times in all, a millisecond after each.
+    """Write all frames; retry up to `patience` times in all, after a pause each, where the wire accepts none.
+
+    What is still not accepted is not sent: the next cycle's frame is newer.
     """
     sent, full, failed, error = 0, 0, 0, 0
     first = 0
@@ -201,7 +202,7 @@ def write_frames(descriptor: int, buffers: Buffers, frames: Frames, patience: in
 
 @compilable
 def _pack(buffers: Buffers, i: int, frames: Frames, row: int) -> None:
-    """A row of frames as a struct can_frame or canfd_frame."""
+    """Convert a row of frames to a struct can_frame or canfd_frame."""
     raw = buffers.rows[i]
     identifier = int(frames.identifiers[row])
     length = int(frames.lengths[row])

@@ -1,4 +1,4 @@
-"""Watching that a gate that nothing drives gains no energy, as it does where the solver diverges."""
+"""Check that an undriven gate gains no energy, as it does where the solver diverges."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from liftgate_plant.torsion import is_rigid
 
 Floats = NDArray[np.float64]
 
-MOST = 0.01  # of the energy that a gate has to move with, which it may gain
+MOST = 0.01  # share of its available energy that a gate may gain
 _AT = {name: place for place, name in enumerate(COLUMNS)}
-_NOTHING = 1e-3  # J, of quadrature and rounding
+_NOTHING = 1e-3  # J, errors of quadrature and rounding
 _STILL = ("road_slope_deg", "ambient_temperature_degc", "snow_mass_kg")
 _ABSENT = ("hand_force_n", "wind_pressure_pa", "external_torque_nm", "pinch_force_n")
 
 
 class EnergyWatch:
-    """Looks at the rows of a run, block after block, for stretches without any drive or push from outside.
+    """Checks the rows of a run, block by block, in stretches without any drive or push from outside.
 
-    The energy that a gate has to move with is that at the stretch's start above the least that it could have at
-    rest. Of a gate that twists, has a latch with positions, or faults, nothing is said.
+    The available energy of a gate is that at the stretch's start above the least that it could have at rest. A
+    gate that twists, has a latch with positions, or has faults is not checked.
     """
 
     def __init__(self, constants: Constants, has_faults: bool) -> None:
@@ -34,12 +34,14 @@ class EnergyWatch:
         self._constants = constants
         self._is_able = is_rigid(plant.torsion) and plant.latch.half == 0.0 and not has_faults
         self._over: tuple[tuple[float, ...], Potential] | None = None
-        self._least = self._start = math.nan  # J, of the stretch that the last block has left open
+        self._least = self._start = (
+            math.nan
+        )  # J, of the stretch that the last block has left unfinished
 
     def gain(self, rows: Floats, given: Floats) -> int | None:
-        """The first of these rows (n, columns) in which a gate has gained too much; None: in none.
+        """Return the first of these rows (n, columns) in which the gate has gained too much energy; None: in none.
 
-        `given` (n, INPUT_COLUMNS) is what drives the motors from each row on, NaN where nothing is said.
+        `given` (n, INPUT_COLUMNS) is what drives the motors from each row on, NaN where nothing is given.
         """
         if not self._is_able or len(rows) == 0:
             return None
@@ -89,7 +91,7 @@ class EnergyWatch:
 
 
 def motion_of(rows: Floats) -> Motion:
-    """The motion in rows (n, columns)."""
+    """Return the motion in rows (n, columns)."""
 
     def column(name: str) -> Floats:
         values: Floats = rows[:, _AT[name]]

@@ -1,7 +1,7 @@
-"""The closed loop in machine code: gate and ECU, tick by tick, without coming back to Python.
+"""The closed loop in machine code: gate and ECU, tick by tick, without returning to Python.
 
-A bus with two nodes. What the gate sends in tick k the ECU reads in tick k; what it answers the gate reads in
-tick k + 1. The same `tick` and the same `reference.step` as everywhere else.
+A bus with two nodes. What the gate sends in tick k the ECU reads in tick k; what it replies the gate reads in tick
+k + 1. The same `tick` and the same `reference.step` as everywhere else.
 """
 
 from __future__ import annotations
@@ -10,44 +10,43 @@ from typing import NamedTuple
 
 from liftgate_hil.ecu.node import Node, NodeState, ask, outgoing, turn
 from liftgate_hil.ecu.wire import CAPACITY
-from liftgate_hil.loop.rings import Shared, count_bits, note_frames, note_row
-from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force, tick
+from liftgate_hil.loop.advance import advance
+from liftgate_hil.loop.rings import Shared, count_bits, next_row, note_frames
+from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import ON_TIME
 from liftgate_hil.stimuli.mailbox import take_letters
-from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, note_tick, received, sent, turns
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, received, turns
 from liftgate_plant.compiler import compilable
 
 # How a stretch of an episode ended.
 DONE, DIVERGED, BAD_ECU, RESET = 0, 1, 2, 3
 
-ANY = 2**62  # as many edges as come
+ANY = 2**62  # no limit to the number of edges
 
 
 class Script(NamedTuple):
-    """What acts on the closed loop."""
+    """What acts on the closed loop during a stretch, and where the stretch ends."""
 
-    scene: Scene
-    ticks: int  # at which the stretch ends
+    stimuli: StimulusPlan
+    ticks: int  # the loop's tick at which the stretch ends
     is_last: int  # 1: one more tick, with the motors off
     is_recorded: int  # 1: frames go into the ring
-    edges: int  # the stretch ends after so many Hall edges, which their ring is to have room for
+    edges: int  # Hall edges after which the stretch ends; their ring must have room for them
 
 
 class Stretch(NamedTuple):
-    """Where a stretch of an episode ended."""
+    """The state at the end of a stretch of an episode."""
 
     loop: LoopState
     node: NodeState
-    has_begun: int  # 0: the ECU speaks before the first tick
+    has_begun: int  # 0: the ECU has a turn before the first tick
     pending: int  # frames that the ECU sent and the gate has not read
-    outcome: int
+    outcome: int  # DONE, DIVERGED, BAD_ECU or RESET
 
 
 @compilable
 def most_frames(config: LoopConfig) -> int:
-    """How many frames a tick may bring, either way."""
+    """Return how many frames a tick may bring at most, in either direction."""
     return CAPACITY + len(config.outputs.messages)
 
 
@@ -55,8 +54,10 @@ def most_frames(config: LoopConfig) -> int:
 def run_stretch(  # noqa: PLR0915
     config: LoopConfig, node: Node, start: Stretch, script: Script, shared: Shared
 ) -> Stretch:
-    """Run on from where the last stretch ended: until `script.ticks`, until a ring of `shared` could overflow, or
-    until its `stop` is set.
+    """Run on from the end of the last stretch, and return the end of this one.
+
+    It ends at `script.ticks`, where a ring of `shared` could overflow, when its `stop` is set, or with an outcome
+    other than DONE.
     """
     loop, state = start.loop, start.node
     has_begun, to_gate = start.has_begun, outgoing(node, state, start.pending)
@@ -65,34 +66,40 @@ def run_stretch(  # noqa: PLR0915
     rows = len(shared.rows) - control.rows
     edges = loop.sensors.edges.written
     last, most_edges = script.ticks + script.is_last, edges[0] + script.edges
-    outcome, scene, is_over = DONE, script.scene, False
-    origin = scene.origin[0]
+    outcome, stimuli, is_over = DONE, script.stimuli, False
+    origin = stimuli.origin[0]
     while not is_over:
         gate = in_force(
-            config, scene.faults.row
-        )  # apart, so that what follows from it is calculated once
+            config, stimuli.faults.row
+        )  # outside the inner loop, so that what follows from it is calculated once
         while True:
             stopping = loop.tick >= script.ticks
             is_full = rows <= 0 or room <= 0 or edges[0] > most_edges
             is_stopped = control.stop != 0 and not stopping
             is_over = outcome != DONE or loop.tick >= last or is_full or is_stopped
             now = (loop.tick - origin) * config.step
-            if is_over or turns(scene, now):
+            if is_over or turns(stimuli, now):
                 break
             heard, now_ns = config.nothing, 0
             if has_begun != 0 or stopping:
                 rows -= 1
-                take_letters(shared.box, scene.held)
-                outside = outside_at(scene, now, config.step, 0, False, stopping)
+                take_letters(shared.box, stimuli.held)
                 given, start_ns = config.nothing, loop.tick * config.step_ns
                 if not stopping:
-                    given = received(scene, config.inputs, to_gate, start_ns, config.seed)
-                loop, heard, truth, sensed = tick(gate, loop, given, outside)
+                    given = received(stimuli, config.inputs, to_gate, start_ns, config.seed)
+                place = next_row(shared)
+                loop, heard, is_sound = advance(
+                    gate,
+                    loop,
+                    stimuli,
+                    given,
+                    shared.rows[place : place + 1],
+                    ON_TIME,
+                    False,
+                    stopping,
+                )
+                control.rows += 1
                 now_ns = loop.tick * config.step_ns
-                if not stopping:
-                    heard = sent(scene, heard, loop.tick, config.step_ns, config.seed)
-                place = note_row(shared, truth, sensed, ON_TIME)
-                note_tick(scene, shared.rows[place : place + 1], given, heard)
                 if given.count + heard.count > 0:
                     count_bits(shared, given)
                     count_bits(shared, heard)
@@ -103,12 +110,12 @@ def run_stretch(  # noqa: PLR0915
                         room -= given.count + heard.count
                 control.sent += heard.count
                 control.tick = loop.tick - origin
-                if not is_sound(truth):
+                if not is_sound:
                     outcome = DIVERGED
             if outcome == DONE and not stopping:
                 has_begun = 1
                 time_ns = now_ns - origin * config.step_ns
-                if ask(node, state, scene.requests, scene.moments, time_ns, time_ns):
+                if ask(node, state, stimuli.requests, stimuli.moments, time_ns, time_ns):
                     outcome, to_gate = RESET, config.nothing
                 else:
                     state, to_gate, is_fine = turn(node, state, heard, now_ns)

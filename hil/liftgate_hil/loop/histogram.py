@@ -1,5 +1,6 @@
-"""How times are distributed: a bin for each ns up to 64, then 64 bins per octave, so that a bin is at most 1/64
-of its value wide.
+"""Histograms of durations, in which a bin is at most 1/64 of its value wide.
+
+There is a bin for each ns up to 64, then 64 bins per octave.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ BINS = _FINE * _OCTAVES
 
 @compilable
 def bin_of(nanoseconds: int) -> int:
-    """The bin of a duration; what is negative counts as none."""
+    """Return the bin of a duration [ns]; a negative one counts as zero."""
     value = max(int(nanoseconds), 0)
     octave = 0
     while value >= 2 * _FINE:
@@ -30,18 +31,18 @@ def bin_of(nanoseconds: int) -> int:
 
 @compilable
 def note(histogram: NDArray[np.int64], nanoseconds: int) -> None:
-    """Count one duration."""
+    """Count one duration [ns]."""
     histogram[bin_of(nanoseconds)] += 1
 
 
 def upper_end(index: int) -> float:
-    """The largest duration [ns] of a bin."""
+    """Return the largest duration [ns] of a bin."""
     octave = max(index // _FINE - 1, 0)
     return float(((index - octave * _FINE + 1) << octave) - 1)
 
 
 class Distribution(NamedTuple):
-    """What a histogram says, in µs; NaN where it is empty."""
+    """Quantiles and maximum of a histogram [µs]; NaN where it is empty."""
 
     count: int  # type: ignore[assignment]  # shadows tuple.count
     p50_us: float
@@ -50,7 +51,7 @@ class Distribution(NamedTuple):
     max_us: float
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, where NaN is null."""
+        """Return the figures for JSON, where NaN is null."""
         return {key: None if math.isnan(value) else value for key, value in self._asdict().items()}
 
 
@@ -58,7 +59,7 @@ NOTHING = Distribution(0, math.nan, math.nan, math.nan, math.nan)
 
 
 def distribution(histogram: NDArray[np.int64]) -> Distribution:
-    """Quantiles (to a bin's width, 1.6 %) and maximum."""
+    """Return the quantiles (to a bin's width, 1.6 %) and the maximum of a histogram."""
     total = np.cumsum(histogram)
     count = int(total[-1])
     if count == 0:

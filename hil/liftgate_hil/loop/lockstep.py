@@ -1,4 +1,4 @@
-"""Lockstep: an ECU on a bus is the clock, one command period for each command frame."""
+"""Lockstep: an ECU on a bus is the clock, with one command period for each command frame."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from liftgate_hil.errors import OverrunError
 from liftgate_hil.loop.python_loop import Loop
 from liftgate_hil.transport.base import Transport
 
-_PATIENCE = 2.0  # s of silence after which lockstep says that it waits
-_READS = 64  # at once; a flood without an end must not keep it from ticking
-_AHEAD = 256  # commands; while more wait nothing is read
-_MOST = 1 << 16  # frames that wait for a command
+_PATIENCE = 2.0  # s without a command after which lockstep reports that it waits
+_READS = 64  # reads at a time; an endless flood of frames must not prevent ticks
+_AHEAD = 256  # commands; while this many wait, nothing is read
+_MOST = 1 << 16  # frames that may wait for a command
 
 
 class Lockstep(NamedTuple):
-    """How lockstep waits."""
+    """Settings of lockstep."""
 
     command: int  # identifier of the frame that ends a command
     ticks_per_command: int
@@ -34,8 +34,9 @@ def run_lockstep(
 ) -> None:
     """Advance one command period for each command frame that comes; the bus is the clock. Raises OverrunError.
 
-    What was sent before "ready" was dropped when the loop began: an ECU that answers every frame would lag for
-    good by that. One that had given commands may wait for an answer: the first period is without a command then.
+    What was sent before "ready" was dropped when the loop began: otherwise an ECU that answers every frame would
+    lag permanently. An ECU that had already sent commands may wait for an answer: the first period is without a
+    command then.
     """
     lockstep.say("ready: waits for the first command")
     waiting = Waiting(lockstep.command)
@@ -48,7 +49,7 @@ def run_lockstep(
         if not waiting.commands:
             _read(loop.transport, waiting, timeout=0.1)
         elif len(waiting.commands) < _AHEAD:
-            # What comes back of what is sent meanwhile must not fill the bus's queue.
+            # Replies to what is sent meanwhile must not fill the bus's queue.
             waiting.add(loop.transport.receive())
         loop.frames_dropped = waiting.dropped
         silent = time.monotonic() - heard
@@ -70,7 +71,7 @@ def run_lockstep(
 
 
 def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
-    """Read what is there, so that nothing queues up behind frames of others."""
+    """Read the frames that are there, so that nothing queues up behind frames of others."""
     for _ in range(_READS):
         frames = transport.receive(timeout=timeout)
         if not frames.count:
@@ -80,17 +81,17 @@ def _read(transport: Transport, waiting: Waiting, timeout: float) -> None:
 
 
 class Waiting:
-    """Frames that have come and wait for their tick: each command with all that came before it."""
+    """Frames that have come and wait for their tick: each command with all frames before it."""
 
     def __init__(self, command: int) -> None:
         self.commands: deque[Frames] = deque()
-        self.dropped = 0  # the oldest ones of too many without a command
+        self.dropped = 0  # the oldest frames, where too many came without a command
         self._command = command
         self._others: deque[Frames] = deque()
         self._count = 0
 
     def add(self, frames: Frames) -> None:
-        """Frames in the order in which they came."""
+        """Add frames in the order in which they came."""
         start = 0
         is_command = frames.identifiers[: frames.count] & ~FD == self._command
         for row in np.flatnonzero(is_command).tolist():
@@ -109,7 +110,7 @@ class Waiting:
 
 
 def joined(pieces: Sequence[Frames]) -> Frames:
-    """Frames one after the other."""
+    """Return frames joined one after the other."""
     return Frames(
         sum(piece.count for piece in pieces),
         np.concatenate([piece.identifiers for piece in pieces]),

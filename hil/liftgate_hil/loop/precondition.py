@@ -1,7 +1,7 @@
-"""What goes before a scenario: an ECU that is to have learned its gate goes through a few motions first.
+"""The precondition of a scenario: motions by which an ECU learns its gate before the scenario begins.
 
-They run in machine code on every clock, at no pace but its own, and nobody looks on: the scenario's time 0 is
-where they end, with gate and ECU as they are then. Nothing of the scenario acts before.
+They run in machine code with every clock, at their own pace and without observers: the scenario's time 0 is where
+they end, with gate and ECU as they are then. Nothing of the scenario acts before.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from liftgate_hil.loop.tick import LoopConfig, LoopState
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.moments import Instant, Sheet
 from liftgate_hil.stimuli.requests import Request, requests_of
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 
-_LONG_AGO = 2**36  # ticks before the scenario's time 0, as long as that is not known
-_AGES = 2e9  # s before it, and before that
+_LONG_AGO = 2**36  # ticks until the scenario's time 0, assumed while that is not known
+_AGES = 2e9  # s before time 0, earlier than all of these ticks: due at once
 _LOOK = 0.5  # s of standing after which a motion is over
 LONGEST_MOTION = 120.0  # s
-_STANDS = {  # slower than this is standing
+_STANDS = {  # below these limits it stands
     "gate_rate_degps": 0.02,
     "left_speed_rps": 0.02,
     "right_speed_rps": 0.02,
@@ -37,8 +37,8 @@ _STANDS = {  # slower than this is standing
 }
 
 
-class Standing:
-    """Whether the motion that was asked for is over: all has stood for a while, and has had time to begin."""
+class StandstillDetector:
+    """Detects that a requested motion is over: all has stood for a while, and has had time to begin."""
 
     def __init__(self, step: float) -> None:
         self._limits = [(COLUMN_PLACE[name], limit) for name, limit in _STANDS.items()]
@@ -46,7 +46,7 @@ class Standing:
         self._stood = self._seen = 0  # rows
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """Update how long all has stood, by rows (n, ROW_WIDTH)."""
         moves = np.zeros(len(rows), dtype=np.bool_)
         for at, limit in self._limits:
             moves |= abs(rows[:, at]) > limit
@@ -55,50 +55,49 @@ class Standing:
         self._seen += len(rows)
 
     def is_over(self) -> bool:
-        """By the rows so far."""
+        """Whether the motion is over, by the rows so far."""
         return self._stood >= self._enough and self._seen >= 3 * self._enough
 
 
 def gone_through(
     config: LoopConfig,
     state: LoopState,
-    scene: Scene,
+    stimuli: StimulusPlan,
     adapter: Adapter,
     actions: Sequence[str],
     stopped: Callable[[], bool] = lambda: False,
     guard: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> LoopState:
-    """The gate after requests, each made when the motion of the one before is over; `scene` begins there. The ECU
-    runs within a `guard`.
+    """Return the gate's state after a sequence of requests, each made when the motion of the last one is over.
 
-    Raises PreconditionError, EcuError, PlantDivergedError.
+    `stimuli` begins there. The ECU runs within a `guard`. Raises PreconditionError, EcuError, PlantDivergedError.
     """
     if not actions:
         return state
     look = max(1, round(_LOOK / config.step))
-    takers: list[Standing] = []
-    episode = Episode(config, state, scene, adapter, takers, is_recorded=False)
-    scene.origin[0] = state.tick + _LONG_AGO
+    sinks: list[StandstillDetector] = []
+    episode = Episode(config, state, stimuli, adapter, sinks, is_recorded=False)
+    stimuli.origin[0] = state.tick + _LONG_AGO
     try:
         episode.begin()
         for action in actions:
             asked = requests_of([Request(Instant(-_AGES), action)], Sheet())
-            episode.follow(scene._replace(requests=asked, tester=quiet(scene.tester)))
-            takers[:] = [Standing(config.step)]
+            episode.follow(stimuli._replace(requests=asked, tester=quiet(stimuli.tester)))
+            sinks[:] = [StandstillDetector(config.step)]
             for _ in range(round(LONGEST_MOTION / _LOOK)):
                 with guard():
                     episode.advance(look)
-                if stopped() or takers[0].is_over():
+                if stopped() or sinks[0].is_over():
                     break
             else:
                 raise PreconditionError(
                     f"precondition: {action}: the gate still moves, or a drive is still driven, after "
                     f"{LONGEST_MOTION:g} s; allowed: motions that end"
                 )
-    except EcuError as error:  # its time is none of the scenario's
+    except EcuError as error:  # its time is not a time of the scenario
         raise EcuError(f"precondition: the ECU: {adapter.failure()}") from error
     finally:
         episode.close()
-    scene.origin[0] = episode.state.tick
+    stimuli.origin[0] = episode.state.tick
     adapter.begins_anew(episode.state.tick * config.step)
     return episode.state._replace(counts=NO_COUNTS, timeouts=0)

@@ -1,4 +1,4 @@
-"""What `--realtime` asks the machine for. What cannot be had is told, with how to get it."""
+"""What `--realtime` requests from the machine; what is refused is reported, with how to get it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _TIMERSLACK = 29  # PR_SET_TIMERSLACK
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number
 # linux/sched/types.h: size, policy, flags, nice, priority, runtime, deadline, period
 _SCHED_ATTR = struct.Struct("IIQiIQQQ")
-_SLICE_NS = 100_000  # the least that there is
+_SLICE_NS = 100_000  # ns, the shortest possible slice
 _CURRENT, _FUTURE = 1, 2  # MCL_CURRENT, MCL_FUTURE
 PRIORITY = 80  # above the threads of interrupts (50), below the kernel's watchdogs (99)
-PRIORITY_BESIDE = 10  # above all that has no such scheduling
+PRIORITY_BESIDE = 10  # above all threads without such scheduling
 
 
 class Realtime:
-    """Holds what was given for as long as the object lives."""
+    """Holds what the machine has granted for as long as the object lives."""
 
     def __init__(self, cpu: int | None = None) -> None:
         self._cpu = cpu
@@ -30,14 +30,14 @@ class Realtime:
         self.refused: list[str] = []
 
     def prepare(self) -> None:
-        """For the whole process, before the loop starts."""
+        """Prepare the whole process, before the loop starts."""
         gc.collect()
         gc.freeze()
         self._lock_memory()
         self._wake_fast()
 
     def enter(self) -> None:
-        """For the calling thread: a CPU, and FIFO scheduling that children don't inherit."""
+        """Give the calling thread a CPU, and FIFO scheduling that its children do not inherit."""
         cpu = best_cpu() if self._cpu is None else self._cpu
         try:
             os.sched_setaffinity(0, {cpu})
@@ -52,16 +52,17 @@ class Realtime:
 
     @contextlib.contextmanager
     def beside(self, threads: Sequence[int] = ()) -> Iterator[None]:
-        """Let the calling thread, from which an ECU in this process answers, and `threads` (native ids), which
-        carry frames, go before all others but the loop. Then they have the policies and priorities that they had
-        before. What is refused is told by `enter`.
+        """Let the calling thread and `threads` (native ids) go before all others but the loop.
+
+        An ECU in this process answers from the calling thread, and `threads` carry frames. Afterwards they have
+        the policies and priorities that they had before. What is refused is reported by `enter`.
         """
         before = [(0, os.sched_getscheduler(0), os.sched_getparam(0))]
         if ask_for_fifo(PRIORITY_BESIDE):
             yield
             return
         for each in threads:
-            with contextlib.suppress(OSError):  # it has ended
+            with contextlib.suppress(OSError):  # the thread has ended
                 before.append((each, os.sched_getscheduler(each), os.sched_getparam(each)))
                 ask_for_fifo(PRIORITY_BESIDE, each)
         try:
@@ -72,7 +73,7 @@ class Realtime:
                     give_back(policy, parameters, thread)
 
     def release(self) -> None:
-        """Give back what the process holds."""
+        """Release what the process holds."""
         gc.unfreeze()
         if self._is_locked:
             ctypes.CDLL(None).munlockall()
@@ -102,8 +103,9 @@ class Realtime:
 
 
 def ask_for_fifo(priority: int, thread: int = 0) -> str:
-    """FIFO scheduling for a thread (native id; 0: the calling one), not for its children; what stands in the way,
-    if anything.
+    """Request FIFO scheduling for a thread (native id; 0: the calling one), not for its children.
+
+    Returns why it was refused, or an empty string.
     """
     try:
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -117,8 +119,9 @@ def ask_for_fifo(priority: int, thread: int = 0) -> str:
 
 
 def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
-    """Give a thread (native id; 0: the calling one) its scheduling as it was, as far as it may have that again:
-    without CAP_SYS_NICE reset-on-fork stays, and so does a priority below a former one that is above RLIMIT_RTPRIO
+    """Restore a thread's scheduling (native id; 0: the calling one), as far as that is permitted.
+
+    Without CAP_SYS_NICE reset-on-fork stays, and so does a priority below a former one that is above RLIMIT_RTPRIO
     (sched(7)).
     """
     for flag in (0, os.SCHED_RESET_ON_FORK):
@@ -128,10 +131,11 @@ def give_back(policy: int, parameters: os.sched_param, thread: int = 0) -> None:
 
 
 def wake_sharply() -> None:
-    """Let the calling thread's sleeps end on time without FIFO, too.
+    """Let the calling thread's sleeps end on time even without FIFO scheduling.
 
-    The timer slack is 50 µs by default. And who wakes up waits until whoever runs has had its slice, some ms,
-    unless its own is shorter (Linux 6.12 and later, Documentation/scheduler/sched-eevdf.rst; else disregarded).
+    The timer slack is 50 µs by default. And a thread that wakes up waits until the running one has had its slice,
+    some ms, unless its own is shorter (Linux 6.12 and later, Documentation/scheduler/sched-eevdf.rst; else
+    ignored).
     """
     library = ctypes.CDLL(None)
     library.prctl(_TIMERSLACK, 1, 0, 0, 0)
@@ -143,12 +147,12 @@ def wake_sharply() -> None:
 
 
 def allowed_cpus() -> str:
-    """The CPUs that this process may use."""
+    """Return the CPUs that this process may use, as text."""
     return ", ".join(str(cpu) for cpu in sorted(os.sched_getaffinity(0)))
 
 
 def best_cpu() -> int:
-    """An isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first."""
+    """Return an isolated CPU where there is one (isolcpus=), else the last: interrupts favour the first."""
     allowed = os.sched_getaffinity(0)
     path = Path("/sys/devices/system/cpu/isolated")
     text = path.read_text().strip() if path.is_file() else ""
@@ -156,7 +160,7 @@ def best_cpu() -> int:
 
 
 def cpus_of(text: str) -> list[int]:
-    """The numbers of a list such as 2-3,6."""
+    """Return the numbers in a list such as 2-3,6."""
     cpus: list[int] = []
     for part in filter(None, text.split(",")):
         first, _, last = part.partition("-")

@@ -1,7 +1,7 @@
 """The real-time loop: waits, receives, ticks, sends, without the interpreter lock from the first tick to the last.
 
-It owns a thread of its own; what is outside steers it and reads it through `Shared` alone. The tick is the same
-one that every other loop calls.
+It has a thread of its own; other code controls and reads it through `Shared` alone. The tick is the same one that
+every other loop calls.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.frames import ERROR, FD, Frames, empty_frames
 from liftgate_hil.codec.receive import backdate, is_stale
 from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.loop.advance import advance
 from liftgate_hil.loop.datagrams import CAPACITY, Buffers, make_buffers, read_frames, write_frames
 from liftgate_hil.loop.histogram import note
 from liftgate_hil.loop.rings import (
@@ -22,24 +23,27 @@ from liftgate_hil.loop.rings import (
     LATENESS,
     Shared,
     count_bits,
+    next_row,
     note_arrivals,
     note_frames,
-    note_row,
 )
-from liftgate_hil.loop.row import is_sound
-from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force, tick
+from liftgate_hil.loop.tick import LoopConfig, LoopState, in_force
 from liftgate_hil.signals import Bench
 from liftgate_hil.stimuli.bus_faults import restamp
 from liftgate_hil.stimuli.mailbox import take_letters
-from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import Scene, not_made, note_tick, received, sent, turns
+from liftgate_hil.stimuli.stimulus_plan import (
+    StimulusPlan,
+    not_made,
+    received,
+    turns,
+)
 from liftgate_plant.compiler import System, compilable, outlined
 
 ENDED, OVERRUN, DIVERGED = 0, 1, 2
 
 _MONOTONIC, _REALTIME = 1, 0  # clocks
 _ABSOLUTE = 1  # TIMER_ABSTIME
-_LAST_PATIENCE = 100  # trials, ms, for the last frames
+_LAST_PATIENCE = 100  # attempts, 1 ms apart, to send the last frames
 _BUS_OFF, _RESTARTED = 0x40, 0x100  # CAN_ERR_BUSOFF, CAN_ERR_RESTARTED (linux/can/error.h)
 
 _clock_gettime = System("clock_gettime", "i", "il")
@@ -47,43 +51,43 @@ _clock_nanosleep = System("clock_nanosleep", "i", "iill")
 
 
 class RunParams(NamedTuple):
-    """What a run is to do."""
+    """Parameters of a real-time run."""
 
-    descriptor: int  # of the wire
-    ticks: int  # to do in all
+    descriptor: int  # file descriptor of the wire
+    ticks: int  # ticks to make in all
     limit_ns: int  # lateness at which it gives up
     command: int  # identifier of the drive command
     feedback: NDArray[np.int64]  # identifiers of the messages that show what a command did
-    scene: Scene  # the loop's own
-    is_last: int  # 1: another tick when it ends, with the motors off; 0: somebody goes on
+    stimuli: StimulusPlan  # stimulus plan that the loop writes in place
+    is_last: int  # 1: one more tick at the end, with the motors off; 0: another run goes on
 
 
 class Wired(Protocol):
-    """What says to which wire frames go."""
+    """Anything that has a wire to which frames are sent."""
 
     @property
     def descriptor(self) -> int:
-        """Of the wire."""
+        """File descriptor of the wire."""
 
 
 class Room(NamedTuple):
-    """Memory that the loop works in."""
+    """Working memory of the loop."""
 
     reading: Buffers
     writing: Buffers
     identifiers: NDArray[np.int64]
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]
-    stamps: NDArray[np.int64]  # arrival of each frame
-    given: Frames  # those of them that one tick gets
+    stamps: NDArray[np.int64]  # time of arrival of each frame
+    given: Frames  # the frames that one tick gets
     given_stamps: NDArray[np.int64]
-    drained: NDArray[np.int64]  # (1,) when all that had come was last read
-    drops: NDArray[np.int64]  # (1,) what the kernel last said it had dropped; -1: nothing yet
+    drained: NDArray[np.int64]  # (1,) when all frames that had come were last read
+    drops: NDArray[np.int64]  # (1,) the kernel's last count of dropped frames; -1: none yet
     clock: NDArray[np.int64]  # (2,) struct timespec
 
 
 def make_room() -> Room:
-    """Room for the frames of a tick."""
+    """Return working memory for the frames of a tick."""
     frames = empty_frames(CAPACITY)
     return Room(
         make_buffers(),
@@ -102,14 +106,14 @@ def make_room() -> Room:
 
 @outlined
 def clock_ns(clock: int, room: Room) -> int:
-    """A clock of the kernel."""
+    """Return the time of a kernel clock [ns]."""
     _clock_gettime(clock, room.clock.ctypes.data)
     return int(room.clock[0] * 1_000_000_000 + room.clock[1])
 
 
 @compilable
 def wait_until(deadline_ns: int, room: Room) -> int:
-    """Sleep to a time on the monotonic clock; returns the time it is then."""
+    """Sleep until a time on the monotonic clock; return the time after that."""
     now = clock_ns(_MONOTONIC, room)
     while now < deadline_ns:
         room.clock[0] = deadline_ns // 1_000_000_000
@@ -121,9 +125,10 @@ def wait_until(deadline_ns: int, room: Room) -> int:
 
 @compilable
 def arrival_of(stamp: int, now_ns: int, real_ns: int, drained_ns: int) -> int:
-    """A frame's arrival on the monotonic clock, from the stamp that `read_frames` gives: a pump's is of that
-    clock. A step of the wall clock between the frame's arrival and now makes the kernel's wrong; but it came after
-    all was last read.
+    """Return a frame's arrival on the monotonic clock, from the stamp that `read_frames` returns.
+
+    A pump's stamp is of that clock. A step of the wall clock between the frame's arrival and now makes the
+    kernel's stamp wrong; but the frame came after all were last read, which limits the error.
     """
     if stamp >= 0:
         return now_ns if stamp == 0 else min(stamp, now_ns)
@@ -143,7 +148,7 @@ def is_among(frames: Frames, identifiers: NDArray[np.int64]) -> bool:
 
 @compilable
 def send(shared: Shared, params: Wired, room: Room, replies: Frames, patience: int) -> int:
-    """Send and count; how many the wire did not take, see `write_frames`."""
+    """Send frames and count them; return how many the wire did not accept, see `write_frames`."""
     written = write_frames(params.descriptor, room.writing, replies, patience)
     control = shared.control[0]
     control.sent += written.sent
@@ -157,7 +162,10 @@ def send(shared: Shared, params: Wired, room: Room, replies: Frames, patience: i
 
 @compilable
 def note_errors(shared: Shared, frames: Frames) -> None:
-    """Whether the controller is off the bus: it says so, and is on it again when it restarts or hears others."""
+    """Track whether the controller is bus-off.
+
+    Its error frames report bus-off; it is on the bus again when it restarts or other frames are received.
+    """
     control = shared.control[0]
     for i in range(frames.count):
         identifier = frames.identifiers[i]
@@ -170,7 +178,7 @@ def note_errors(shared: Shared, frames: Frames) -> None:
 
 @compilable
 def receive(shared: Shared, params: Wired, room: Room) -> Frames:
-    """The frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
+    """Return the frames that have come; their arrivals on the monotonic clock go to `room.stamps`."""
     frames = Frames(0, room.identifiers, room.lengths, room.data)
     reading = read_frames(params.descriptor, room.reading, frames, room.stamps)
     now_ns = clock_ns(_MONOTONIC, room)
@@ -178,11 +186,11 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
     if reading.error != 0:
         control.receive_errors += 1
         control.last_error = reading.error
-        control.bus_off = 0  # an interface that was down starts its controller afresh
+        control.bus_off = 0  # an interface that was down restarts its controller
     if room.drops[0] < 0 and reading.count > 0:
         room.drops[0] = max(
             reading.dropped, 0
-        )  # what was dropped before the first frame came before the run
+        )  # frames dropped before the first one belong to the time before the run
     elif reading.dropped >= 0:
         # A new socket under the descriptor counts from zero.
         before = room.drops[0] if reading.dropped >= room.drops[0] else 0
@@ -202,7 +210,7 @@ def receive(shared: Shared, params: Wired, room: Room) -> Frames:
 
 @compilable
 def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
-    """How many of `count` frames have arrived by a time on the monotonic clock, counted from a first one on."""
+    """Return the end of the frames from `first` on that have arrived by a time on the monotonic clock."""
     last = first
     while last < count and room.stamps[last] <= time_ns:
         last += 1
@@ -213,8 +221,9 @@ def arrived_by(room: Room, first: int, count: int, time_ns: int) -> int:
 def handed_out(
     bus: BusConfig, shared: Shared, room: Room, first: int, last: int, time_ns: int
 ) -> Frames:
-    """The frames of `room` from `first` to before `last` for a tick at a time on the monotonic clock, with their
-    arrivals in `room.given_stamps`; stale ones are left out and counted.
+    """Return the frames of `room` from `first` to before `last`, for a tick at a time on the monotonic clock.
+
+    Their arrivals go to `room.given_stamps`; stale frames are left out and counted.
     """
     count, given = 0, room.given
     for i in range(first, last):
@@ -232,7 +241,7 @@ def handed_out(
 
 @compilable
 def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) -> int:
-    """When the first frame with an identifier came."""
+    """Return when the first frame with an identifier came; 0: there is none."""
     for i in range(frames.count):
         if frames.identifiers[i] & ~FD == identifier:
             return int(stamps[i])
@@ -241,7 +250,7 @@ def first_arrival(frames: Frames, stamps: NDArray[np.int64], identifier: int) ->
 
 @compilable
 def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
-    """How long the frame has waited that came first [ns]."""
+    """Return the longest time that one of the frames has waited [ns]."""
     longest = 0
     for i in range(frames.count):
         longest = max(longest, now_ns - stamps[i])
@@ -252,27 +261,27 @@ def longest_wait(frames: Frames, stamps: NDArray[np.int64], now_ns: int) -> int:
 def run_realtime(  # noqa: PLR0912, PLR0915
     config: LoopConfig, state: LoopState, params: RunParams, shared: Shared, room: Room
 ) -> tuple[LoopState, int]:
-    """Tick until told to stop or done, and once more with the motors off, when every message is sent.
+    """Tick until stopped or done, and with `is_last` once more with the motors off, when every message is sent.
 
-    Ticks that were missed are made up at once, each with its row, and send nothing. Each tick gets the frames that
-    had arrived by its own time, so that the gate moves as it would have, had none been missed. The state, and
+    Ticks that were missed are made up for at once, each with its row, and send nothing. Each tick gets the frames
+    that had arrived by its own time, so that the gate moves as if none had been missed. Returns the state, and
     ENDED, OVERRUN or DIVERGED.
     """
     control = shared.control[0]
     outcome = ENDED
     waiting_since = 0  # arrival of the oldest command that no feedback has shown yet
     none = Frames(0, room.identifiers, room.lengths, room.data)
-    scene, stopping, is_over = params.scene, False, False
-    origin = scene.origin[0]
+    stimuli, stopping, is_over = params.stimuli, False, False
+    origin = stimuli.origin[0]
     # The scenario's time 0 is now: taken here, where no interpreter lock can hold up what follows.
     start_ns = clock_ns(_MONOTONIC, room) - (state.tick - origin) * config.step_ns
     control.epoch_ns = clock_ns(_REALTIME, room) - (state.tick - origin) * config.step_ns
     room.drained[0] = start_ns
     woken = start_ns
-    come, taken = 0, 0  # frames that have come, and how many of them ticks have had
+    come, taken = 0, 0  # frames that have come, and how many of them ticks have received
     left = -1  # ticks before the last one of those that are due; -1: none is due
     while not is_over:
-        gate = in_force(config, scene.faults.row)  # as in `episode`
+        gate = in_force(config, stimuli.faults.row)  # outside the inner loop, as in `episode`
         while True:
             done = state.tick - origin
             if left < 0:
@@ -291,9 +300,9 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                 elif params.is_last == 0:
                     is_over = True
                     break
-                take_letters(shared.box, scene.held)
+                take_letters(shared.box, stimuli.held)
             now = done * config.step
-            if turns(scene, now):
+            if turns(stimuli, now):
                 break
             given, accepted, waited_ns = none, state.counts.accepted, 0
             now_ns, due_ns = state.tick * config.step_ns, woken
@@ -306,34 +315,40 @@ def run_realtime(  # noqa: PLR0912, PLR0915
                     last = arrived_by(room, taken, come, due_ns)
                 given = handed_out(config.inputs, shared, room, taken, last, due_ns)
                 taken = last
-                given = received(scene, config.inputs, given, now_ns, config.seed)
-                if len(scene.bus_faults.origins) > 0:
-                    restamp(scene.bus_faults, given.count, room.given_stamps, due_ns)
+                given = received(stimuli, config.inputs, given, now_ns, config.seed)
+                if len(stimuli.bus_faults.origins) > 0:
+                    restamp(stimuli.bus_faults, given.count, room.given_stamps, due_ns)
                 if left == 0:
                     due_ns = clock_ns(_MONOTONIC, room)
                 waited_ns = longest_wait(given, room.given_stamps, due_ns)
                 waited_ns = max(waited_ns, control.turn_late_ns, control.line_late_ns)
                 control.line_late_ns = 0
             control.overruns += int(left > 0)
-            outside = outside_at(scene, now, config.step, control.overruns, left > 0, stopping)
-            state, replies, truth, sensed = tick(gate, state, given, outside)
+            missed, dropped = float(control.overruns), float(control.dropped + control.stale)
+            bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(stimuli))
+            place = next_row(shared)
+            state, replies, is_sound = advance(
+                gate,
+                state,
+                stimuli,
+                given,
+                shared.rows[place : place + 1],
+                bench,
+                left > 0,
+                stopping,
+            )
+            control.rows += 1
             if given.count > 0:
-                before_ns = due_ns - config.step_ns  # when the tick before was due
+                before_ns = due_ns - config.step_ns  # when the previous tick was due
                 backdate(
                     config.inputs, state.reception, given, room.given_stamps, before_ns, now_ns
                 )
-            if left == 0 and not stopping:
-                replies = sent(scene, replies, state.tick, config.step_ns, config.seed)
-            missed, dropped = float(control.overruns), float(control.dropped + control.stale)
-            bench = Bench(missed, dropped, 1e-9 * waited_ns, not_made(scene))
-            place = note_row(shared, truth, sensed, bench)
-            note_tick(scene, shared.rows[place : place + 1], given, replies)
             if state.counts.accepted > accepted and waiting_since == 0:
                 waiting_since = first_arrival(given, room.given_stamps, params.command)
             note_arrivals(shared, given, room.given_stamps, start_ns)
             count_bits(shared, given)
             left -= 1
-            if not is_sound(truth):
+            if not is_sound:
                 outcome = DIVERGED
             if left >= 0:
                 continue

@@ -1,7 +1,7 @@
-"""A real-time run: the real-time loop in a thread of its own, and what looks after it in this one.
+"""A real-time run: the real-time loop in a thread of its own, supervised by this thread.
 
-This thread watches the wire, tells what happened, keeps the figures that go onto the bus, and gives the peers of
-an in-process bus their turns. None of it can hold up a tick.
+This thread watches the wire, reports what happened, updates the figures that go onto the bus, and gives the peers
+of an in-process bus their turns. None of it can hold up a tick.
 """
 
 from __future__ import annotations
@@ -22,52 +22,57 @@ from liftgate_hil.errors import OverrunError, PlantDivergedError
 from liftgate_hil.loop import realtime_loop
 from liftgate_hil.loop.datagrams import CAPACITY
 from liftgate_hil.loop.histogram import distribution
-from liftgate_hil.loop.lookout import Lookout, Moment
+from liftgate_hil.loop.observers import Observer, Sink
 from liftgate_hil.loop.priority import Realtime, wake_sharply
+from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
 from liftgate_hil.loop.python_loop import Peer
-from liftgate_hil.loop.recorder import Attendant, Taker
 from liftgate_hil.loop.rings import DELAY, EXECUTION, LATENESS, ArrivalReader, Memory, RingReader
 from liftgate_hil.loop.statistics import Summary, Timing
 from liftgate_hil.loop.tick import LoopConfig, LoopState, copied
 from liftgate_hil.stimuli.mailbox import post
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.transport.base import Line
 from liftgate_plant.compiler import compiled
 
 _WATCH = 0.02  # s between two looks at the wire
 _PEERS = 0.001  # s between two turns of a peer
 _PEERS_NS = round(_PEERS * 1e9)
-_ATTENDANTS = 0.002  # s between two looks of those who attend to the run
+_OBSERVERS = 0.002  # s between two looks of the observers
 _FIGURES = 0.05  # s between two looks at the histograms
 _FOREVER = 2**62
 _HISTORY = 4.0  # s that the rings hold
-_FULL_BUS = 12_000  # frames/s, more than 1 Mbit/s carries of 8 bytes
+_FULL_BUS = 12_000  # frames/s, more than 1 Mbit/s can carry with 8 bytes each
 
 
 def memory_for(rate: float) -> Memory:
-    """Rings that hold a few seconds."""
+    """Return rings that hold a few seconds."""
     return Memory(int(_HISTORY * rate) + 64, int(_HISTORY * _FULL_BUS))
 
 
 def feedback_identifiers(rig: Rig) -> list[int]:
-    """The messages that show what a command did: those with a motor current, else all."""
+    """Return the identifiers of the messages that show the effect of a command.
+
+    These are the messages with a motor current, or all where there is none.
+    """
     shown = {wire.message for wire in rig.outputs if wire.quantity.endswith("_current")}
     names = shown or {wire.message for wire in rig.outputs}
     return [rig.identifier(name) for name in names]
 
 
 class _Turns:
-    """Gives a peer its turns, and tells the loop how late this thread was with them: that is the bench's delay, as
-    that of a frame which waits. What a foreign ECU's own code takes is not.
+    """Gives a peer its turns, and reports to the loop how late this thread was with them.
+
+    That is the bench's delay, like that of a frame which waits. The time that a foreign ECU's own code takes is
+    not.
     """
 
     def __init__(self, peer: Peer, control: Any) -> None:
         self._peer, self._control = peer, control
-        self._last = time.monotonic_ns()  # when the last one ended
-        self._kept = 0  # tick until which a late one is told
+        self._last = time.monotonic_ns()  # when the last turn ended
+        self._kept = 0  # tick until which a late turn is reported
 
     def give(self, now_ns: int) -> None:
-        """One turn, at a model time [ns]."""
+        """Give the peer one turn, at a model time [ns]."""
         begun = time.monotonic_ns()
         try:
             self._peer.poll(now_ns)
@@ -83,11 +88,11 @@ class _Turns:
 
 @dataclass
 class RealtimeRun:
-    """A run about to begin; `begin`, then `run`."""
+    """A real-time run about to begin: call `begin`, then `run`."""
 
     config: LoopConfig
     state: LoopState
-    scene: Scene
+    stimuli: StimulusPlan
     line: Line
     memory: Memory
     rig: Rig
@@ -95,34 +100,35 @@ class RealtimeRun:
     limit_ns: int
     say: Callable[[str], None]
     peers: Sequence[Peer] = ()
-    takers: Sequence[Taker] = ()
-    lookout: Lookout | None = None
-    attendants: Sequence[Attendant] = ()
+    sinks: Sequence[Sink] = ()
+    monitor: ProgressMonitor | None = None
+    observers: Sequence[Observer] = ()
     realtime: Realtime | None = None
-    # False: another one goes on where it ends, which also asks for `realtime`, and gives it back.
+    # False: another run goes on where this one ends; that one requests and releases `realtime`.
     is_last: bool = True
-    is_first: bool = True  # False: another one has run on the line before
+    is_first: bool = True  # False: another run has used the line before
     outcome: int = realtime_loop.ENDED
     _failure: BaseException | None = None
-    _unseen: int = 0  # rows and frames that were overwritten before `takers` had them
+    _unseen: int = 0  # rows and frames that were overwritten before `sinks` got them
     _room: realtime_loop.Room = field(default_factory=realtime_loop.make_room)
     _entered: threading.Event = field(default_factory=threading.Event)
 
     def begin(self) -> None:
         """Compile, or read the cache, before time counts."""
         self._run = compiled(realtime_loop.run_realtime)
-        nowhere = self._course(0)._replace(descriptor=-1, scene=copied(self.scene))
+        nowhere = self._course(0)._replace(descriptor=-1, stimuli=copied(self.stimuli))
         scratch = Memory(1, 1)  # the recorder already looks at the real one
         self._run(self.config, copied(self.state), nowhere, scratch.shared, self._room)
         scratch.close()
         if self.realtime is not None and self.is_last:
             self.realtime.prepare()
         else:
-            gc.collect()  # not in the middle of a peer's turns
+            gc.collect()  # here, not during a peer's turns
 
     def run(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
-        """Run to the end. What has come before is dropped where nothing has run on the line yet, and the peers
-        speak first. Raises OverrunError, PlantDivergedError.
+        """Run to the end. Raises OverrunError, PlantDivergedError.
+
+        Where nothing has run on the line yet, what has come before is dropped, and the peers send first.
         """
         if self.is_first:
             self.line.drain()
@@ -164,15 +170,15 @@ class RealtimeRun:
     @property
     def _ticks(self) -> int:
         """Plant steps done since the scenario's time 0."""
-        return int(self.state.tick - self.scene.origin[0])
+        return int(self.state.tick - self.stimuli.origin[0])
 
     def timing(self) -> Timing:
-        """How well it kept time so far."""
+        """Return how well the run has kept time so far."""
         rows = self.memory.shared.histograms
         return Timing(*(distribution(rows[row]) for row in (LATENESS, EXECUTION, DELAY)))
 
     def summary(self) -> Summary:
-        """The figures so far."""
+        """Return the figures so far."""
         control = self.memory.shared.control[0]
         seconds = self._ticks * self.config.step
         mine = self.line.counts()
@@ -206,7 +212,7 @@ class RealtimeRun:
             self.limit_ns,
             self.rig.command_identifier(),
             np.array(feedback_identifiers(self.rig), dtype=np.int64),
-            self.scene,
+            self.stimuli,
             int(self.is_last),
         )
 
@@ -220,7 +226,7 @@ class RealtimeRun:
             self.state, self.outcome = self._run(
                 self.config, self.state, params, shared, self._room
             )
-        except BaseException as error:  # told by the thread that can tell
+        except BaseException as error:  # raised by `run`
             self._failure = error
         finally:
             self._entered.set()
@@ -228,13 +234,13 @@ class RealtimeRun:
     def _look_after(self, thread: threading.Thread, stopped: Callable[[], bool]) -> None:
         shared = self.memory.shared
         control = shared.control[0]
-        # Rows up to a tick whose frames are noted: rows first, then all frames that have come by then.
+        # Rows up to a tick whose frames are in the ring: rows are read first, then all frames up to that time.
         batch = int(1.0 / self.config.step)
         rows = RingReader(shared.rows, shared.control, "tick", batch)
         frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
         heard = ArrivalReader(shared, CAPACITY)
         turns = [_Turns(peer, control) for peer in self.peers]
-        pause = _PEERS if self.peers else _ATTENDANTS if self.attendants else _WATCH
+        pause = _PEERS if self.peers else _OBSERVERS if self.observers else _WATCH
         next_look = next_figures = 0.0
         while thread.is_alive():
             if stopped():
@@ -248,41 +254,41 @@ class RealtimeRun:
                     self.say(f"{seconds:.3f} s: {self.line.name} {news}")
                 self._look_out()
                 self._hand_on(rows, frames)
-            self._attend(heard)
+            self._observe(heard)
             if now >= next_figures:
                 next_figures = now + _FIGURES
                 timing = self.timing().on_bus()
                 post(shared.box[0], timing._asdict())
             for turn in turns:
-                turn.give(int(control.tick + self.scene.origin[0]) * self.config.step_ns)
+                turn.give(int(control.tick + self.stimuli.origin[0]) * self.config.step_ns)
             thread.join(pause)
-        self._attend(heard)
+        self._observe(heard)
         self._hand_on(rows, frames)
         self._look_out(is_last=True)
 
-    def _attend(self, heard: ArrivalReader) -> None:
-        if not self.attendants:
+    def _observe(self, heard: ArrivalReader) -> None:
+        if not self.observers:
             return
         lost, come = heard.lost, heard.take()
         if heard.lost > lost:
             self.say(
                 f"{heard.lost - lost} frames were overwritten before anybody looked for orders among them"
             )
-        for attendant in self.attendants:
-            attendant.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)
+        for observer in self.observers:
+            observer.look(come, int(self.memory.shared.control.tick[0]) * self.config.step)
 
     def _look_out(self, is_last: bool = False) -> None:
-        if self.lookout is None:
+        if self.monitor is None:
             return
         shared = self.memory.shared
         control = shared.control[0]
         row = shared.rows[(int(control.rows) - 1) % len(shared.rows)]
         moment = Moment(int(control.tick), row, int(control.sent), int(control.overruns))
-        self.lookout.look(moment, is_last)
+        self.monitor.look(moment, is_last)
 
     def _hand_on(self, rows: RingReader, frames: RingReader) -> None:
-        if self.takers:
+        if self.sinks:
             taken, seen = rows.take(), frames.take()
             self._unseen = rows.lost + frames.lost
-            for taker in self.takers:
-                taker.take(taken, seen)
+            for sink in self.sinks:
+                sink.take(taken, seen)

@@ -1,7 +1,7 @@
-"""Plays frames onto a wire, each when it is due: waits and sends as the real-time loop does, without the
-interpreter lock from the first frame to the last.
+"""The replay loop: sends frames onto a wire, each when it is due.
 
-It owns a thread of its own. What is due next stands in a ring that another thread fills.
+It waits and sends as the real-time loop does, without the interpreter lock from the first frame to the last, and
+has a thread of its own. The frames that are due next are in a ring that another thread fills.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from liftgate_plant.compiler import compilable
 
 PLACES = 1 << 18  # frames that the ring holds: a minute of a full bus at 500 kbit/s
 
-TRIAL_NS = 100_000  # between two trials where the wire's queue is full
+TRIAL_NS = 100_000  # between two attempts to send where the wire's queue is full
 
 _MONOTONIC = 1  # clock
 _HEAD_START = 2_000_000  # ns until the first frame is due, for the thread to settle
-_LOOK = 10_000_000  # ns at most between two looks at what is to end it, and at what has come
-_LISTEN = 500_000  # ns that must be left before it listens while it waits
+_LOOK = 10_000_000  # ns at most between two checks for the end and for received frames
+_LISTEN = 500_000  # ns that must be left for it to receive frames while it waits
 _STARVED = 200_000  # ns between two looks at an empty ring
 
 POSITION = np.dtype(
     [
         ("written", "i8"),  # frames put into the ring so far
-        ("is_whole", "i8"),  # 1: no more will come
+        ("is_whole", "i8"),  # 1: no more frames will be put in
         ("played", "i8"),  # frames taken out of it
-        ("accepted", "i8"),  # of these, frames that the wire took
+        ("accepted", "i8"),  # of these, frames that the wire accepted
         ("start_ns", "i8"),  # when the first one is due (CLOCK_MONOTONIC); 0: it has not begun
         ("starved", "i8"),  # times that a frame was late because the ring was empty
     ]
@@ -41,28 +41,26 @@ POSITION = np.dtype(
 
 
 class Schedule(NamedTuple):
-    """The ring of what is to be played."""
+    """The ring of the frames to replay."""
 
     position: Any  # (1,) POSITION
-    due: NDArray[np.int64]  # (n,) ns since the beginning; they don't fall
+    due: NDArray[np.int64]  # (n,) ns since the beginning, never decreasing
     identifiers: NDArray[np.int64]
     lengths: NDArray[np.int64]
     data: NDArray[np.uint8]  # (n, 64)
-    handed: NDArray[
-        np.int64
-    ]  # (n,) of each frame that the wire took, one after the other: when it was due
+    handed: NDArray[np.int64]  # (n,) when each frame that the wire accepted was due, in their order
 
 
 class PlayParams(NamedTuple):
-    """What playing needs to know."""
+    """Parameters of a replay."""
 
-    descriptor: int  # of the wire
-    together: int  # frames that are handed over at once, at most
-    patience: int  # trials of `write_frames` where the wire's queue is full
+    descriptor: int  # file descriptor of the wire
+    together: int  # frames that are sent at once, at most
+    patience: int  # attempts of `write_frames` where the wire's queue is full
 
 
 def empty_schedule(places: int = PLACES) -> Schedule:
-    """Room for so many frames; none in it."""
+    """Return an empty ring with room for `places` frames."""
     frames = empty_frames(places)
     return Schedule(
         np.zeros(1, dtype=POSITION).view(np.recarray),
@@ -75,8 +73,9 @@ def empty_schedule(places: int = PLACES) -> Schedule:
 
 
 def put(schedule: Schedule, due: NDArray[np.int64], frames: NDArray[np.void]) -> int:
-    """Put frames (n,) LOGGED into the ring, due at these times [ns since the beginning], as far as there is room:
-    how many.
+    """Put frames (n,) LOGGED into the ring, due at these times [ns since the beginning], as far as there is room.
+
+    Returns how many were put in.
     """
     position, places = schedule.position[0], len(schedule.due)
     count = min(len(frames), places - int(position.written - position.played))
@@ -96,7 +95,7 @@ def put(schedule: Schedule, due: NDArray[np.int64], frames: NDArray[np.void]) ->
 
 @compilable
 def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
-    """How many of the next frames, one after the other in the ring, are due by a time."""
+    """Return how many of the next frames, contiguous in the ring, are due by a time."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     most = min(most, len(schedule.due) - first)
@@ -110,12 +109,12 @@ def due_by(schedule: Schedule, now_ns: int, most: int) -> int:
 def hand_over(
     schedule: Schedule, params: PlayParams, shared: Shared, room: Room, count: int
 ) -> None:
-    """Give the wire the next frames, and note how late they are: from when each was due until it was taken."""
+    """Send the next frames, and note how late they are: from when each was due until it was accepted."""
     position = schedule.position[0]
     first = position.played % len(schedule.due)
     end = first + count
     for place in range(first, end):
-        # Before they are sent: who takes them from the wire's other end may look at once.
+        # Before they are sent: whoever receives them at the wire's other end may look at once.
         schedule.handed[(position.accepted + place - first) % len(schedule.handed)] = schedule.due[
             place
         ]
@@ -136,13 +135,15 @@ def hand_over(
 
 @compilable
 def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> None:
-    """Play until all is played, or `control.stop` is set. What comes from the wire is read and left."""
+    """Replay until all frames are sent, or `control.stop` is set. Frames from the wire are read and ignored."""
     control, position = shared.control[0], schedule.position[0]
     position.start_ns = clock_ns(_MONOTONIC, room) + _HEAD_START
     room.drained[0] = position.start_ns
     listened, is_starved = position.start_ns, False
     while control.stop == 0:
-        is_whole = position.is_whole != 0  # looked at first: what came before it is in the ring
+        is_whole = (
+            position.is_whole != 0
+        )  # read first: all frames put in before it was set are in the ring
         left = position.written - position.played
         now = clock_ns(_MONOTONIC, room)
         if left == 0:
@@ -168,9 +169,11 @@ def play(schedule: Schedule, params: PlayParams, shared: Shared, room: Room) -> 
 
 
 def params_for(descriptor: int, is_kernels: bool) -> PlayParams:
-    """For a wire: the kernel's own, which takes many frames at once, or one behind a pump, one after the other, so
-    that it is known of each whether it was taken. The kernel's queue is waited for up to 20 ms, which it stays
-    full for where nobody on the bus acknowledges; a pump's up to 1 s, since it is only slow.
+    """Return the parameters for a wire: the kernel's own, or one behind a pump.
+
+    The kernel's takes many frames at once; one behind a pump takes one after the other, so that it is known for
+    each whether it was accepted. The loop waits for the kernel's queue up to 20 ms, since that stays full where
+    nobody on the bus acknowledges, and for a pump's up to 1 s, since that is only slow.
     """
     if is_kernels:
         return PlayParams(descriptor, BATCH, 20_000_000 // TRIAL_NS)

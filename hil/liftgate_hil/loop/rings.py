@@ -1,4 +1,4 @@
-"""Memory that the real-time loop, the rest of this process and other processes see at once.
+"""Memory that the real-time loop, the rest of this process and other processes share.
 
 The loop writes and never waits: rings hold the last few seconds, and a reader that is too slow finds out that it
 lost rows. Nothing here is locked; each word has one writer.
@@ -20,39 +20,43 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import LOGGED, Frames, bits_of
 from liftgate_hil.loop.histogram import BINS
-from liftgate_hil.loop.row import write_row
-from liftgate_hil.signals import ROW_WIDTH, Bench
+from liftgate_hil.signals import ROW_WIDTH
 from liftgate_hil.stimuli.mailbox import BOX
 from liftgate_plant.compiler import compilable
-from liftgate_plant.signals import Sensed, Truth
 
 CONTROL = np.dtype(
     [
-        ("stop", "i8"),  # written by the outside: 1 ends the run
+        ("stop", "i8"),  # written from outside: 1 ends the run
         ("epoch_ns", "i8"),  # CLOCK_REALTIME at model time 0, written before the first tick
-        ("rows", "i8"),  # written so far
-        ("frames", "i8"),
+        ("rows", "i8"),  # rows written so far
+        ("frames", "i8"),  # frames written so far
         ("tick", "i8"),  # plant steps done
         ("overruns", "i8"),  # periods skipped
-        ("sent", "i8"),  # frames
+        ("sent", "i8"),  # frames sent
         ("received", "i8"),  # frames in the ring, counted before `frames`
-        ("bits", "i8"),  # on the wire, either way
-        ("unsent", "i8"),  # frames that the wire did not take
+        ("bits", "i8"),  # bits on the wire, in both directions
+        ("unsent", "i8"),  # frames that the wire did not accept
         ("unsent_full", "i8"),  # of these, because its queue was full
         ("receive_errors", "i8"),
         ("dropped", "i8"),  # frames that the kernel dropped before they were read
         ("stale", "i8"),  # frames that had waited for longer than their message's time-out
         ("last_error", "i8"),  # errno of the wire's last error
-        ("bus_off", "i8"),  # 1: the controller's last word is that it is off the bus
-        ("bus_offs", "i8"),  # times it went off
+        ("bus_off", "i8"),  # 1: the controller last reported bus-off
+        ("bus_offs", "i8"),  # times it went bus-off
         (
             "turn_late_ns",
             "i8",
-        ),  # written by the outside: how late an ECU in this process got its turn
-        ("line_late_ns", "i8"),  # the same: the longest that a frame of the gate waited on its way
+        ),  # written from outside: how late an ECU in this process got its turn
+        (
+            "line_late_ns",
+            "i8",
+        ),  # written from outside: longest wait of a frame of the gate on its way
         ("foreign", "i8"),  # times that an ECU's own code began or ended; odd: it runs
-        ("beats", "i8"),  # signs of life of the thread that looks after the run
-        ("pulse", "i8"),  # of a thread that needs nothing but the interpreter lock, see `worker`
+        ("beats", "i8"),  # heartbeats of the thread that supervises the run
+        (
+            "pulse",
+            "i8",
+        ),  # heartbeats of a thread that needs only the interpreter lock, see `worker`
     ]
 )
 
@@ -63,18 +67,18 @@ _F_SEAL_FUTURE_WRITE = 0x10  # linux/fcntl.h, since Linux 5.1
 
 
 class Shared(NamedTuple):
-    """The loop's side of it, all arrays."""
+    """The shared memory as arrays, as the loop uses it."""
 
     control: Any  # (1,) CONTROL
-    rows: NDArray[np.float64]  # (rows, ROW_WIDTH): truth and what was sensed
-    frames: Any  # (rows,) LOGGED
+    rows: NDArray[np.float64]  # (rows, ROW_WIDTH): true and sensed values
+    frames: Any  # (frames,) LOGGED
     histograms: NDArray[np.int64]  # (3, BINS): LATENESS, EXECUTION, DELAY
-    box: Any  # (1,) mailbox.BOX: what is posted into the loop
+    box: Any  # (1,) mailbox.BOX: values posted into the loop
 
 
 @compilable
 def count_bits(shared: Shared, frames: Frames) -> None:
-    """Add frames to what the bus has carried."""
+    """Add frames to the bits that the bus has carried."""
     bits = 0
     for i in range(frames.count):
         bits += bits_of(frames.identifiers[i], int(frames.lengths[i]))
@@ -83,7 +87,7 @@ def count_bits(shared: Shared, frames: Frames) -> None:
 
 @compilable
 def note_frame(shared: Shared, frames: Frames, i: int, time_ns: int, is_sent: int) -> None:
-    """Put a frame into the ring, but not yet into its count."""
+    """Put a frame into the ring without advancing the ring's count."""
     ring = shared.frames
     row = ring[(shared.control[0].frames + i) % len(ring)]
     length = int(frames.lengths[i])
@@ -97,7 +101,7 @@ def note_frame(shared: Shared, frames: Frames, i: int, time_ns: int, is_sent: in
 
 @compilable
 def note_frames(shared: Shared, frames: Frames, time_ns: int, is_sent: int) -> None:
-    """Put frames into the ring, all of one time since the start; 1: sent by the gate."""
+    """Put frames into the ring, all of one time [ns] since the start; `is_sent` 1: sent by the gate."""
     for i in range(frames.count):
         note_frame(shared, frames, i, time_ns, is_sent)
     shared.control[0].frames += frames.count
@@ -105,7 +109,7 @@ def note_frames(shared: Shared, frames: Frames, time_ns: int, is_sent: int) -> N
 
 @compilable
 def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], start_ns: int) -> None:
-    """Put frames into the ring that have come to the gate, `stamps` and start on the monotonic clock."""
+    """Put frames that the gate received into the ring; `stamps` and start are on the monotonic clock [ns]."""
     for i in range(frames.count):
         note_frame(shared, frames, i, int(stamps[i] - start_ns), 0)
     shared.control[0].received += frames.count
@@ -113,21 +117,17 @@ def note_arrivals(shared: Shared, frames: Frames, stamps: NDArray[np.int64], sta
 
 
 @compilable
-def note_row(shared: Shared, truth: Truth, sensed: Sensed, bench: Bench) -> int:
-    """Put a tick's row into the ring: where it is there."""
-    control = shared.control[0]
-    place = control.rows % len(shared.rows)
-    write_row(shared.rows[place], truth, sensed, bench)
-    control.rows += 1
-    return int(place)
+def next_row(shared: Shared) -> int:
+    """Return the place in the ring of the next tick's row, which counts once `control.rows` says so."""
+    return int(shared.control[0].rows % len(shared.rows))
 
 
 class Memory:
-    """The memory behind a `Shared`, as an anonymous file that can be handed to other processes.
+    """The memory behind a `Shared`, as an anonymous file that can be passed to other processes.
 
-    Made by its writer, or mapped from the `descriptor` that another process has handed over: to be read, or, where
-    the maker said that `others_write`, to be written. Foreign code in a writer's process cannot write to it
-    through the descriptor, as far as the kernel knows that seal.
+    It is created by its writer, or mapped from the `descriptor` that another process has passed: for reading or,
+    where its creator set `others_write`, for writing. Foreign code in a writer's process cannot write to it
+    through the descriptor, as far as the kernel supports that seal.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Memory:
         if descriptor is None:
             descriptor = os.memfd_create("liftgate-hil", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
             os.ftruncate(descriptor, sum(sizes))
-            # Others are handed it: who made it smaller would end this process.
+            # Other processes get it: one that made it smaller would end this process.
             fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
         self.descriptor = descriptor
         buffer = _mapped(descriptor, sum(sizes), is_made or others_write)
@@ -163,13 +163,14 @@ class Memory:
         self.shared = Shared(*arrays)
 
     def close(self) -> None:
-        """Give the descriptor back; the memory goes with the arrays that show it."""
+        """Close the descriptor; the memory is released with the last array that shows it."""
         os.close(self.descriptor)
 
 
 def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
-    """A buffer of the file's first bytes, unmapped with the last array that shows it. Unlike one of Python's mmap
-    it holds no descriptor of its own. Raises OSError.
+    """Map the file's first bytes; the buffer is unmapped with the last array that shows it. Raises OSError.
+
+    Unlike a buffer of Python's mmap it holds no descriptor of its own.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.mmap.restype = ctypes.c_void_p
@@ -182,14 +183,15 @@ def _mapped(descriptor: int, size: int, is_written: bool) -> Any:
     if address is None or address == ctypes.c_void_p(-1).value:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
     buffer = (ctypes.c_ubyte * size).from_address(address)
-    # Not when Python ends: a thread may still be in it.
+    # Not when Python ends: a thread may still use it.
     weakref.finalize(buffer, libc.munmap, address, size).atexit = False
     return buffer if is_written else memoryview(buffer).toreadonly()
 
 
-class RingTaker:
-    """Puts what a loop in Python has done into a memory while somebody looks at it, as the real-time loop does by
-    itself. See Taker.
+class RingSink:
+    """A sink that writes what a Python loop has done into a memory while somebody looks at it.
+
+    The real-time loop does that by itself.
     """
 
     def __init__(self, memory: Memory, is_looked_at: Callable[[], bool]) -> None:
@@ -198,7 +200,7 @@ class RingTaker:
         self._ticks = 0
 
     def take(self, rows: NDArray[np.float64], frames: Any) -> None:
-        """See Taker."""
+        """Write rows and frames into the rings; while nobody looks, only count the ticks."""
         self._ticks += len(rows)
         if not self._is_looked_at():
             return
@@ -217,9 +219,9 @@ class RingTaker:
 
 
 class RingReader:
-    """Reads a ring's rows in order, each once; counts those that were overwritten before.
+    """Reads a ring's rows in order, each once; counts those that were overwritten before they were read.
 
-    `batch` is how many rows at most the writer writes before its count says so.
+    `batch` is how many rows the writer writes, at most, before its count includes them.
     """
 
     def __init__(self, rows: Any, control: Any, head: str, batch: int = 1) -> None:
@@ -231,12 +233,12 @@ class RingReader:
         self.lost = 0
 
     def take(self) -> Any:
-        """Copies of the rows that have come since the last call."""
+        """Return copies of the rows that have come since the last call."""
         capacity = len(self._rows)
         head = int(self._control[self._head][0])
         start = max(self._next, head - capacity)
         rows = self._rows[np.arange(start, head) % capacity]
-        # What the writer has reached meanwhile may be half overwritten; the batch it is at, too.
+        # Rows that the writer has reached meanwhile may be half overwritten; those of its present batch, too.
         reached = int(self._control[self._head][0]) + self._batch
         safe = max(start, min(reached - capacity, head))
         self.lost += safe - self._next
@@ -244,13 +246,14 @@ class RingReader:
         return rows[safe - start :]
 
     def skip(self, head: int) -> None:
-        """Leave out the rows before a head."""
+        """Skip the rows before a head."""
         self._next = max(self._next, head)
 
 
 class ArrivalReader:
-    """Reads the frames that have come to the gate, each once; where none has, that costs next to nothing. `batch`
-    as of a RingReader.
+    """Reads the frames that the gate has received, each once; where there are none, at next to no cost.
+
+    `batch` is the same as for a RingReader.
     """
 
     def __init__(self, shared: Shared, batch: int = 1) -> None:
@@ -258,17 +261,17 @@ class ArrivalReader:
         self._frames = RingReader(shared.frames, shared.control, "frames", batch)
         self._nothing = shared.frames[:0].copy()
         self._seen = 0
-        self._head = 0  # at the last look
+        self._head = 0  # frames written at the last call
 
     @property
     def lost(self) -> int:
-        """Frames, either way, that were overwritten before."""
+        """Frames, in either direction, that were overwritten before they were read."""
         return self._frames.lost
 
     def take(self) -> Any:
-        """Copies of those that have come since the last call."""
+        """Return copies of the frames received since the last call."""
         received, head = int(self._control["received"][0]), int(self._control["frames"][0])
-        # What was in the ring at the last look is counted by now: `received` goes up first.
+        # What was in the ring at the last call is counted by now: `received` goes up first.
         last, self._head = self._head, head
         if received == self._seen:
             self._frames.skip(last)

@@ -1,4 +1,4 @@
-"""The row of a recording: what was so, what was sensed, and how well the bench kept up."""
+"""The row of a recording: true values, sensed values, and how well the bench kept up."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ def write_row(row: NDArray[np.float64], truth: Truth, sensed: Sensed, bench: Ben
 
 @compilable
 def is_sound(truth: Truth) -> bool:
-    """Whether the plant still gives numbers, and such as the catalogue lets currents and motions be: a plant that
-    diverges passes that long before it passes what a number can hold.
+    """Whether the plant still gives finite numbers, within the catalogue's limits for currents and motions.
+
+    A plant that diverges exceeds these limits long before it exceeds what a number can hold.
     """
     return (
         all_finite(truth)

@@ -1,4 +1,4 @@
-"""Stepping the plant through prepared inputs, a block of rows at a time."""
+"""Offline simulation: steps the plant through prepared inputs, a block of rows at a time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_hil.loop.row import is_sound, write_row
 from liftgate_hil.signals import ON_TIME, ROW_WIDTH
 from liftgate_hil.stimuli.obstacles import NOT_ARMED, ObstacleArming, armed
 from liftgate_hil.stimuli.samples import Samples
-from liftgate_hil.stimuli.scene import Scene, note_tick, turns
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan, note_tick, turns
 from liftgate_hil.stimuli.timeline import (
     obstacle_at,
     profiles_over,
@@ -36,38 +36,38 @@ from liftgate_plant.sensors import SensorState
 
 Floats = NDArray[np.float64]
 
-_BLOCK = 2000  # steps, some milliseconds: nobody can stop it within
-_AHEAD = 4  # blocks: where one takes longer to make, or to write, the other side need not wait
+_BLOCK = 2000  # steps, some milliseconds: a block cannot be interrupted
+_AHEAD = 4  # blocks: where one takes longer to compute, or to write, the other side need not wait
 
 
 class Block(NamedTuple):
-    """What a piece of a simulation has brought."""
+    """The result of one block of a simulation."""
 
     rows: Floats  # (n, ROW_WIDTH) of signals.COLUMNS
     edges: Any  # (m,) hall.EDGE
 
 
 class Offline(NamedTuple):
-    """All that does not change during an offline simulation."""
+    """Constants of an offline simulation."""
 
-    constants: Constants  # without faults
-    scene: Scene
+    constants: Constants  # of the gate without faults
+    stimuli: StimulusPlan
     friction: FrictionProfile
-    row: Floats  # (1, ROW_WIDTH) that conditions look at
+    row: Floats  # (1, ROW_WIDTH) on which conditions are evaluated
     nothing: Frames  # no frames
     step: float  # s
     seed: int
 
 
 class OfflineState(NamedTuple):
-    """All that does."""
+    """State of an offline simulation."""
 
     plant: State
-    flow: Flow  # that led there
+    flow: Flow  # during the step that led to this state
     sensors: SensorState
     arming: ObstacleArming
     pinch: Pinch
-    done: int  # steps
+    done: int  # steps done
 
 
 @compilable
@@ -79,11 +79,12 @@ def inputs_at(
     arming: ObstacleArming,
     state: State,
 ) -> tuple[ObstacleArming, Inputs]:
-    """The inputs of the step from a time [s] on: the file's, and what it leaves out (NaN) from scenario and
-    vehicle.
+    """Return the obstacle's arming, and the inputs of the step from a time [s] on.
+
+    The inputs are the file's; what it leaves out (NaN) comes from scenario and vehicle.
     """
-    timeline, step = offline.scene.timeline, offline.step
-    obstacle = obstacle_at(timeline, offline.scene.moments, time)
+    timeline, step = offline.stimuli.timeline, offline.step
+    obstacle = obstacle_at(timeline, offline.stimuli.moments, time)
     arming, obstacle = armed(arming, obstacle, angle_at(gate.plant, state, obstacle.lateral))
     said, rise = profiles_over(timeline, time, step), supply_rise_over(timeline, time, step)
     own = gate.load
@@ -96,21 +97,24 @@ def inputs_at(
 def block(
     offline: Offline, start: OfflineState, rows: Floats, out: Floats
 ) -> tuple[OfflineState, int, bool]:
-    """Step through input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH): how many
-    were written, and whether all states were sound. It ends before one that is not, and where the ring of Hall
-    edges is half full.
+    """Step through input rows (n, inputs), writing the state before each step to `out` (n, ROW_WIDTH).
+
+    Returns the state, how many rows were written, and whether all states were sound. It ends before a state that
+    is not, and where the ring of Hall edges is half full.
     """
     sound = True
     state, flow, memory = start.plant, start.flow, start.sensors
     arming, contact, done = start.arming, start.pinch, start.done
     edges = memory.edges.written
     most_edges = edges[0] + len(memory.edges.rows) // 2
-    scene, k = offline.scene, 0
+    stimuli, k = offline.stimuli, 0
     while k < rows.shape[0] and sound and edges[0] <= most_edges:
-        gate = unflattened(scene.faults.row, offline.constants)  # as in `episode`
+        gate = unflattened(
+            stimuli.faults.row, offline.constants
+        )  # outside the inner loop, as in `episode`
         while k < rows.shape[0] and sound and edges[0] <= most_edges:
             time = done * offline.step
-            if turns(scene, time):
+            if turns(stimuli, time):
                 break
             arming, inputs = inputs_at(offline, gate, rows[k], time, arming, state)
             begun = dynamics.at(inputs, 0.0)
@@ -128,9 +132,9 @@ def block(
             if not sound:
                 break
             write_row(out[k], truth, sensed, ON_TIME)
-            if scene.moments.pending[0] > 0:
+            if stimuli.moments.pending[0] > 0:
                 write_row(offline.row[0], truth, sensed, ON_TIME)
-                note_tick(scene, offline.row, offline.nothing, offline.nothing)
+                note_tick(stimuli, offline.row, offline.nothing, offline.nothing)
             state, flow = integrate.advance(gate.plant, state, inputs, offline.step)
             done += 1
             k += 1
@@ -141,10 +145,10 @@ def block(
 def simulate(
     offline: Offline, state: State, samples: Samples, steps: int, every: int = 1
 ) -> Iterator[Block]:
-    """Rows of every so many steps, and all Hall edges, from the initial state to that after `steps` steps, in
-    blocks, the next few made while the caller has the last. A row holds a state and the inputs from then on.
+    """Yield the rows of every `every`-th step, and all Hall edges, in blocks. Raises PlantDivergedError.
 
-    Raises PlantDivergedError.
+    They go from the initial state to that after `steps` steps. The next few blocks are computed while the caller
+    has the last one. A row holds a state and the inputs from then on.
     """
     blocks = _blocks(offline, state, samples, steps, every)
     with ThreadPoolExecutor(1) as pool:  # machine code needs no interpreter lock
@@ -163,7 +167,7 @@ def _blocks(
     run = compiled(block)
     memory = sensors.initial_sensors(offline.constants.sensors, state, RING_SIZE)
     flow, sound = integrate.resting(state), True
-    watch = EnergyWatch(offline.constants, len(offline.scene.faults.rows) > 0)
+    watch = EnergyWatch(offline.constants, len(offline.stimuli.faults.rows) > 0)
     now = OfflineState(state, flow, memory, NOT_ARMED, NOT_PINCHED, 0)
     while sound and now.done <= steps:
         first, seen = now.done, int(memory.edges.written[0])

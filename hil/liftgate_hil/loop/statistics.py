@@ -1,4 +1,4 @@
-"""What a run says at its end."""
+"""Figures of a run, reported at its end."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from liftgate_hil.transport.base import LinkCounts
 
 
 class BusLoad:
-    """Bits on the wire."""
+    """Counter of the bits on the wire."""
 
     def __init__(self) -> None:
         self.bits = 0
 
     def add(self, frames: Frames) -> None:
-        """Count frames, either way."""
+        """Count the bits of frames, in either direction."""
         count = frames.count
         self.bits += sum(
             map(bits_of, frames.identifiers[:count].tolist(), frames.lengths[:count].tolist())
         )
 
     def percent(self, bitrate: float, seconds: float) -> float:
-        """Share of the bus's time, in %."""
+        """Return the share of the bus's time that frames took [%]."""
         return 100.0 * self.bits / (bitrate * seconds) if seconds > 0.0 else 0.0
 
 
 EDGE_SPEED = 0.29  # m/s, of the gate's edge while closing (the reference vehicle)
-ROD_RATE = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
+ROD_RATE = 10_000.0  # N/m, stiffness of the rod by which anti-trap functions are judged
 
 
 def force_of(delay_us: float) -> float:
-    """The pinch force [N] on the rod that grows in a delay [µs]."""
+    """Return the pinch force [N] on the rod that grows during a delay [µs]."""
     return delay_us * 1e-6 * EDGE_SPEED * ROD_RATE
 
 
 class Timing(NamedTuple):
     """How well a real-time loop kept time."""
 
-    lateness: Distribution = NOTHING  # of ticks
-    execution: Distribution = NOTHING  # of one tick
+    lateness: Distribution = NOTHING  # how late ticks began
+    execution: Distribution = NOTHING  # how long a tick took
     delay: Distribution = NOTHING  # from a command on the bus to the first feedback that shows it
 
     def on_bus(self) -> signals.Timing:
-        """The same as the bus tells it; NaN where there is no figure."""
+        """Return the same figures as the bus carries them; NaN where there is none."""
         late, took, delay = self
         return signals.Timing(
             lateness_p50=late.p50_us,
@@ -64,9 +64,9 @@ class Timing(NamedTuple):
 
 
 NO_TIMING = Timing()
-_MOST_TOLD = 5  # orders
-_CYCLES_S = 0.1  # in which every message of a rig has been sent, usually
-# Of a link, told with words of their own.
+_MOST_TOLD = 5  # injections or commands that are listed, at most
+_CYCLES_S = 0.1  # s in which every message of a rig is usually sent
+# Counters of a link that are printed with words of their own.
 _USUAL_FAULTS = ("losses", "send_failures", "send_queue_full", "receive_failures", "dropped")
 _NO_FAULTS = ("before_start",)
 
@@ -85,25 +85,27 @@ class Summary:
     command_timeouts: int = 0
     received: Counts = NO_COUNTS
     link: LinkCounts = field(default_factory=LinkCounts)
-    link_error: str = ""  # the system's words for the last one
+    link_error: str = ""  # the system's text for the last error
     recordings: list[str] = field(default_factory=list)  # files that were written
-    recording_windows: int | None = None  # around so many triggers it was recorded; None: all of it
-    recording_lost_rows: int = 0  # that the recorder was too slow for
-    unseen_rows: int = 0  # and frames, that nobody judged: an ECU in this process held that up
-    injections: int = 0  # orders of a test bench that were obeyed
+    recording_windows: int | None = (
+        None  # triggers around which it was recorded; None: recorded as a whole
+    )
+    recording_lost_rows: int = 0  # rows that the recorder was too slow for
+    unseen_rows: int = 0  # rows and frames not judged because an ECU in this process held that up
+    injections: int = 0  # injections of a test bench that were carried out
     injected: list[str] = field(default_factory=list)  # the first of them, with their times
-    injections_refused: int = 0  # those that were wrong
-    commands: int = 0  # of an operator that were obeyed
+    injections_refused: int = 0  # injections that were refused as invalid
+    commands: int = 0  # commands of an operator that were carried out
     commanded: list[str] = field(default_factory=list)  # the first of them, with their times
-    ecu_dropped_frames: int = 0  # for which an ECU in this process had no room
-    apart: str = ""  # in words, how to keep the bus apart from another bench's
+    ecu_dropped_frames: int = 0  # frames for which an ECU in this process had no room
+    apart: str = ""  # text on how to keep the bus apart from another bench's
 
     def _load(self) -> float:
-        """The bus load [%] where there is one: NaN of a run that is shorter than a cycle."""
+        """Return the bus load [%] where there is one; NaN for a run that is shorter than a cycle."""
         return math.nan if 0.0 < self.model_time_s < _CYCLES_S else self.bus_load_percent
 
     def as_dict(self) -> dict[str, Any]:
-        """For --json."""
+        """Return the figures for --json."""
         figures = asdict(self)
         del figures["timing"], figures["apart"]
         if math.isnan(self._load()):
@@ -122,7 +124,7 @@ class Summary:
         }
 
     def refusals_told(self) -> str:
-        """Why frames for the gate were refused; "": none was."""
+        """Return why frames for the gate were refused; "": none was."""
         causes = {
             "wrong length": self.received.wrong_length,
             "out of range": self.received.out_of_range,
@@ -133,7 +135,7 @@ class Summary:
         return ", ".join(f"{number} {cause}" for cause, number in causes.items() if number)
 
     def silence_told(self) -> str:
-        """Why the gate was given no command; "": it was."""
+        """Return why the gate received no command; "": it received one."""
         if self.received.accepted:
             return ""
         if rejected(self.received):
@@ -144,14 +146,14 @@ class Summary:
         return "no command came: the ECU sent nothing"
 
     def injections_told(self) -> str:
-        """What a test bench had done."""
+        """Return a text on what a test bench injected."""
         first = "; ".join(self.injected[:_MOST_TOLD])
         more = "; …" if self.injections > _MOST_TOLD else ""
         said = f": {first}{more}" if first else ""
         return f"injected by the test bench {self.injections} times, {self.injections_refused} refused{said}"
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Return the figures as lines of text for a person."""
         received = self.received
         why = self.refusals_told()
         percent = self._load()
@@ -217,7 +219,7 @@ class Summary:
 
 
 def told(times: Distribution) -> str:
-    """A distribution in words."""
+    """Return a distribution as text."""
     if not times.count:
         return "not known"
     return (

@@ -1,8 +1,8 @@
-"""One tick: frames in, one plant step, frames out, and the rows of what is so and of what was sensed.
+"""One tick: frames in, one plant step, frames out, and the true and the sensed values.
 
-State in, state out: no I/O, no clock, no memory that others write. What a codec remembers lies in arrays of the
-state that are written in place, so that compiled loops allocate nothing and count no references; `copied` gives a
-state of one's own. Real time, the Python loop, lockstep and the episode all call this one.
+State in, state out: no I/O, no clock, no memory that others write. The codec's state lies in arrays of the loop
+state that are written in place, so that compiled loops allocate nothing and count no references; `copied` returns
+a state with arrays of its own. Real-time loop, Python loop, lockstep and episode all call this function.
 
     frames → receive → Command ┐
             outside → Load ────┤→ plant step → sensors → transmit → frames
@@ -66,7 +66,7 @@ WAITING, RUNNING, TIMEOUT, STOPPED = 0, 1, 2, 3
 
 
 class LoopConfig(NamedTuple):
-    """All that does not change while the loop runs, but for what faults put into force (`in_force`)."""
+    """Constants of the loop, apart from those that faults change while it runs (`in_force`)."""
 
     plant: Plant
     sensors: Sensors
@@ -77,9 +77,9 @@ class LoopConfig(NamedTuple):
     outputs: BusConfig
     signed_left: int  # 1: the duty's sign is the direction
     signed_right: int
-    latch_mapped: int  # 0: nobody releases the latch, so opening drives do
+    latch_mapped: int  # 0: no signal releases the latch, so opening drives do
     hold_message: (
-        int  # which of `outputs` tells the largest pinch force since its last frame; −1: none
+        int  # row in `outputs` that reports the largest pinch force since its last frame; −1: none
     )
     obstacle_distance: float  # m, of the panel's obstacle from the hinge
     step: float  # s
@@ -89,13 +89,13 @@ class LoopConfig(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """All that does."""
+    """State of the loop."""
 
     plant: State
     sensors: SensorState
     arming: ObstacleArming
     pinch: Pinch
-    pinch_hold: float  # N, the largest pinch force since a frame told it
+    pinch_hold: float  # N, the largest pinch force since a frame reported it
     reception: Reception
     counts: Counts
     transmission: Transmission
@@ -104,7 +104,7 @@ class LoopState(NamedTuple):
 
 
 def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> LoopState:
-    """Before the first tick, with a ring for the last so many Hall edges."""
+    """Return the state before the first tick, with a ring for the last `edges` Hall edges."""
     return LoopState(
         plant=plant_state,
         sensors=sensors.initial_sensors(config.sensors, plant_state, edges),
@@ -121,13 +121,13 @@ def initial_loop(config: LoopConfig, plant_state: State, edges: int = 64) -> Loo
 
 @compilable
 def constants_in(config: LoopConfig) -> Constants:
-    """What of it faults may change."""
+    """Return those of the loop's constants that faults may change."""
     return Constants(config.plant, config.sensors, config.load, config.faults)
 
 
 @compilable
 def in_force(config: LoopConfig, row: NDArray[np.float64]) -> LoopConfig:
-    """The loop's constants with those of a row (n,) of `constants`."""
+    """Return the loop's constants with those of a row (n,) of `constants`."""
     now = unflattened(row, constants_in(config))
     return LoopConfig(
         plant=now.plant,
@@ -153,7 +153,7 @@ Tree = TypeVar("Tree")
 
 
 def copied(state: Tree) -> Tree:
-    """The same state with arrays of its own."""
+    """Return the same state with arrays of its own."""
     if isinstance(state, np.ndarray):
         return state.copy()
     if isinstance(state, tuple):
@@ -162,13 +162,13 @@ def copied(state: Tree) -> Tree:
 
 
 def no_frames() -> Frames:
-    """What a tick gets when nothing has come."""
+    """Return the frames of a tick in which nothing has come."""
     return empty_frames(0)
 
 
 @compilable
 def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
-    """What one motor gets [duty in %]; a command that is not there coasts."""
+    """Return the command to one motor [duty in %]; without a command it coasts."""
     if np.isnan(duty):
         return drive_input(COAST, 0.0)
     if signed:
@@ -182,7 +182,7 @@ def bridge_command(duty: float, direction: float, signed: int) -> DriveInput:
 
 @compilable
 def panel_obstacle(config: LoopConfig, values: NDArray[np.float64], below: Obstacle) -> Obstacle:
-    """The rod that a panel has set, or the obstacle below it."""
+    """Return the rod that a panel has set, or else the obstacle `below`."""
     rate, angle = values[IN.obstacle_rate], values[IN.obstacle_angle]
     if np.isnan(rate) or np.isnan(angle):
         return below
@@ -206,7 +206,11 @@ def surroundings(
     arming: ObstacleArming,
     state: State,
 ) -> tuple[ObstacleArming, Load]:
-    """The vehicle's surroundings, and over them the scenario's, the panel's, and what was posted."""
+    """Return the obstacle's arming, and the load from the surroundings.
+
+    The vehicle's surroundings are overridden by the scenario's, these by the panel's, and these by what was
+    posted.
+    """
     above = overlay(outside.posted, picked(values, IN_SURROUNDINGS))
     said, rise = overlay(above, outside.profiles), rise_under(outside.supply_rise, above)
     obstacle = panel_obstacle(config, values, outside.obstacle)
@@ -224,7 +228,7 @@ def surroundings(
 def command(
     config: LoopConfig, values: NDArray[np.float64], stop: bool
 ) -> tuple[DriveInput, DriveInput]:
-    """What both motors get."""
+    """Return the commands to both motors."""
     if stop:
         return drive_input(COAST, 0.0), drive_input(COAST, 0.0)
     return (
@@ -235,7 +239,7 @@ def command(
 
 @compilable
 def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
-    """What the emulator says of itself."""
+    """Return the state that the emulator reports of itself."""
     if stop:
         return STOPPED
     if not np.isnan(reception.values[IN.left_duty]):
@@ -245,7 +249,7 @@ def emulator_state(reception: Reception, timeouts: int, stop: bool) -> int:
 
 @compilable
 def edge_times(halls: Any, now: float) -> EdgeTimes:
-    """The last edges of both drives (2,) HALL, at a time [s]."""
+    """Return the last edges of both drives (2,) HALL, as seen at a time [s]."""
     left, right = halls[LEFT], halls[RIGHT]
     return EdgeTimes(
         left_edge_number=float(left.edges % EDGE_NUMBERS),
@@ -284,7 +288,7 @@ def tick(
 ) -> tuple[LoopState, Frames, Truth, Sensed]:
     """Advance by one plant step with the frames that have come and what acts from outside.
 
-    The frames that it gives are good until the next tick.
+    The returned frames are valid until the next tick.
     """
     start_ns = state.tick * config.step_ns
     reception, transmission = state.reception, state.transmission

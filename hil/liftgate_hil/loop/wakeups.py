@@ -1,4 +1,4 @@
-"""How late this machine wakes the real-time loop: its own way to wait, without the work in between."""
+"""Measurement of how late this machine wakes the real-time loop: by its own wait, without the work in between."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ def note_wakeups(
     stop: NDArray[np.int64],
     room: Room,
 ) -> tuple[int, int]:
-    """Wake up for `count` periods on absolute deadlines, as the real-time loop does: how many were skipped, and
-    how often it was late by more than `long_ns`.
+    """Wake up for `count` periods on absolute deadlines, as the real-time loop does.
+
+    Returns how many periods were skipped, and how often it was late by more than `long_ns`.
     """
     start = clock_ns(_MONOTONIC, room) + _HEAD_START
     done, missed, long = 0, 0, 0
@@ -50,10 +51,10 @@ def note_wakeups(
 def measure_wakeups(
     period_ns: int, count: int, realtime: Realtime | None = None, long_ns: int = LONG_NS
 ) -> tuple[Distribution, int, int]:
-    """How late a thread of its own wakes up, how many of `count` periods [ns] it skipped, and how often it was
-    late by more than `long_ns`.
+    """Measure how late a thread of its own wakes up.
 
-    What `realtime` was refused is told in it.
+    Returns the distribution of the lateness, how many of `count` periods [ns] were skipped, and how often the
+    thread was late by more than `long_ns`. What `realtime` was refused is noted in it.
     """
     histogram = np.zeros(BINS, dtype=np.int64)
     stop = np.zeros(1, dtype=np.int64)
@@ -73,7 +74,10 @@ def measure_wakeups(
 def in_own_thread(
     action: Callable[[], Result], end: Callable[[], None], realtime: Realtime | None
 ) -> Result:
-    """What `action` gives, in a thread such as the real-time loop's; `end` makes it return early, for Ctrl-C."""
+    """Return what `action` returns, in a thread like that of the real-time loop.
+
+    `end` makes it return early, for Ctrl-C.
+    """
     results: list[Result] = []
     failures: list[BaseException] = []
 
@@ -83,7 +87,7 @@ def in_own_thread(
             if realtime is not None:
                 realtime.enter()
             results.append(action())
-        except BaseException as error:  # told by the thread that can tell
+        except BaseException as error:  # raised by the calling thread
             failures.append(error)
 
     if realtime is not None:

@@ -1,1 +1,1 @@
-"""Measurements: read from files of many kinds, cut, thinned out, checked."""
+"""Measurements: read from files of many formats, cut, decimated, checked."""

@@ -1,7 +1,7 @@
-"""Bus logs: the ECU's command frames are the inputs, the sensors' frames the outputs.
+"""Bus logs as measurements: the ECU's command frames are the inputs, the sensors' frames the outputs.
 
-The emulator's own codec judges each frame (length, checksum, counter, ranges), so that what it would refuse on
-the bus is refused here, too. Before the first command, and once one is stale, the motors coast.
+The emulator's own codec judges each frame (length, checksum, counter, ranges), so that what it would refuse on the
+bus is refused here, too. Before the first command, and once a command is stale, the motors coast.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from liftgate_hil.measurement.walk import events_in
 from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS, PROFILES, Command
 from liftgate_plant.signals import Sensed, Signal, bus_name, signals_of
 
-# Our column of a quantity that is one by itself.
+# Our columns by the bus quantities that correspond to exactly one.
 _PANEL = {bus_name(column, signal): column for column, signal in PROFILES.items()}
 _SENSED = {
     bus_name(column, signal): column
@@ -36,29 +36,29 @@ _SENSED = {
 _COMMANDS = Command._fields
 _SIDES = ("left", "right")
 _OUT_OF_TURN_NS = 10_000_000
-_LONGEST_S = 1e9  # 32 years: whatever is more is no log
+_LONGEST_S = 1e9  # 32 years: a longer file is no log
 
 
 @dataclass(frozen=True)
 class Track:
-    """What the frames say of one quantity: times [ns] and values, NaN where it went stale."""
+    """One quantity over time, as decoded from frames: times [ns] and values, NaN where it went stale."""
 
     times: NDArray[np.int64]
     values: Floats
 
     def held(self, at: NDArray[np.int64], before: float) -> Floats:
-        """The last value at each of these times."""
+        """Return the last value at each of these times; `before` where there is none yet."""
         index = np.searchsorted(self.times, at, side="right") - 1
         return np.where(index >= 0, self.values[np.maximum(index, 0)], before)
 
     def without_stale(self) -> Track:
-        """The samples alone."""
+        """Return the track with its samples only."""
         there = np.isfinite(self.values)
         return Track(self.times[there], self.values[there])
 
 
 def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measurement:
-    """The measurement in a bus log. Raises ConfigError."""
+    """Read the measurement in a bus log. Raises ConfigError."""
     rig = replace(
         rig,
         inputs=tuple(wire for wire in rig.inputs if wire.quantity in (*_COMMANDS, *_PANEL)),
@@ -69,11 +69,11 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
     seconds, frames, cut = log.times, log.frames, log.notes
     if frames.count == 0:
         raise ConfigError(f"{path}: no frame of ours; allowed: {_called(rig, messages)}")
-    if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # nor NaN
+    if not np.all(np.abs(seconds - seconds[0]) <= _LONGEST_S):  # rejects NaN, too
         raise ConfigError(
             f"{path}: times that are none; allowed: within {_LONGEST_S:g} s of the first frame"
         )
-    # Loggers stamp to the microsecond; a clock in seconds since 1970 holds no more either.
+    # Loggers have timestamps in microseconds; a float of seconds since 1970 is no more precise.
     times = np.round((seconds - seconds[0]) * 1e6).astype(np.int64) * 1000
     times = _in_order(path, times)
     given, counts = tracks_of(rig.input_config(), BUS_INPUTS, frames, times)
@@ -98,7 +98,7 @@ def read_bus_log(path: Path, rig: Rig, before: Mapping[str, float]) -> Measureme
 
 
 def unwrapped(values: Floats, span: float) -> Floats:
-    """A counter that starts again after `span`, without its jumps; 0: it never does."""
+    """Return a counter that wraps around at `span` without its jumps; span 0: it never wraps."""
     if span <= 0.0 or len(values) == 0:
         return values
     steps = np.diff(values)
@@ -108,7 +108,7 @@ def unwrapped(values: Floats, span: float) -> Floats:
 
 
 def span_of(rig: Rig, wire: SignalMapping) -> float:
-    """What a counter's bits hold, in our unit."""
+    """Return the span of a counter's bits, in our unit; 0 if it does not wrap."""
     signal = rig.messages[wire.message].get_signal_by_name(wire.signal)
     if signal.is_float or signal.length > 48:
         return 0.0
@@ -116,7 +116,7 @@ def span_of(rig: Rig, wire: SignalMapping) -> float:
 
 
 def _in_order(path: Path, times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Times that do not fall: what was sent and what was received may be stamped a little out of turn."""
+    """Return times that do not fall: frames may be stamped slightly out of order. Raises ConfigError."""
     rising = np.maximum.accumulate(times)
     late = np.flatnonzero(rising - times > _OUT_OF_TURN_NS)
     if len(late):
@@ -138,13 +138,13 @@ def tracks_of(
     frames: Frames,
     times: NDArray[np.int64],
 ) -> tuple[dict[str, Track], Counts]:
-    """What the frames say of each quantity, and what became of the frames; `times` [ns] are theirs, and rise."""
+    """Return the track of each quantity, and the counts of the frames; `times` [ns] are theirs, and rise."""
     at, which, values, counts = events_in(layout, frames, times, len(names))
     tracks = {}
     for index, name in enumerate(names):
         mine = np.flatnonzero(which == index)
         if len(mine):
-            # Of several in one microsecond the last one counts.
+            # Of several frames in one microsecond the last one counts.
             last = np.append(np.diff(at[mine]) > 0, True)
             tracks[name] = Track(at[mine][last], values[mine][last])
     return tracks, counts
@@ -155,7 +155,7 @@ def _add(one: Counts, other: Counts) -> Counts:
 
 
 def refusals_in(counts: Counts) -> list[str]:
-    """What is worth knowing of frames that were not taken."""
+    """Return notes on frames that were refused or lost."""
     causes = ("remote", "wrong_length", "out_of_range", "checksum", "counter", "unqualified")
     told = [
         f"{getattr(counts, cause)} {cause.replace('_', ' ')}"
@@ -186,7 +186,7 @@ def _check_content(
     sensed: Mapping[str, Track],
     counts: Counts,
 ) -> None:
-    """There must be commands, and something sensed."""
+    """Raise ConfigError unless there are commands and sensor values."""
     issues = []
     why = "; ".join(refusals_in(counts))
     why = f" ({why})" if why else ""
@@ -224,7 +224,7 @@ def _inputs(
     marks: NDArray[np.int64],
     before: Mapping[str, float],
 ) -> dict[str, Floats]:
-    """The input columns at these times [ns]."""
+    """Return the input columns at these times [ns]."""
     columns = {}
 
     def held(name: str) -> Floats:

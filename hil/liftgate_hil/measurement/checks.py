@@ -1,4 +1,4 @@
-"""What a measurement must hold to be of use, and what looks like a mistake in it."""
+"""Checks whether a measurement is usable, and whether anything in it looks like a mistake."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measur
 
 MIN_ROWS = 20
 _MAX_CURRENT = 1000.0  # A
-_LEAST_CURRENT = (
-    100.0  # A: what may well be amperes, however large the resistance that a search begins with
-)
-_FASTEST, _SLOWEST = 1e-6, 0.5  # s between rows, usually
-_LONGEST_GAP = 60.0  # s between two rows
-_LONGEST = 86_400.0  # s altogether
-_TOLD_DEG = 5.0  # a way of the gate that tells something
-# The ratio of a speed to the slope of its position, and the unit that it betrays.
+# Currents up to this [A] may well be in A, however large the resistance that a search begins with.
+_LEAST_CURRENT = 100.0
+_FASTEST, _SLOWEST = 1e-6, 0.5  # s, median distance of the rows
+_LONGEST_GAP = 60.0  # s, between two rows
+_LONGEST = 86_400.0  # s, of the whole measurement
+_TOLD_DEG = 5.0  # deg, smallest change of the gate angle that is checked
+# Ratio of a speed to the slope of its position, and the unit of the speed that it indicates.
 _SPEED_UNITS: Sequence[tuple[float, str]] = (
     (60.0, "1/min"),
     (2.0 * math.pi, "rad/s"),
@@ -30,16 +29,16 @@ _SPEED_UNITS: Sequence[tuple[float, str]] = (
 
 @dataclass(frozen=True)
 class Expected:
-    """What is known of the vehicle; None: nothing."""
+    """What is known of the vehicle; None: unknown."""
 
     supply_voltage: float | None = None  # V
-    stall_current: float | None = None  # A, supply voltage by winding resistance
+    stall_current: float | None = None  # A, supply voltage / winding resistance
     hall_counts: float | None = None  # 1/rev
-    angle_of_position: Callable[[float], float] | None = None  # deg of rev
+    angle_of_position: Callable[[float], float] | None = None  # angle [deg] at a position [rev]
 
 
 def check(measurement: Measurement, expected: Expected | None = None) -> list[str]:
-    """All faults, a line each."""
+    """Return all issues of a measurement, one line each."""
     known = expected or Expected()
     issues = _soundness(measurement)
     if not issues:
@@ -55,7 +54,10 @@ def check(measurement: Measurement, expected: Expected | None = None) -> list[st
 
 
 def check_length(measurement: Measurement) -> list[str]:
-    """What hours of simulation would come of, a line each: a clock that jumps, or was set after the first row."""
+    """Return issues that would cause hours of simulation, one line each.
+
+    They come from a clock that jumps, or that was set after the first row.
+    """
     times = measurement.times
     gaps = np.diff(times)
     row = int(np.argmax(gaps)) if len(gaps) else 0
@@ -73,7 +75,7 @@ def check_length(measurement: Measurement) -> list[str]:
 
 
 def _soundness(measurement: Measurement) -> list[str]:
-    """What the reader should have seen to; conditioning may leave less."""
+    """Return issues that the reader should have found; conditioning may leave fewer rows."""
     issues = []
     rows = len(measurement.times)
     if rows < MIN_ROWS:
@@ -104,8 +106,9 @@ def _raster(measurement: Measurement) -> list[str]:
 
 
 def slope_ratio(times: Floats, position: Floats, speed: Floats) -> float:
-    """The speed column by the slope of the position column; NaN where they move too little, or not alike, to
-    tell. Compared over about fifty stretches, so that noise and a coarse position weigh little.
+    """Return the speed column / the slope of the position column; NaN if they change too little or not alike.
+
+    They are compared over about fifty sections, so that noise and a coarse position have little weight.
     """
     at = np.flatnonzero(np.isfinite(position))
     moving = np.flatnonzero(np.isfinite(speed))
@@ -170,7 +173,7 @@ def _count_and_position(measurement: Measurement, side: str, known: Expected) ->
 
 
 def _angle_and_position(measurement: Measurement, side: str, known: Expected) -> list[str]:
-    """An angle that goes another way than the position's by far is in another unit, or turns the other way."""
+    """Return an issue if the angle changes much more or less than the position: its unit or sign is wrong."""
     angle = measurement.columns.get("gate_angle_deg")
     position = _position(measurement, side, known)
     if angle is None or position is None or known.angle_of_position is None:
@@ -179,7 +182,7 @@ def _angle_and_position(measurement: Measurement, side: str, known: Expected) ->
     if len(both) < MIN_ROWS:
         return []
     first, last = both[np.argmin(position[both])], both[np.argmax(position[both])]
-    # The counter may have a zero of its own: as far from closed, the angle changes about as much.
+    # The counter may have another zero: over the same travel from closed the angle changes about as much.
     by_position = known.angle_of_position(float(position[last] - position[first]))
     by_angle = float(np.median(_near(angle, last)) - np.median(_near(angle, first)))
     if math.isnan(by_position) or by_position < _TOLD_DEG:

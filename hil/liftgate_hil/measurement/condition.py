@@ -1,4 +1,4 @@
-"""Parts of a measurement: from when to when, or where the gate is within two angles."""
+"""Sections of a measurement: between two times, or where the gate is within two angles."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from liftgate_hil.measurement.measurement import Floats, Measurement
 
 
 def noted(measurement: Measurement, note: str) -> Measurement:
-    """With one more note."""
+    """Return the measurement with one more note."""
     return replace(measurement, notes=(*measurement.notes, note))
 
 
 def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measurement:
-    """These rows only."""
+    """Return the measurement with these rows only."""
     return replace(
         measurement,
         times=measurement.times[kept],
@@ -29,7 +29,10 @@ def rows(measurement: Measurement, kept: NDArray[np.int64] | slice) -> Measureme
 def cut_time(
     measurement: Measurement, start: float | None = None, end: float | None = None
 ) -> Measurement:
-    """The rows from `start` to `end` [s], both included; the times stay. Raises ConfigError where none is."""
+    """Return the rows from `start` to `end` [s], both included, with unchanged times.
+
+    Raises ConfigError if there are none.
+    """
     times = measurement.times
     low = times[0] if start is None else start
     high = times[-1] if end is None else end
@@ -53,7 +56,10 @@ def angles_of(
     angle_of_position: Callable[[float], float] | None,
     hall_counts: float | None = None,
 ) -> Floats | None:
-    """The gate's angle [deg] in each row: measured, else from a drive's position [rev], else from its count."""
+    """Return the gate angle [deg] in each row: measured, else from a drive's position [rev], else from its count.
+
+    None if there is none of these.
+    """
     columns = measurement.columns
     if "gate_angle_deg" in columns:
         return interpolated(measurement.times, columns["gate_angle_deg"])
@@ -68,7 +74,7 @@ def angles_of(
 
 
 def interpolated(times: Floats, values: Floats) -> Floats:
-    """A column with straight lines where it has no sample; its ends are held."""
+    """Return a column interpolated linearly where it has no sample; before and after its samples it is held."""
     there = np.isfinite(values)
     if not np.any(there):
         return values
@@ -83,9 +89,10 @@ def cut_angle(
     angle_of_position: Callable[[float], float] | None = None,
     hall_counts: float | None = None,
 ) -> Measurement:
-    """The longest stretch with the gate within [low_deg, high_deg]. Where the angle was not measured it comes from
-    the position by `angle_of_position` [rev → deg], or so from the Hall count [`hall_counts` 1/rev]. Raises
-    ConfigError where there is no such stretch.
+    """Return the longest section with the gate within [low_deg, high_deg]. Raises ConfigError if there is none.
+
+    If the angle was not measured, it is computed from the position by `angle_of_position` [rev → deg], or likewise
+    from the Hall count [`hall_counts` 1/rev].
     """
     angles = angles_of(measurement, angle_of_position, hall_counts)
     if angles is None:

@@ -1,4 +1,4 @@
-"""Input files of `simulate`: columns over time, a sample holding until the next one."""
+"""Input files of `simulate`: columns over time; a sample holds until the next one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import open_columns
 from liftgate_hil.measurement.mapping import ColumnMap
-from liftgate_hil.measurement.read import open_columns
 from liftgate_hil.measurement.table import (
     INPUT_KIND,
     RECORDED_NOTE,
@@ -21,8 +21,9 @@ from liftgate_hil.stimuli.samples import Floats, Samples
 
 
 def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ...]]:
-    """The inputs in a table, by our names or as mapped, from time 0 on, and what is worth knowing of it.
-    Raises ConfigError with all faults.
+    """Return the inputs in a table, by our names or as mapped, from time 0 on, and notes on the table.
+
+    Raises ConfigError with all issues.
     """
     reading, series, shared = read_series(path, open_columns(path), mapping, INPUT_KIND)
     issues = [
@@ -46,7 +47,7 @@ def read_samples(path: Path, mapping: ColumnMap) -> tuple[Samples, tuple[str, ..
 
 
 def _as_simulated(reading: Reading, columns: dict[str, Floats]) -> dict[str, Floats]:
-    """The columns of the step's inputs, each holding from its row on."""
+    """Return the columns of the inputs of a step, each holding from its row on."""
     if reading.recorded:
         shift_inputs(columns)
     if reading.names.get("latch_released") == "latched":

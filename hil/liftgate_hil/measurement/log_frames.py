@@ -1,63 +1,62 @@
-"""The frames of a bus log that are ours, by python-can's readers, or from an MF4 or MCAP file that holds some."""
+"""The frames of a bus log that are ours, by python-can's readers, or from an MF4 or MCAP file with frames."""
 
 from __future__ import annotations
 
 import io
-import logging
 import math
-import os
 import re
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED, FD, REMOTE, Frames, empty_frames, no_logged
 from liftgate_hil.config.files import check_file
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.reading import CUT, all_understood, is_cut
 from liftgate_hil.measurement.measurement import Floats
 
-_MOST_BYTES = 64  # of a frame
-_MOST_SAID = 200  # characters of what python-can says
-SILENT_S = 0.1  # that a bus may be silent: messages come more often
-_BLOCK = 1 << 22  # bytes of text
-# A line of candump's log: stamp, bus, identifier, CAN FD's flags, payload or a remote frame's length, direction.
+_MOST_BYTES = 64  # in a frame
+SILENT_S = 0.1  # longest silence that is normal: messages come more often
+_BLOCK = 1 << 22  # bytes of text that are read at a time
+# Line of candump's log: timestamp, bus, identifier, CAN FD flags, payload or length of a remote frame, direction.
 _CANDUMP = re.compile(
     rb"\((\d+\.\d+)\) \S+ ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(#[0-9A-Fa-f])?"
     rb"((?:[0-9A-Fa-f]{2})*|[Rr]\d*)(?: [RT])?\r?\n"
 )
-CUT = "its last line is cut off, and left out"
 
 
 class LogFrames(NamedTuple):
-    """The frames of a log that are asked for."""
+    """The requested frames of a log."""
 
-    times: Floats  # s, as the file has them
+    times: Floats  # s, as in the file
     frames: Frames
-    notes: tuple[str, ...]  # what was noticed
-    span: tuple[float, float] | None  # s, of all frames of the log; None: it has none
-    # s, from when to when nobody speaks, longer than SILENT_S
+    notes: tuple[str, ...]  # remarks on what was noticed
+    span: tuple[float, float] | None  # s, first to last frame of the log; None: no frames
+    # Begin and end [s] of each time without frames that is longer than SILENT_S.
     silences: tuple[tuple[float, float], ...]
 
 
 def read_frames(
     path: Path, messages: Collection[str], rig: Rig, others: Collection[int] = ()
 ) -> LogFrames:
-    """The frames of these messages of the rig, and of other identifiers. Raises ConfigError where the log cannot
-    be read.
+    """Read the frames of these messages of the rig, and those of other identifiers.
+
+    Raises ConfigError if the log cannot be read.
     """
     wanted = {*(rig.identifier(name) for name in messages), *others}
     kind = path.suffix.lower()
     if kind == ".mf4":
-        from liftgate_hil.measurement.mf4_file import read_mf4_frames as read
+        from liftgate_hil.formats.mf4_channels import read_mf4_frames
+
+        times, frames = read_mf4_frames(path)
     elif kind == ".mcap":
-        from liftgate_hil.measurement.mcap_file import read_mcap_frames as read
+        times, frames = read_mcap_frames(path)
     else:
         return _by_python_can(path, wanted)
-    times, frames = read(path)
     ours = np.flatnonzero(np.isin(frames.identifiers & ~FD, list(wanted)))
     own = Frames(len(ours), frames.identifiers[ours], frames.lengths[ours], frames.data[ours])
     span = (float(times[0]), float(times[-1])) if len(times) else None
@@ -66,41 +65,8 @@ def read_frames(
     return LogFrames(times[ours], own, (), span, silences)
 
 
-class _Complaints(logging.Handler):
-    """What python-can only logs: there it has left something out."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
-
-
-@contextmanager
-def all_understood() -> Iterator[None]:
-    """Raises ValueError at its end where python-can has left out something of what it read meanwhile."""
-    complaints, logger = _Complaints(), logging.getLogger("can")
-    logger.addHandler(complaints)
-    try:
-        yield
-    finally:
-        logger.removeHandler(complaints)
-    if complaints.texts:
-        raise ValueError(complaints.texts[0][:_MOST_SAID])
-
-
-def is_cut(path: Path) -> bool:
-    """Whether a text ends within a line, as a full disk or a kill leaves it. Raises OSError."""
-    with path.open("rb") as stream:
-        if stream.seek(0, os.SEEK_END) == 0:
-            return False
-        stream.seek(-1, os.SEEK_END)
-        return stream.read() != b"\n"
-
-
 def _opened(can: Any, path: Path, is_cut: bool) -> Any:
-    """A reader of the log; of one that is cut of its whole lines."""
+    """Open a reader of the log, or of its whole lines if it is cut off."""
     if not is_cut:
         return can.LogReader(path)
     readers = {".log": can.CanutilsLogReader, ".asc": can.ASCReader, ".trc": can.TRCReader}
@@ -109,7 +75,7 @@ def _opened(can: Any, path: Path, is_cut: bool) -> Any:
 
 
 def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
-    from liftgate_hil.python_can import can
+    from liftgate_hil.config.can_libraries import can
 
     check_file(path)
     found = None
@@ -138,15 +104,25 @@ def _by_python_can(path: Path, wanted: Collection[int]) -> LogFrames:
     )
 
 
+def read_mcap_frames(path: Path) -> tuple[Floats, Frames]:
+    """Return the times [s] and frames in an MCAP file, in order of time."""
+    frames = np.concatenate([no_logged(), *open_recording(path).frames()])
+    frames = frames[np.argsort(frames["time_ns"], kind="stable")]
+    # Not multiplied by 1e-9: only division gives the float nearest to a whole number of microseconds.
+    return frames["time_ns"] / 1e9, Frames(
+        len(frames), frames["identifier"], frames["length"], frames["payload"]
+    )
+
+
 class _Watch:
-    """What the stamps of all frames say."""
+    """Span of a log and silences in it, from the timestamps of all frames."""
 
     def __init__(self) -> None:
         self.first, self.last = math.inf, -math.inf
         self.silences: list[tuple[float, float]] = []
 
     def see(self, time: float) -> None:
-        """The next one."""
+        """Take in the timestamp of the next frame [s]."""
         if time > self.last:
             if time - self.last > SILENT_S and self.last > -math.inf:
                 self.silences.append((self.last, time))
@@ -155,7 +131,7 @@ class _Watch:
 
     @property
     def span(self) -> tuple[float, float] | None:
-        """The earliest and the latest."""
+        """The earliest and the latest timestamp; None if there are none."""
         return (self.first, self.last) if self.first <= self.last else None
 
 
@@ -163,13 +139,13 @@ Found = tuple[list[float], list[tuple[int, bytes]], _Watch]
 
 
 def _by_messages(can: Any, reader: Any, wanted: Collection[int]) -> Found:
-    """Times, identifiers with payloads, and the span of all."""
+    """Return times, identifiers with payloads, and the span of all frames, by a reader of python-can."""
     times: list[float] = []
     rows: list[tuple[int, bytes]] = []
     watch, before = _Watch(), 0.0
     for message in reader:
         if isinstance(reader, can.TRCReader):
-            before = float(reader._start_time)  # which it adds to what the file says
+            before = float(reader._start_time)  # the reader adds it to the times in the file
         time = message.timestamp - before
         watch.see(time)
         identifier = message.arbitration_id
@@ -185,8 +161,10 @@ def _by_messages(can: Any, reader: Any, wanted: Collection[int]) -> Found:
 
 
 def _by_lines(path: Path, wanted: Collection[int]) -> Found | None:
-    """The same of candump's text, four times as fast; None where a line of it is of another form, which python-can
-    may know. A last line that is cut off does not count.
+    """Return times, identifiers with payloads, and the span of all frames of candump's text.
+
+    This is four times as fast as python-can. None if a line has another form, which python-can may know. A last
+    line that is cut off is ignored.
     """
     names: dict[bytes, int] = {}
     for identifier in wanted:

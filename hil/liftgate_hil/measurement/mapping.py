@@ -1,4 +1,4 @@
-"""`map`: which column of a foreign file is which of ours, in what unit."""
+"""`map`: which column of a foreign file is which of ours, and in what unit."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from pathlib import Path
 
 from liftgate_hil.config.files import check_file, is_there
 from liftgate_hil.config.toml import known_keys, number, read_toml, show, table, text
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion
 from liftgate_plant.signals import Signal
 
@@ -21,7 +20,7 @@ _WITH_UNIT = re.compile(r"(?P<name>.+?)\s*\[(?P<unit>[^\[\]]*)\](\s*\*\s*(?P<sca
 
 @dataclass(frozen=True)
 class Theirs:
-    """A column of theirs: scale · value + offset is in `unit` (None: the file's own, else ours)."""
+    """Column of a foreign file: scale · value + offset is in `unit` (None: the file's own, else ours)."""
 
     name: str
     unit: str | None = None
@@ -29,7 +28,7 @@ class Theirs:
     offset: float = 0.0
 
     def found_in(self, names: Collection[str]) -> str | None:
-        """The file's name of it: with the unit in brackets, too, as many write their headers."""
+        """Return the column's name in the file, where the unit may follow in brackets; None if it is missing."""
         choices = (self.name, f"{self.name} [{self.unit}]", f"{self.name}[{self.unit}]")
         return next((choice for choice in choices if choice in names), None)
 
@@ -38,8 +37,9 @@ ColumnMap = dict[str, Theirs]
 
 
 def parse_maps(given: Sequence[str], known: Mapping[str, Signal] = KNOWN) -> ColumnMap:
-    """The map that all `map` values make; `known` are the columns of ours that there may be. Raises ConfigError
-    with all faults.
+    """Return the map that all `map` values make up; `known` are our columns that may be mapped.
+
+    Raises ConfigError with all issues.
     """
     result: ColumnMap = {}
     lines: list[str] = []

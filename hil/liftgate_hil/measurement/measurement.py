@@ -27,12 +27,11 @@ OUTPUTS: Mapping[str, Signal] = {
 
 @dataclass(frozen=True)
 class Measurement:
-    """Inputs without gaps, outputs NaN where there is no sample."""
+    """Columns over one time base: inputs without gaps, outputs NaN where there is no sample."""
 
     source: str  # the file, for messages
     times: Floats  # (n,) s, finite and rising
     columns: Mapping[str, Floats]  # of INPUTS and OUTPUTS, (n,) each
-    through_sensors: (
-        bool  # whether the outputs are the sensors' readings (a bus log) or the true ones
-    )
+    # Whether the outputs are the sensors' readings (a bus log) or the true values.
+    through_sensors: bool
     notes: tuple[str, ...] = ()  # what was noticed and done: gaps, outliers, decimation

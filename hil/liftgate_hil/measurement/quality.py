@@ -1,4 +1,4 @@
-"""What a measurement looks like at close sight: gaps, jitter, outliers."""
+"""Quality of a measurement: gaps, jitter, outliers."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from liftgate_hil.measurement.measurement import OUTPUTS, Floats, Measurement
 from liftgate_hil.measurement.raster import GAP, usual_spacing
 
 HALF_WINDOW = 5  # samples
-_SIGMA = 1.4826  # standard deviation of a normal distribution by its median absolute deviation
+_SIGMA = 1.4826  # standard deviation / median absolute deviation of a normal distribution
 
 
 @dataclass(frozen=True)
 class Gaps:
     """How evenly a column was sampled."""
 
-    spacing: float  # s, usual
+    spacing: float  # s, the usual one
     count: int  # distances of more than GAP x the usual one
-    missing: int  # samples that would have been in them
-    longest: float  # s
-    longest_at: float  # s, where it begins
-    jitter: float  # standard deviation of the other distances by the usual one
+    missing: int  # samples missing in these gaps
+    longest: float  # s, duration of the longest gap
+    longest_at: float  # s, where the longest gap begins
+    jitter: float  # standard deviation of the other distances / the usual one
 
 
 def gaps_in(times: Floats) -> Gaps:
-    """Gaps and jitter of samples at these times [s]."""
+    """Return gaps and jitter of samples at these times [s]."""
     if len(times) < 3:
         return Gaps(usual_spacing(times), 0, 0, 0.0, 0.0, 0.0)
     spacing = np.diff(times)
@@ -47,7 +47,7 @@ def gaps_in(times: Floats) -> Gaps:
 
 
 def report_gaps(measurement: Measurement) -> Measurement:
-    """Notes on columns with gaps, or with more than 5 % of jitter."""
+    """Return the measurement with notes on columns with gaps, or with more than 5 % of jitter."""
     told: dict[str, list[str]] = {}
     for name, values in measurement.columns.items():
         if name not in OUTPUTS:
@@ -73,9 +73,11 @@ def outliers(
     half_window: int = HALF_WINDOW,
     limit: float = 6.0,
 ) -> NDArray[np.int64]:
-    """Rows of samples that lie off the median of their 2 · half_window + 1 neighbours by more than `limit`
-    standard deviations (Hampel's filter, by the median absolute deviation), by more than the column's usual
-    changes, so that a quantised or resting signal has none, and by more than `allowance` has in their row.
+    """Return the rows of a column's outliers (Hampel's filter, by the median absolute deviation).
+
+    An outlier differs from the median of its 2 · half_window + 1 neighbours by more than `limit` standard
+    deviations, by more than ten times the column's usual change, so that a quantised or resting signal has none,
+    and by more than `allowance` in its row.
     """
     at = np.flatnonzero(np.isfinite(values))
     width = 2 * half_window + 1
@@ -86,7 +88,7 @@ def outliers(
     usual = float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0
     inner = samples[half_window : len(samples) - half_window]
     low, high = extremes(samples, width)
-    # The median lies between the extremes: most samples need none.
+    # The median lies between the extremes, so most samples need no median.
     rows = np.flatnonzero(np.maximum(inner - low, high - inner) > 10.0 * usual)
     windows = sliding_window_view(samples, width)[rows]
     median = np.median(windows, axis=1)
@@ -99,7 +101,7 @@ def outliers(
 
 
 def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
-    """Least and largest (n − width + 1,) of so many in a row, from those of half as many."""
+    """Return the least and largest (n − width + 1,) of `width` values in a row, from those of half as many."""
     low = high = values
     have = 1
     while have < width:
@@ -110,8 +112,9 @@ def extremes(values: Floats, width: int) -> tuple[Floats, Floats]:
 
 
 def explained(measurement: Measurement, side: str, values: Floats, known: Expected) -> Floats:
-    """By how much a motor current may jump in each row, as the motor's voltage does nearby; without it every
-    change of the duty would look like an outlier.
+    """Return by how much a motor current may jump in each row, given the changes of the motor's voltage nearby.
+
+    Without this every change of the duty would look like an outlier.
     """
     result = np.zeros(len(values))
     at = np.flatnonzero(np.isfinite(values))
@@ -127,7 +130,7 @@ def explained(measurement: Measurement, side: str, values: Floats, known: Expect
 
 
 def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDArray[np.int64]]:
-    """Rows, per output column that has any."""
+    """Return the rows of outliers, by output column that has any."""
     found = {}
     for name, values in measurement.columns.items():
         if name in OUTPUTS and not name.endswith("hall_count"):
@@ -140,7 +143,7 @@ def find_outliers(measurement: Measurement, known: Expected) -> Mapping[str, NDA
 def report_outliers(
     measurement: Measurement, drop: bool, known: Expected | None = None
 ) -> Measurement:
-    """A note for each column with outliers; with `drop` they are no samples (NaN) from here on."""
+    """Return the measurement with a note on each column with outliers; `drop` makes these NaN."""
     found = find_outliers(measurement, known or Expected())
     columns = dict(measurement.columns)
     result = measurement

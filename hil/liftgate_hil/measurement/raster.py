@@ -1,4 +1,4 @@
-"""Outputs onto an even raster, and a coarser one. The inputs stay as they are."""
+"""Resampling of outputs to an even raster, and decimation. The inputs stay as they are."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from liftgate_hil.identify.decimation import Decimation
 from liftgate_hil.measurement.checks import check
 from liftgate_hil.measurement.measurement import Floats, Measurement
 
-# A distance of samples above this times the usual one is a gap.
+# A distance of samples of more than GAP times the usual one is a gap.
 GAP = 1.5
-_EVEN = 1e-3  # of a period, by which a row of an even raster may be off
-_MOST = 50_000_000  # rows of a raster
-_MOSTLY = 0.25  # of the samples within a kept one's distance: above, these are a gap
+_EVEN = 1e-3  # largest deviation of a row from an even raster, in periods
+_MOST = 50_000_000  # most rows of a raster
+_MOSTLY = 0.25  # share of unknown samples around a kept one above which it is unknown
 
 
 def is_even(times: Floats) -> bool:
-    """Whether the rows are equally far apart."""
+    """Whether the rows are evenly spaced."""
     if len(times) < 3:
         return True
     period = (times[-1] - times[0]) / (len(times) - 1)
@@ -31,12 +31,12 @@ def is_even(times: Floats) -> bool:
 
 
 def usual_spacing(times: Floats) -> float:
-    """The median distance of samples [s]."""
+    """Return the median distance of samples [s]."""
     return float(np.median(np.diff(times))) if len(times) > 1 else math.inf
 
 
 def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
-    """Where a column has no sample near enough to say anything: inside a gap, before the first, after the last."""
+    """Return where a column has no sample near enough: inside a gap, before the first, after the last."""
     own = times[np.isfinite(values)]
     if len(own) == 0:
         return np.ones(len(at), dtype=bool)
@@ -53,9 +53,11 @@ def in_gap(times: Floats, values: Floats, at: Floats) -> NDArray[np.bool_]:
 
 
 def thinned(data: Data, rate: float | None, factor: int, quantum: float) -> Data:
-    """The same experiment with outputs 1/rate [s] apart, on straight lines between their samples and never across
-    a gap, and of these every `factor`-th, after a low-pass with zero phase. Positions that are whole multiples of
-    `quantum` [rev] stay so. Raises ConfigError where rows are not evenly spaced, or too few.
+    """Return the experiment with its outputs resampled, and decimated by `factor`.
+
+    Resampled outputs are 1/rate [s] apart, interpolated linearly between samples and never across a gap;
+    decimation keeps every `factor`-th of them, after a low-pass with zero phase. Positions that are whole
+    multiples of `quantum` [rev] stay so. Raises ConfigError if rows are not evenly spaced, or too few.
     """
     if rate is None and factor == 1:
         return data
@@ -100,15 +102,13 @@ def _raster(data: Data, rate: float) -> Floats:
         raise ConfigError(
             f"{data.name}: `resample` {rate:g}: {count} rows; allowed: up to {_MOST:g}"
         )
-    # The last one may be later by rounding.
+    # By rounding the last time may be beyond the last row.
     raster: Floats = np.minimum(first + np.arange(count, dtype=np.float64) / rate, last)
     return raster
 
 
 def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bool_]:
-    """Which samples there are not: in a gap, or so near to one that the filter would rather show the line across
-    it.
-    """
+    """Return which samples are unknown: in a gap, or so near one that the filter mostly shows the line over it."""
     rows = decimation.rows
     gap = in_gap(rows, values, rows if decimation.raster is None else decimation.raster)
     if decimation.factor == 1 or name in decimation.counts:
@@ -118,6 +118,6 @@ def _unknown(name: str, values: Floats, decimation: Decimation) -> NDArray[np.bo
     low = np.maximum(at - decimation.factor, 0)
     high = np.minimum(at + decimation.factor + 1, len(gap))
     result: NDArray[np.bool_] = (before[high] - before[low]) / (high - low) > _MOSTLY
-    # At its ends a filter that goes on point-mirrored shows the first and last value with all their noise.
+    # At the ends the filter continues by point reflection, and keeps all noise of the first and last value.
     result[[0, -1]] = True
     return result

@@ -1,4 +1,4 @@
-"""Columns of a file to a measurement: whose they are, in what unit, and from when to when an input holds."""
+"""Columns of a file as a measurement: which is which of ours, in what unit, and when an input holds."""
 
 from __future__ import annotations
 
@@ -9,41 +9,41 @@ from pathlib import Path
 import numpy as np
 
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import Columns, Series
 from liftgate_hil.measurement.mapping import ColumnMap
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS, Floats, Measurement
-from liftgate_hil.measurement.series import Columns, Series
 from liftgate_hil.measurement.units import KNOWN, allowed_units, conversion, near_miss
 
 SIDES = ("left", "right")
 Kinds = tuple[tuple[str, tuple[str, ...]], ...]
 INPUT_KIND: Kinds = (("input", ("voltage_v", *INPUTS)),)
 _KINDS: Kinds = (*INPUT_KIND, ("output", tuple(OUTPUTS)))
-# What only a recording of the emulator has; there the voltages come from duty and supply.
+# Columns that only a recording of the emulator has; there the voltages follow from duty and supply.
 RECORDED = ("left_coast", "latched")
 RECORDED_NOTE = "a recording of the emulator: each input taken from the row after"
 _VOLTAGES = ("voltage_v", "left_voltage_v", "right_voltage_v")
-# One of them says what drives the motors.
+# Columns that state what drives the motors.
 DRIVES = (
     *_VOLTAGES,
     *(f"{side}_{what}" for side in SIDES for what in ("duty", "coast")),
 )
-# The unit that a column out of its range probably has, by the column's ending.
+# Unit that a column out of its range probably has, by the ending of its name.
 _RATHER = {"_duty": "%", "_a": "mA", "_v": "mV"}
 
 
 @dataclass
 class Reading:
-    """One file on its way to a measurement."""
+    """Intermediate state while one file is read as a measurement."""
 
     path: Path
     file: Columns
-    names: dict[str, str]  # ours: theirs
+    names: dict[str, str]  # our name: name in the file
     recorded: bool
     issues: list[str]
 
 
 def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
-    """The measurement in a file of columns. Raises ConfigError with all faults."""
+    """Read the measurement in a file of columns. Raises ConfigError with all issues."""
     reading, series, shared = read_series(path, file, mapping, _KINDS)
     own = {name: _own_samples(each, shared) for name, each in series.items()}
     own = {name: each for name, each in own.items() if len(each[0])}
@@ -58,8 +58,9 @@ def read_table(path: Path, file: Columns, mapping: ColumnMap) -> Measurement:
 def read_series(
     path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds
 ) -> tuple[Reading, dict[str, Series], Floats | None]:
-    """The columns of these kinds in our units, and the times of the file's rows (None: each column has its own).
-    Raises ConfigError with all faults.
+    """Return the columns of these kinds in our units, and the times of the file's rows.
+
+    The times are None if each column has its own. Raises ConfigError with all issues.
     """
     reading = _resolve(path, file, mapping, kinds)
     issues = reading.issues
@@ -80,7 +81,7 @@ def read_series(
 
 
 def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Reading:
-    """Which column is which."""
+    """Resolve which column of the file is which of ours."""
     known = ("time_s", *(name for _, columns in kinds for name in columns))
     mapping = {ours: theirs for ours, theirs in mapping.items() if ours in known}
     names = {ours: theirs.found_in(file.names) or "" for ours, theirs in mapping.items()}
@@ -120,8 +121,9 @@ def _resolve(path: Path, file: Columns, mapping: ColumnMap, kinds: Kinds) -> Rea
 
 
 def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
-    """Of the columns that drive a motor those that are mapped win over those that only have our name, and a
-    recording's duties over its voltages.
+    """Choose between columns that drive the same motor.
+
+    Mapped columns win over those that merely have our name, and a recording's duties over its voltages.
     """
     if recorded:
         for name in _VOLTAGES:
@@ -132,7 +134,7 @@ def _choose(names: dict[str, str], mapping: ColumnMap, recorded: bool) -> None:
     ]
     for side, own in zip(SIDES, chosen, strict=True):
         for name in _driving(side):
-            # What drives both goes only where each has something else.
+            # The voltage of both drives is left out only if each drive has another column.
             if own and name not in mapping and (name != "voltage_v" or all(chosen)):
                 names.pop(name, None)
 
@@ -144,7 +146,10 @@ def _driving(side: str) -> tuple[str, ...]:
 def _other_units(
     file: Columns, names: dict[str, str], path: Path, known: tuple[str, ...]
 ) -> list[str]:
-    """Headers like left_current_ma; each counts as its column, so that it is told once only."""
+    """Return issues for headers like left_current_ma.
+
+    Each counts as its column, so that it is reported once only.
+    """
     issues = []
     for name in file.names:
         meant = near_miss(name)
@@ -158,7 +163,7 @@ def _other_units(
 
 
 def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
-    """Drives that are said to get two things at once."""
+    """Return issues for drives with two inputs that contradict each other."""
     issues = []
     for side in SIDES:
         given = [name for name in _driving(side) if name in names]
@@ -171,7 +176,7 @@ def _clashes(path: Path, names: Mapping[str, str]) -> list[str]:
 
 
 def _converted(reading: Reading, ours: str, series: Series, mapping: ColumnMap) -> Series:
-    """In our unit."""
+    """Return a column in our unit."""
     theirs = mapping.get(ours)
     scale, offset, unit = 1.0, 0.0, series.unit
     if theirs is not None:
@@ -214,7 +219,7 @@ def _check_range(reading: Reading, ours: str, series: Series) -> None:
 
 
 def _shared_times(reading: Reading, series: Mapping[str, Series]) -> Floats | None:
-    """The file's rows' times; None where each column has its own."""
+    """Return the times of the file's rows; None if each column has its own."""
     if reading.file.sample != "row":
         return None
     if "time_s" not in series:
@@ -227,7 +232,7 @@ def _shared_times(reading: Reading, series: Mapping[str, Series]) -> Floats | No
 
 
 def time_issue(times: Floats, word: str) -> str:
-    """What is wrong with times, if anything."""
+    """Return what is wrong with times; empty if nothing is."""
     empty = np.flatnonzero(np.isnan(times))
     if len(empty):
         return f"empty cell in {word} {empty[0] + 1}; allowed: finite and rising"
@@ -242,7 +247,7 @@ def time_issue(times: Floats, word: str) -> str:
 
 
 def _own_samples(series: Series, shared: Floats | None) -> tuple[Floats, Floats]:
-    """Times and values where there is a sample."""
+    """Return times and values where there is a sample."""
     times = series.times if series.times is not None else shared
     if times is None:
         return np.zeros(0), np.zeros(0)
@@ -256,7 +261,7 @@ def _measurement(
     own: Mapping[str, tuple[Floats, Floats]],
     by_rows: bool,
 ) -> Measurement:
-    """All columns over one time base."""
+    """Return the measurement: all columns over one time base."""
     columns: dict[str, Floats] = {}
     notes = list(reading.file.notes)
     start = times[0] if len(times) else 0.0
@@ -299,7 +304,7 @@ def _measurement(
 
 
 def _is_slower_raster(times: Floats, at: Floats) -> bool:
-    """Whether the samples `at` leave out rows evenly, so that each may hold until the next."""
+    """Whether the samples `at` leave out rows evenly, so that each may hold until the next one."""
     if len(at) == len(times):
         return True
     if len(at) < 2:
@@ -311,7 +316,10 @@ def _is_slower_raster(times: Floats, at: Floats) -> bool:
 
 
 def shift_inputs(columns: dict[str, Floats]) -> None:
-    """From "led to its row" to "holds from its row"; after the last row nothing is known, or needed."""
+    """Shift inputs by a row, from "led to its row" to "holds from its row".
+
+    After the last row nothing is known, or needed: the last value is repeated.
+    """
     for name, values in columns.items():
         if name in INPUTS:
             columns[name] = np.append(values[1:], values[-1:])

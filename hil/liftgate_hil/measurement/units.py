@@ -1,4 +1,4 @@
-"""Units that a column of a measured file may be in, beside its own, which its name ends in."""
+"""Units in which a column of a measured file may be, besides its own, which its name ends in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from liftgate_hil.config.units import SAME, Conversion
 from liftgate_hil.measurement.measurement import INPUTS, OUTPUTS
 from liftgate_plant.signals import TIME, Signal
 
-# What a file may hold; `voltage_v` is the voltage of both drives.
+# Columns that a file may hold; `voltage_v` is the voltage of both drives.
 KNOWN: Mapping[str, Signal] = {
     "time_s": TIME,
     "voltage_v": INPUTS["left_voltage_v"],
@@ -19,19 +19,22 @@ KNOWN: Mapping[str, Signal] = {
 
 
 def conversion(column: str, unit: str, known: Mapping[str, Signal] = KNOWN) -> Conversion | None:
-    """From a unit to that of our column, one of those that are known; None where it measures something else."""
+    """Return the conversion from a unit to that of our column; None if the unit measures something else.
+
+    `known` are our columns.
+    """
     if unit.strip() in ("", column.rpartition("_")[2]):  # `simulate` writes the column's own ending
         return SAME
     return units.conversion(known[column], unit)
 
 
 def allowed_units(column: str, known: Mapping[str, Signal] = KNOWN) -> str:
-    """The same for a message."""
+    """Return the units that our column may have, for a message."""
     return units.allowed_units(known[column])
 
 
 def near_miss(name: str) -> tuple[str, str] | None:
-    """Our column and the unit that a header like `left_current_ma` seems to mean."""
+    """Return our column and the unit that a header like `left_current_ma` seems to mean; None if it means none."""
     stem, _, ending = name.lower().rpartition("_")
     for column, signal in KNOWN.items():
         if column.rpartition("_")[0] == stem and stem and signal.unit and column != name:

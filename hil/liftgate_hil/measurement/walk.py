@@ -1,4 +1,4 @@
-"""A whole log through the codec: what each sound frame says of each quantity, and when a message goes stale."""
+"""Decodes a whole log by the codec: the quantities in each sound frame, and when a message goes stale."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Integers = NDArray[np.int64]
 def events_in(
     layout: BusConfig, frames: Frames, times: Integers, quantities: int
 ) -> tuple[Integers, Integers, Floats, Counts]:
-    """(time [ns], quantity, value) of each event, in the order of time, and what became of the frames.
+    """Return (time [ns], quantity, value) of each event, in order of time, and the counts of the frames.
 
     `times` [ns] are those of the frames and rise. A message that goes stale gives NaN for its quantities.
     """
@@ -55,8 +55,9 @@ def walk(
     values: Floats,
     read: Floats,
 ) -> tuple[int, Counts]:
-    """Fill the events; how many there are, and the counts. `current` is changed; `read` (signals,) is room to
-    work in.
+    """Fill the arrays of events; return the number of events, and the counts of the frames.
+
+    `current` is changed; `read` (signals,) is working memory.
     """
     counts = NO_COUNTS
     used = 0
@@ -93,7 +94,7 @@ def note_stale(
     values: Floats,
     used: int,
 ) -> int:
-    """Messages that have timed out by now are forgotten, as `receive.forget_stale` does; events so far."""
+    """Forget messages that have timed out by now, as `receive.forget_stale` does; return the number of events."""
     for message in range(len(layout.messages)):
         table = layout.messages[message]
         seen = current.seen_ns[message]

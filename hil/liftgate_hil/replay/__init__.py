@@ -1,1 +1,1 @@
-"""Recordings played onto a bus."""
+"""Replay of recordings onto a bus."""

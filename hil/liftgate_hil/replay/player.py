@@ -1,5 +1,6 @@
-"""Plays a recording's frames onto a bus: the loop in a thread of its own, and what fills its ring and looks after
-the wire in this one.
+"""Plays a recording's frames onto a bus.
+
+The loop runs in a thread of its own; this thread fills the ring of the loop and supervises the wire.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames
 from liftgate_hil.errors import ConfigError, LiftgateError
-from liftgate_hil.listener import Listener
+from liftgate_hil.formats.open import open_recording
+from liftgate_hil.formats.recording import Recording
 from liftgate_hil.loop.datagrams import POSSIBLE
 from liftgate_hil.loop.histogram import BINS, NOTHING, Distribution, distribution, note
+from liftgate_hil.loop.listener import Listener
 from liftgate_hil.loop.priority import Realtime, wake_sharply
 from liftgate_hil.loop.realtime_loop import clock_ns, make_room
 from liftgate_hil.loop.replay_loop import (
@@ -34,7 +37,6 @@ from liftgate_hil.loop.replay_loop import (
 )
 from liftgate_hil.loop.rings import LATENESS, Memory
 from liftgate_hil.loop.statistics import told
-from liftgate_hil.measurement.recorded import Recorded, open_recorded
 from liftgate_hil.replay.selection import Course, Selection, has_sent, playable
 from liftgate_hil.transport.base import Line, LinkCounts, Transport
 from liftgate_hil.transport.find import Way, open_line
@@ -42,16 +44,16 @@ from liftgate_plant.compiler import compiled
 
 SPEEDS = (0.001, 1000.0)
 MOST_TIMES = 10**9
-_WATCH_S = 0.05  # between two looks at the wire
-_SWITCH_S = 0.0005  # that this thread keeps the interpreter lock while a pump's waits for it
-_MONOTONIC = 1  # clock
+_WATCH_S = 0.05  # between two checks of the wire
+_SWITCH_S = 0.0005  # time this thread keeps the interpreter lock while a pump's thread waits
+_MONOTONIC = 1  # number of the clock
 
-Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due, and the frames
+Block = tuple[NDArray[np.int64], NDArray[np.void]]  # when frames are due [ns], and the frames
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What is to be played, and how."""
+    """What shall be played, and how."""
 
     recording: Path
     selection: Selection = field(default_factory=Selection)
@@ -61,7 +63,7 @@ class Replay:
     cpu: int | None = None
 
     def check(self) -> None:
-        """Raises ConfigError."""
+        """Raise ConfigError if a setting is not allowed."""
         self.selection.check()
         low, high = SPEEDS
         if not low <= self.speed <= high:
@@ -74,34 +76,32 @@ class Replay:
 
 @dataclass
 class Played:
-    """What became of it."""
+    """Result of a replay."""
 
     direction: str = ""
-    is_complete: bool = False  # else it was stopped
-    rounds: int = 0  # that were begun, or played to their end
-    played_s: float = 0.0  # from when the first frame was due to the last one that was sent
-    took_s: float = 0.0  # by the clock
-    frames_due: int = 0  # whose time has come
+    is_complete: bool = False  # false: it was stopped
+    rounds: int = 0  # rounds that were begun, or played to their end
+    played_s: float = 0.0  # from the first frame's due time to that of the last one sent
+    took_s: float = 0.0  # elapsed time
+    frames_due: int = 0  # frames whose due time has come
     frames_sent: int = 0
     frames_not_sent: int = 0
     error_frames_left_out: int = 0
-    clock_set_back: int = 0  # times that a stamp was far behind the one before
-    ring_empty: int = (
-        0  # times that a frame was late because the recording could not be read as fast
-    )
+    clock_set_back: int = 0  # times that a timestamp was far behind the one before
+    ring_empty: int = 0  # times that a frame was late because the recording was read too slowly
     lateness: Distribution = NOTHING  # from when a frame was due until the wire had it
     link: LinkCounts = field(default_factory=LinkCounts)
-    link_error: str = ""  # the system's words for the last one
+    link_error: str = ""  # the operating system's text for the last error
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the result as a dictionary for JSON."""
         figures = asdict(self)
         del figures["lateness"]
         late = {f"lateness_{name}": each for name, each in self.lateness.as_dict().items()}
         return {**figures, **late, "link": self.link._asdict()}
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Return the result as lines of text."""
         rounds = f", {self.rounds} rounds" if self.rounds > 1 else ""
         which = "" if self.direction == "both" else f" of those {self.direction} in the recording"
         lines = [
@@ -125,8 +125,9 @@ class Played:
 
 
 class NotedTransport:
-    """A transport behind a pump that notes how late each frame is when its driver has it: only there it is known
-    how long a thread has waited for the interpreter lock.
+    """Transport behind a pump that notes how late each frame is when its driver has it.
+
+    Only there it is known how long a thread has waited for the interpreter lock.
     """
 
     def __init__(self, transport: Transport, schedule: Schedule) -> None:
@@ -140,11 +141,11 @@ class NotedTransport:
 
     @property
     def is_up(self) -> bool:
-        """See Transport."""
+        """Whether the link is there, as far as is known."""
         return self._transport.is_up
 
     def send(self, frames: Frames) -> None:
-        """See Transport; the frames come in the order in which the loop has handed them over."""
+        """Send frames, which come in the order in which the loop has passed them on, and note their lateness."""
         failed = self._transport.counts().send_failures
         self._transport.send(frames)
         now = clock_ns(_MONOTONIC, self._room)
@@ -157,7 +158,7 @@ class NotedTransport:
 
 
 class Player:
-    """A replay about to begin; `run` opens the wire, plays to the end, and closes it."""
+    """Player of one replay; `run` opens the wire, plays to the end, and closes it."""
 
     def __init__(
         self,
@@ -173,7 +174,7 @@ class Player:
         self._listener, self._stopped, self._progress = listener, stopped, progress
         self._way = way
         self.played = Played()
-        self._source = open_recorded(replay.recording)
+        self._source = open_recording(replay.recording)
         if self._source.channel is None:
             raise ConfigError(f"{self._source.path}: holds rows alone; allowed: one with frames")
         self._replay = _directed(replay, self._source)
@@ -184,15 +185,15 @@ class Player:
         self._schedule = empty_schedule()
         self._blocks = self._all_blocks()
         self._waiting: Block | None = None
-        self._begins: list[int] = []  # number of the first frame of each round that is read
+        self._begins: list[int] = []  # number of the first frame of each round read so far
         self._count = 0  # frames read
         self._failure: BaseException | None = None
         self._took_s = 0.0
 
     def run(self) -> None:
-        """Raises ConfigError, TransportError; `played` tells how far it came, whatever happens."""
+        """Play the recording; `played` shows how far it came in any case. Raises ConfigError, TransportError."""
         self._code = machine_code()
-        # What is wrong with the recording's beginning is told before anything is played.
+        # Issues at the beginning of the recording are reported before anything is played.
         while self._fill() and len(self._begins) == 1 and not self._stopped():
             pass
         if self._stopped():
@@ -226,7 +227,7 @@ class Player:
         return f"{what} of what was asked for; allowed: a selection that holds some"
 
     def _all_blocks(self) -> Iterator[Block]:
-        """What is to be played, round after round; a recording that the ring holds whole is read once."""
+        """Yield what shall be played, round after round; a recording that fits into the ring is read once."""
         times, kept, is_kept = self._replay.times, list[NDArray[np.void]](), False
         while times is None or len(self._begins) < times:
             self._begins.append(self._count)
@@ -243,7 +244,7 @@ class Player:
                 self._course.begin_again()
 
     def _playable(self) -> Iterator[NDArray[np.void]]:
-        """What was chosen, but for what cannot be sent. Raises ConfigError."""
+        """Yield the selected frames, without those that cannot be sent. Raises ConfigError."""
         has_fd = self._way.is_fd or self._way.serial is not None
         for block in self._replay.selection.of(self._source.frames()):
             frames, left_out = playable(block, has_fd)
@@ -252,7 +253,7 @@ class Player:
                 yield frames
 
     def _fill(self) -> bool:
-        """Put a block into the ring, or what there is room for of it; whether there is room for more."""
+        """Put a block into the ring, as far as there is room; return whether there is room for more."""
         position = self._schedule.position[0]
         block = self._waiting or next(self._blocks, None)
         if block is None:
@@ -264,7 +265,7 @@ class Player:
         return self._waiting is None
 
     def _play(self, line: Line, memory: Memory, is_kernels: bool) -> None:
-        """From the first frame to the last. Raises TransportError, ConfigError."""
+        """Play from the first frame to the last. Raises TransportError, ConfigError."""
         schedule, control = self._schedule, memory.shared.control[0]
         realtime = Realtime(self._replay.cpu) if self._replay.realtime else None
         room = make_room()
@@ -281,7 +282,7 @@ class Player:
                     for refused in realtime.refused:
                         self._listener.say(f"not given: {refused}")
                 self._code(schedule, params, memory.shared, room)
-            except BaseException as error:  # told by the thread that can tell
+            except BaseException as error:  # raised by the thread that started this one
                 self._failure = error
 
         thread = threading.Thread(target=in_thread, name="replay")
@@ -314,7 +315,7 @@ class Player:
         self._progress(f"{self._seconds():8.1f} s  {int(position.accepted)} frames sent")
 
     def _seconds(self) -> float:
-        """Since the beginning, of what was played last."""
+        """Return when the last frame that was played was due [s since the beginning]."""
         schedule, position = self._schedule, self._schedule.position[0]
         return (
             float(schedule.due[(position.played - 1) % len(schedule.due)]) * 1e-9
@@ -323,14 +324,14 @@ class Player:
         )
 
     def _sum_up(self, line: Line, memory: Memory, histogram: NDArray[np.int64] | None) -> None:
-        """The counts of a line are whole when it is closed."""
+        """Sum up the result; the counts of a line are complete when it is closed."""
         position, control = self._schedule.position[0], memory.shared.control[0]
         mine = line.counts()
         link = mine._replace(
             send_failures=int(control.unsent) + mine.send_failures,
             send_queue_full=int(control.unsent_full) + mine.send_queue_full,
             receive_failures=int(control.receive_errors) + mine.receive_failures,
-            before_start=0,  # nothing that comes is for a player
+            before_start=0,  # a player ignores what it receives
         )
         self.played = replace(
             self.played,
@@ -352,7 +353,7 @@ class Player:
 
 
 def machine_code() -> Any:
-    """The replay's loop, compiled or read from the cache before time counts."""
+    """Return the loop of the replay, compiled or read from the cache before timing matters."""
     code, scratch, nothing = compiled(play), Memory(1, 1), empty_schedule(1)
     nothing.position[0].is_whole = 1
     code(nothing, params_for(-1, is_kernels=True), scratch.shared, make_room())
@@ -360,8 +361,8 @@ def machine_code() -> Any:
     return code
 
 
-def _directed(replay: Replay, source: Recorded) -> Replay:
-    """With the direction that is meant where none was said."""
+def _directed(replay: Replay, source: Recording) -> Replay:
+    """Return the replay with its direction, which follows from the recording if none was given."""
     if replay.selection.direction:
         return replay
     direction = "sent" if has_sent(source) else "both"

@@ -1,4 +1,4 @@
-"""Which frames of a recording are played, and when each is due."""
+"""Selects which frames of a recording are played, and when each is due."""
 
 from __future__ import annotations
 
@@ -12,32 +12,31 @@ from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import ERROR, FD
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.recorded import Recorded
+from liftgate_hil.formats.recording import Recording
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
 DIRECTIONS = ("sent", "received", "both")
-_NUMBER = 0x1FFFFFFF  # of an identifier without its flags
-_SET_BACK_NS = (
-    100_000_000  # a stamp so much earlier than the one before: the logger's clock was set
-)
+_NUMBER = 0x1FFFFFFF  # bits of an identifier without its flags
+# If a timestamp is so much earlier than the one before, the logger's clock was set back.
+_SET_BACK_NS = 100_000_000
 
 Blocks = Iterator[NDArray[np.void]]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Of a recording's frames those in a stretch of its time [s], of a direction, with or without identifiers."""
+    """Selection of a recording's frames: by time [s], by direction, with or without identifiers."""
 
-    direction: str = ""  # of DIRECTIONS; empty: sent where there are such frames, else both
-    only: tuple[tuple[int, int], ...] = ()  # identifiers, from and to; none: all
-    without: tuple[tuple[int, int], ...] = ()
+    direction: str = ""  # one of DIRECTIONS; empty: sent if there are such frames, else both
+    only: tuple[tuple[int, int], ...] = ()  # ranges of identifiers, both ends included; none: all
+    without: tuple[tuple[int, int], ...] = ()  # ranges of identifiers that are left out
     begin: float = -math.inf
     end: float = math.inf
 
     def check(self) -> None:
-        """Raises ConfigError where nothing can be in it."""
+        """Raise ConfigError if the direction is unknown, or nothing can be selected."""
         if self.direction and self.direction not in DIRECTIONS:
             allowed = ", ".join(DIRECTIONS)
             raise ConfigError(f"`direction` {self.direction}: allowed: {allowed}")
@@ -47,7 +46,7 @@ class Selection:
             )
 
     def of(self, blocks: Blocks) -> Blocks:
-        """The frames that are in it."""
+        """Yield the selected frames."""
         for frames in blocks:
             times = frames["time_ns"] * 1e-9
             keep = (times >= self.begin) & (times <= self.end)
@@ -72,7 +71,10 @@ def _among(frames: NDArray[np.void], ranges: Sequence[tuple[int, int]]) -> NDArr
 def identifiers_of(
     argument: str, given: Sequence[str], messages: Mapping[str, Message]
 ) -> tuple[tuple[int, int], ...]:
-    """Identifiers as an argument names them: 0x120, 0x200-0x2FF, or a message of the rig. Raises ConfigError."""
+    """Return the identifiers that an argument names: 0x120, 0x200-0x2FF, or a message of the rig.
+
+    Raises ConfigError.
+    """
     found, issues = list[tuple[int, int]](), list[str]()
     for name in given:
         if name in messages:
@@ -93,37 +95,40 @@ def identifiers_of(
 
 
 def _number(text: str) -> int:
-    """Of a text that begins with 0x: candump's 120 is 0x120, in a program it is 0x78."""
+    """Return the number in a text that begins with 0x, else -1: 120 is 0x120 in candump, 0x78 in a program."""
     try:
         return int(text, 16) if text.strip().lower().startswith("0x") else -1
     except ValueError:
         return -1
 
 
-def has_sent(source: Recorded) -> bool:
+def has_sent(source: Recording) -> bool:
     """Whether any frame of a recording is marked as sent."""
     return any(bool((frames["is_sent"] != 0).any()) for frames in source.frames())
 
 
 @dataclass
 class Course:
-    """When frames are due [ns since the beginning], round by round. `begin` [s] is the recording's time with which
-    a round begins, else it is the first frame's; `end` is that with which it ends, else it is the last frame's.
+    """When frames are due [ns since the beginning], round by round.
+
+    `begin` [s] is the recording's time at which a round begins, by default that of the first frame; `end` is that
+    at which it ends, by default that of the last frame.
     """
 
     speed: float = 1.0
     begin: float = -math.inf
     end: float = math.inf
-    set_back: int = field(default=0, init=False)  # times that the logger's clock was
-    _round: int = field(default=0, init=False)  # when it began
-    _origin: int | None = field(default=None, init=False)  # the recording's time there
-    _last: int = field(default=0, init=False)  # of the recording, as it was read
-    _shift: int = field(default=0, init=False)  # by how much the logger's clock was set back
+    set_back: int = field(default=0, init=False)  # times that the logger's clock was set back
+    _round: int = field(default=0, init=False)  # when the round began
+    _origin: int | None = field(default=None, init=False)  # the recording's time at that moment
+    _last: int = field(default=0, init=False)  # timestamp of the frame read last
+    _shift: int = field(default=0, init=False)  # ns that the logger's clock was set back by
     _due: int = field(default=0, init=False)  # when the last frame is due
 
     def due(self, frames: NDArray[np.void]) -> NDArray[np.int64]:
-        """Of frames (n,) LOGGED in the order of the recording. None is due before the one that stands before it;
-        where the logger's clock was set back, time goes on.
+        """Return when frames (n,) LOGGED are due, in the order of the recording.
+
+        None is due before the one that precedes it; where the logger's clock was set back, time continues.
         """
         times = frames["time_ns"].astype(np.int64)
         if self._origin is None:
@@ -141,7 +146,7 @@ class Course:
         return due
 
     def begin_again(self) -> None:
-        """The next round begins where this one ends. Raises ConfigError where a round takes no time."""
+        """Begin the next round where this one ends. Raises ConfigError if a round takes no time."""
         ended = self._due
         if math.isfinite(self.end) and self._origin is not None:
             ended = max(ended, self._round + round((self.end * 1e9 - self._origin) / self.speed))
@@ -152,7 +157,10 @@ class Course:
 
 
 def playable(frames: NDArray[np.void], is_fd: bool) -> tuple[NDArray[np.void], int]:
-    """Those that can be sent, and how many cannot: error frames. Raises ConfigError for CAN FD on another bus."""
+    """Return the frames that can be sent, and the number of those that cannot: error frames.
+
+    Raises ConfigError for CAN FD frames on another bus.
+    """
     fd = frames["identifier"] & FD != 0
     if fd.any() and not is_fd:
         at = frames["time_ns"][int(np.argmax(fd))] * 1e-9

@@ -1,1 +1,1 @@
-"""Results of identification and validation: terminal text, JSON, figures, one HTML page."""
+"""Reports of identification and validation: terminal text, JSON, figures, one HTML page."""

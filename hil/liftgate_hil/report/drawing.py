@@ -1,4 +1,4 @@
-"""The hand all figures are drawn with: colours, labels, thinning, SVG for a page.
+"""Common drawing functions of all figures: colours, labels, thinning, SVG for a page.
 
 The SVG carries its colours as CSS variables, so that the page decides on light or dark.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# Okabe and Ito's colours, told apart by the colour-blind; the keys are the page's CSS variables.
+# Okabe and Ito's colours, which colour-blind readers can distinguish; VARIABLES has the page's CSS variables.
 INK, GRID, MEASURED, FINAL, INITIAL, MARK = (
     "#1c2126", "#d9dde2", "#8c939c", "#0072b2", "#d55e00", "#009e73",
 )  # fmt: skip
@@ -37,7 +37,7 @@ VARIABLES = {
     INITIAL: "initial",
     MARK: "mark",
 }
-WIDTH = 7.6  # inch, of the page's text
+WIDTH = 7.6  # inch, width of the page's text
 LIMIT = 1500  # points of a drawn line: two for each pixel of its width
 
 _SETTINGS: dict[Any, Any] = {
@@ -73,25 +73,25 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw in here."""
+    """Context with the settings in which all figures are drawn and saved."""
     import matplotlib
 
     with matplotlib.rc_context(), warnings.catch_warnings():
         matplotlib.rcParams.update(_SETTINGS)
-        warnings.filterwarnings("ignore", message="Glyph .* missing")  # the browser has it
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # the browser has the glyph
         warnings.filterwarnings("ignore", message=".*layout not applied")
         yield
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """An empty figure; call it, and draw, inside `style`."""
+    """Return an empty figure; call this, and draw, inside `style`."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def thin(times: Floats, values: Floats, limit: int = LIMIT) -> tuple[Floats, Floats]:
-    """At most so many points that still show every peak: lowest and highest of each stretch."""
+    """Return at most `limit` points that still show every peak: lowest and highest of each interval."""
     if len(values) <= limit:
         return times, values
     edges = np.linspace(0, len(values), limit // 2 + 1).astype(np.intp)
@@ -111,13 +111,13 @@ def thin(times: Floats, values: Floats, limit: int = LIMIT) -> tuple[Floats, Flo
 
 
 def line(axis: Axes, times: Floats, values: Floats, colour: str, **looks: object) -> None:
-    """A thinned-out line; numbers too large to draw leave a gap."""
+    """Draw a thinned-out line; numbers too large to draw leave a gap."""
     shown = np.where(np.abs(values) < 1e30, values, np.nan)
     axis.plot(*thin(times, shown), color=colour, **looks)  # type: ignore[arg-type]
 
 
 def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
-    """Range of an axis: all of `main`, and of `aside` as long as it doesn't crush the other."""
+    """Return the range of an axis: all of `main`, and as much of `aside` as does not compress `main` too far."""
     known = main[np.abs(main) < 1e30]
     if not len(known):
         return None
@@ -132,7 +132,7 @@ def limits(main: Floats, aside: Floats) -> tuple[float, float] | None:
 
 
 def log_axis(axis: Axes, side: str) -> None:
-    """Make the x or y axis logarithmic, its ticks written out: mathematical text is off, names may hold a $."""
+    """Make the x or y axis logarithmic, with plain tick labels: math text is off, as names may contain a $."""
     from matplotlib.ticker import NullFormatter
 
     (axis.set_xscale if side == "x" else axis.set_yscale)("log")
@@ -142,7 +142,7 @@ def log_axis(axis: Axes, side: str) -> None:
 
 
 def svg(figure: Figure, name: str, title: str) -> str:
-    """A figure to be put into a page; `name` keeps its identifiers apart from other figures'."""
+    """Return a figure as SVG for a page; `name` makes its identifiers unique among the figures."""
     stream = io.StringIO()
     with style():
         nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -166,7 +166,7 @@ def svg(figure: Figure, name: str, title: str) -> str:
 
 
 def png(figure: Figure, dpi: int = 130) -> bytes:
-    """A figure on white, for a file."""
+    """Return a figure as PNG on white, for a file."""
     stream = io.BytesIO()
     with style():
         figure.savefig(stream, format="png", dpi=dpi, facecolor="white")

@@ -28,7 +28,7 @@ _ORDER = ("current", "speed", "position", "hall", "angle")
 
 
 def _drawn(experiment: Experiment) -> list[Series]:
-    """Series from the motor to the gate, left before right."""
+    """Return the series to draw, in order from the motor to the gate, left before right."""
 
     def place(series: Series) -> tuple[int, str]:
         kinds = [i for i, kind in enumerate(_ORDER) if kind in series.output]
@@ -38,7 +38,7 @@ def _drawn(experiment: Experiment) -> list[Series]:
 
 
 def trace_figure(experiment: Experiment) -> Figure:
-    """Input voltage and every output, measured and simulated, one above the other."""
+    """Draw the input voltage and every output, measured and simulated, one above the other."""
     rows = _drawn(experiment)
     with style():
         figure = new_figure(1.5 + 1.75 * len(rows))
@@ -90,7 +90,7 @@ def _traces(axis: Axes, series: Series) -> None:
 
 
 def error_figure(experiment: Experiment) -> Figure:
-    """Prediction error of every output over time; white noise would be ideal."""
+    """Draw the prediction error of every output over time; white noise would be ideal."""
     rows = _drawn(experiment)
     with style():
         figure = new_figure(0.6 + 1.3 * max(len(rows), 1))
@@ -111,7 +111,7 @@ def error_figure(experiment: Experiment) -> Figure:
 
 
 def residual_figure(experiment: Experiment) -> Figure:
-    """Autocorrelation of every residual and its correlation with the input, with the 99 % band."""
+    """Draw the autocorrelation of every residual and its correlation with the input, with the 99 % band."""
     rows = _drawn(experiment)
     with style():
         figure = new_figure(0.9 + 1.35 * max(len(rows), 1))
@@ -143,7 +143,7 @@ def _stems(axis: Axes, lags: np.ndarray, values: np.ndarray, band: float) -> Non
 
 
 def _wrapped(column: str) -> str:
-    """An axis label in two lines: words, unit."""
+    """Return an axis label in two lines: words, unit."""
     label = axis_label(column) if "_" in column else column_label(column)[0]
     words, bracket, unit = label.rpartition(" [")
     return f"{words}\n[{unit}" if bracket else label

@@ -1,4 +1,4 @@
-"""Figures of the estimates: how sure, how related, how found."""
+"""Figures of the estimates: uncertainty, correlation, loss and profile likelihood."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LIMIT_95 = 3.84  # of the deviance, one parameter
+LIMIT_95 = 3.84  # 95 % limit of the deviance for one parameter
 _ACROSS = 3
 
 
 def correlation_figure(result: Identification) -> Figure:
-    """The correlation matrix of the parameters, names at its sides."""
+    """Draw the correlation matrix of the parameters, with their names at its sides."""
     names = [clean(each.name, 28) for each in result.parameters]
     count = len(names)
     side = min(2.4 + 0.62 * count, WIDTH)
@@ -62,7 +62,7 @@ def _write_cells(axis: Axes, values: np.ndarray) -> None:
 
 
 def parameter_figure(result: Identification) -> Figure:
-    """Every estimate with two standard deviations to either side, relative to its initial value."""
+    """Draw every estimate with two standard deviations to either side, relative to its initial value."""
     shown = [each for each in result.parameters if each.initial != 0.0]
     with style():
         figure = new_figure(0.9 + 0.36 * max(len(shown), 1))
@@ -96,7 +96,7 @@ def parameter_figure(result: Identification) -> Figure:
 
 
 def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, told: np.ndarray) -> tuple[float, float]:
-    """Wide enough for every estimate and for the bars of those that are told."""
+    """Return an axis range for every estimate and for the bars of the identifiable ones."""
     ends = [1.0, *ratios.tolist(), *(ratios + errors)[told].tolist()]
     lows = [1.0, *ratios.tolist(), *(ratios - errors)[told].tolist()]
     high = max(each for each in ends if math.isfinite(each))
@@ -108,7 +108,7 @@ def _ratio_limits(ratios: np.ndarray, errors: np.ndarray, told: np.ndarray) -> t
 
 
 def loss_figure(result: Identification) -> Figure:
-    """Loss after each iteration."""
+    """Draw the loss after each iteration."""
     from matplotlib.ticker import MaxNLocator
 
     history = np.asarray(result.history, dtype=np.float64)
@@ -126,7 +126,7 @@ def loss_figure(result: Identification) -> Figure:
 
 
 def profile_figure(result: Identification) -> Figure:
-    """Profile likelihood of each parameter, with the 95 % limit and interval."""
+    """Draw the profile likelihood of each parameter, with the 95 % limit and interval."""
     profiles = result.profiles
     units = {each.name: each.unit for each in result.parameters}
     across = min(max(len(profiles), 2), _ACROSS)

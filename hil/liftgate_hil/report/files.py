@@ -1,4 +1,4 @@
-"""Where reports go: looked at before the long computation, written after it."""
+"""Report files: their paths are checked before a long computation, and written after it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from liftgate_hil.errors import ConfigError
 
 
 def check_targets(targets: Mapping[str, str | None], sources: Sequence[str]) -> None:
-    """Raise ConfigError with all faults of the files that flags name, where they are given: none could be written
-    twice, none is one that is read (`sources`).
+    """Raise ConfigError with all issues of the files that flags name, where they are given.
+
+    No file may be written twice, and none may be one that is read (`sources`).
     """
     issues: list[str] = []
     taken = {_place(each): "it is read" for each in sources}
@@ -45,7 +46,7 @@ def check_target(path: str, flag: str) -> None:
         if not target.parent.is_dir():
             raise ConfigError(f"{flag} {path}: no folder {target.parent}; allowed: one that exists")
         exists = target.exists()
-    except OSError as error:  # a name too long
+    except OSError as error:  # for example a name that is too long
         raise ConfigError(f"{flag} {path}: {error.strerror}") from error
     if not os.access(target if exists else target.parent, os.W_OK):
         what = "it" if exists else f"folder {target.parent}"

@@ -1,4 +1,4 @@
-"""What a reader must know before believing the numbers, and figures over all experiments."""
+"""Warnings that a reader needs to judge the numbers, and statistics over all experiments."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from liftgate_hil.identify.result import Experiment, Identification, Series, Validation
 from liftgate_hil.report.numbers import clean
 
-_STRONG = 0.9  # correlation of two parameters that is worth a line
+_STRONG = 0.9  # correlation of two parameters from which on it is reported
 
 
 class Whiteness(NamedTuple):
-    """Lags of a residual outside its band; 1 in 100 is by chance."""
+    """Number of lags of a residual outside its band; 1 in 100 is outside by chance."""
 
-    own: int  # of the autocorrelation, lag 0 left out
+    own: int  # of the autocorrelation, without lag 0
     own_lags: int
-    largest: float  # of the autocorrelation, with its sign
+    largest: float  # largest autocorrelation, with its sign
     largest_lag: int
     input: int  # of the correlation with the input
     input_lags: int
 
 
 def whiteness(series: Series) -> Whiteness:
-    """Count them."""
+    """Count the lags of a residual that are outside its band."""
     own, across = series.autocorrelation[1:], series.crosscorrelation
     sizes = np.nan_to_num(np.abs(own))
     lag = int(np.argmax(sizes)) if len(sizes) else 0
@@ -41,7 +41,7 @@ def whiteness(series: Series) -> Whiteness:
 
 
 def warnings_of(result: Identification) -> list[str]:
-    """The worst first: what cannot be told, what stands at a bound, what a residual betrays."""
+    """Return the warnings, worst first: not identifiable, at a bound, residual not white or fit below 0 %."""
     untold = [
         f"{clean(each.name)} cannot be told{_because(each.remark)}"
         for each in result.parameters
@@ -66,7 +66,7 @@ def _because(remark: str) -> str:
 
 
 def experiment_warnings(result: Identification | Validation) -> list[str]:
-    """Outputs that a constant would tell better, and residuals that are not white."""
+    """Return warnings of outputs that fit worse than a constant, and of residuals that are not white."""
     found: list[str] = []
     for experiment in result.experiments:
         worse = [each.output for each in experiment.series if each.fit_percent < 0.0]
@@ -95,7 +95,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that the data hardly tell apart, the strongest first."""
+    """Return pairs of parameters that the data hardly separate, with their correlation, strongest first."""
     names = [each.name for each in result.parameters]
     pairs = [
         (names[i], names[k], float(result.correlation[i, k]))
@@ -107,19 +107,19 @@ def strong_correlations(result: Identification) -> list[tuple[str, str, float]]:
 
 
 def columns_of(experiments: Sequence[Experiment]) -> list[str]:
-    """Outputs of any experiment, in order of appearance."""
+    """Return the outputs of all experiments, in order of appearance."""
     return list(dict.fromkeys(each.output for one in experiments for each in one.series))
 
 
 def series_of(experiments: Sequence[Experiment], column: str) -> list[Series]:
-    """One output of all experiments that have it."""
+    """Return the series of one output from all experiments that have it."""
     return [each for one in experiments for each in one.series if each.output == column]
 
 
 def mean_over(
     experiments: Sequence[Experiment], figure: Callable[[Series], float]
 ) -> dict[str, float]:
-    """A figure of each output, its mean over experiments; one that is not defined (NaN) doesn't count."""
+    """Return the mean of a statistic over experiments for each output; undefined values (NaN) do not count."""
     means = {}
     for column in columns_of(experiments):
         values = [figure(each) for each in series_of(experiments, column)]

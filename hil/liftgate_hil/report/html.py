@@ -1,4 +1,4 @@
-"""An identification or a validation as one self-contained page."""
+"""Report of an identification or a validation as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from liftgate_hil.report.numbers import (
 from liftgate_hil.report.page import alert, bullets, figure, page, section, subheading, table
 from liftgate_hil.report.provenance import Provenance
 
-_MOST = 8  # experiments with figures of their own; a page of more is too large to open
+_MOST = 8  # experiments with figures of their own, as a page with more is too large to open
 
 
 def identification_html(result: Identification, provenance: Provenance | None = None) -> str:
-    """Warnings, parameters, fits, figures, residual tests, notes."""
+    """Return the page: warnings, parameters, fits, figures, residual tests, notes."""
     experiments = result.experiments
     return page(
         f"Identification of {result.vehicle}",
@@ -55,7 +55,7 @@ def identification_html(result: Identification, provenance: Provenance | None = 
 
 
 def validation_html(result: Validation, provenance: Provenance | None = None) -> str:
-    """Warnings, fits, figures, errors by phase, residual tests, notes."""
+    """Return the page: warnings, fits, figures, errors by phase, residual tests, notes."""
     experiments = result.experiments
     return page(
         f"Validation of {result.vehicle}",
@@ -79,7 +79,7 @@ def _origin(provenance: Provenance | None) -> str:
 
 
 def _parameters(estimates: Sequence[Estimate]) -> str:
-    """Without the remarks: they are among the warnings above."""
+    """Return the table of parameters, without the remarks, which are among the warnings above."""
     rows = [
         (
             each.name,

@@ -1,4 +1,4 @@
-"""Results for programs. The keys are public; a number that is not finite is null."""
+"""Results as JSON for programs; the keys are public, and a number that is not finite is null."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from liftgate_hil.report.numbers import relative_error
 
 
 def identification_json(result: Identification) -> dict[str, Any]:
-    """Everything but the time series."""
+    """Return everything about an identification except the time series."""
     parameters = result.parameters
     return {
         "model": result.model,
@@ -73,7 +73,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def validation_json(result: Validation) -> dict[str, Any]:
-    """Each figure over all experiments by column, then experiment by experiment."""
+    """Return each statistic over all experiments by column, then for each experiment."""
     experiments = result.experiments
     columns = {each: series_of(experiments, each) for each in columns_of(experiments)}
     return {
@@ -96,7 +96,7 @@ def validation_json(result: Validation) -> dict[str, Any]:
 
 
 def write_json(path: str, flag: str, content: Mapping[str, Any]) -> None:
-    """Write it; raise ConfigError where that fails."""
+    """Write the content as JSON; raise ConfigError where that fails."""
     write_report(path, flag, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
@@ -105,7 +105,7 @@ def _number(value: float) -> float | None:
 
 
 def _numbers(values: ArrayLike) -> list[Any]:
-    """Nested lists of an array."""
+    """Return an array as nested lists."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim > 1:
         return [_numbers(row) for row in array]
@@ -165,7 +165,7 @@ def _whiteness(series: Series) -> dict[str, Any]:
 
 
 def _rms(parts: Sequence[tuple[float, int]]) -> float:
-    """Root mean square of parts put together."""
+    """Return the root mean square of all parts (rms, samples) together."""
     samples = sum(count for _, count in parts)
     if not samples:
         return math.nan
@@ -173,12 +173,12 @@ def _rms(parts: Sequence[tuple[float, int]]) -> float:
 
 
 def _largest(values: Sequence[float]) -> float | None:
-    """The largest; null where one of them is not known."""
+    """Return the largest value; None where one of them is not finite."""
     return _number(float(np.max(values)))
 
 
 def _pooled(rows: Sequence[Series]) -> dict[str, Any]:
-    """Phases of one output over experiments."""
+    """Return the errors by phase of one output, pooled over experiments."""
     names = dict.fromkeys(name for each in rows for name in each.phases)
     pooled = {}
     for name in names:

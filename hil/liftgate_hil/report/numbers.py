@@ -1,10 +1,10 @@
-"""How reports write numbers and names."""
+"""Formatting of numbers and names in reports."""
 
 from __future__ import annotations
 
 import math
 
-NONE = "—"  # no such number
+NONE = "—"  # stands for a number that does not exist
 
 _UNITS = {
     "a": "A",
@@ -20,7 +20,7 @@ _UNITS = {
 
 
 def clean(text: str, longest: int = 1000) -> str:
-    """A name from a file, without what would steer a terminal or break a page; its middle left out if long."""
+    """Return a text without characters that control a terminal or break a page, its middle cut out if long."""
     shown = "".join(each if each.isprintable() else "\ufffd" for each in text)
     if len(shown) <= longest:
         return shown
@@ -29,7 +29,7 @@ def clean(text: str, longest: int = 1000) -> str:
 
 
 def column_label(column: str) -> tuple[str, str]:
-    """Words and unit of a column: ("left current", "A"); the column itself and no unit where it has none."""
+    """Return words and unit of a column, ("left current", "A"), or the column itself and no unit."""
     words, _, suffix = column.rpartition("_")
     if words and suffix in _UNITS:
         return clean(words.replace("_", " "), 40), _UNITS[suffix]
@@ -39,13 +39,13 @@ def column_label(column: str) -> tuple[str, str]:
 
 
 def axis_label(column: str) -> str:
-    """A column's label with its unit."""
+    """Return the label of a column with its unit."""
     words, unit = column_label(column)
     return f"{words} [{unit}]" if unit else words
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits, the trailing zeros kept: they are known."""
+    """Return a number with `digits` significant digits, including trailing zeros, which are known."""
     if not math.isfinite(value):
         return NONE if math.isnan(value) else ("∞" if value > 0.0 else "-∞")
     if value == 0.0:
@@ -57,7 +57,7 @@ def significant(value: float, digits: int = 4) -> str:
 
 
 def known_digits(value: float, std: float) -> str:
-    """A value to the second digit of its standard deviation: 2.128 for 2.12797 ± 0.0218."""
+    """Return a value to the second digit of its standard deviation: 2.128 for 2.12797 ± 0.0218."""
     if not math.isfinite(value) or value == 0.0 or not math.isfinite(std):
         return significant(value, 3)
     if std <= 0.0:
@@ -68,17 +68,17 @@ def known_digits(value: float, std: float) -> str:
 
 
 def plain(value: float) -> str:
-    """A number as given, at most six digits."""
+    """Return a number as given, with at most six digits."""
     return f"{value:.6g}" if math.isfinite(value) else significant(value)
 
 
 def deviation(std: float) -> str:
-    """A standard deviation: two digits, a dash where there is none."""
+    """Return a standard deviation with two digits, or a dash where there is none."""
     return significant(std, 2) if math.isfinite(std) else NONE
 
 
 def percent(share: float, sign: str = "") -> str:
-    """A share in %, without the sign %; `sign` "+" shows it always."""
+    """Return a share in %, without the % sign; `sign` "+" always shows its sign."""
     if not math.isfinite(share):
         return NONE
     if abs(share) >= 1e5:
@@ -88,17 +88,17 @@ def percent(share: float, sign: str = "") -> str:
 
 
 def relative_error(value: float, std: float) -> float:
-    """Standard deviation in % of the value; NaN where that says nothing."""
+    """Return the standard deviation in % of the value; NaN for a value of 0 or an infinite deviation."""
     return 100.0 * std / abs(value) if value != 0.0 and math.isfinite(std) else math.nan
 
 
 def relative_change(value: float, initial: float) -> float:
-    """Change in % of the initial value; NaN where that was zero."""
+    """Return the change in % of the initial value; NaN where that was zero."""
     return 100.0 * (value - initial) / abs(initial) if initial != 0.0 else math.nan
 
 
 def fit(value: float) -> str:
-    """A fit in %, two decimals: the difference between good models is in them."""
+    """Return a fit in % with two decimals, which show the difference between good models."""
     if not math.isfinite(value):
         return NONE if math.isnan(value) else significant(value)
     return f"{value:.2f}" if abs(value) < 1e5 else f"{value:.1e}"

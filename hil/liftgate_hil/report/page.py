@@ -1,4 +1,4 @@
-"""The page around a report: one file, nothing fetched, light and dark, for screen and paper."""
+"""HTML page around a report: one file that loads nothing, light and dark, for screen and paper."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 class Markup(str):
-    """What is HTML already."""
+    """Text that is HTML already."""
 
     __slots__ = ()
 
 
 def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") -> str:
-    """The whole file; title and subtitle as text, sections as HTML, and what is to be said in CSS besides."""
+    """Return the whole file from title and subtitle as text, sections as HTML, and additional CSS (`style`)."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
@@ -61,35 +61,35 @@ def page(title: str, subtitle: str, sections: Iterable[str], style: str = "") ->
 
 
 def text(content: str) -> str:
-    """Text from anywhere, harmless in elements and in quoted attributes; what is HTML already stays."""
+    """Return any text escaped for elements and quoted attributes; Markup stays as it is."""
     return content if isinstance(content, Markup) else escape(clean(content))
 
 
 def section(title: str, *parts: str) -> str:
-    """A heading with what belongs to it; nothing where there is nothing."""
+    """Return a heading with its parts; empty where all parts are empty."""
     kept = [part for part in parts if part]
     return "\n".join([f"<h2>{text(title)}</h2>", *kept]) if kept else ""
 
 
 def subheading(title: str) -> str:
-    """A smaller heading."""
+    """Return a smaller heading."""
     return f"<h3>{text(title)}</h3>"
 
 
 def bullets(texts: Sequence[str]) -> str:
-    """A list."""
+    """Return a bulleted list; empty where there are no texts."""
     if not texts:
         return ""
     return "<ul>\n" + "\n".join(f"<li>{text(each)}</li>" for each in texts) + "\n</ul>"
 
 
 def alert(texts: Sequence[str]) -> str:
-    """What must not be overlooked."""
+    """Return a highlighted list of texts that must not be overlooked."""
     return f'<div class="alert" role="note">\n{bullets(texts)}\n</div>' if texts else ""
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence[str]) -> str:
-    """A table of texts, or of Markup; `classes` has the CSS class of each column."""
+    """Return a table of texts or Markup; `classes` has the CSS class of each column."""
     if not rows:
         return ""
 
@@ -110,7 +110,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], classes: Sequence
 
 
 def pairs(rows: Sequence[tuple[str, str]]) -> str:
-    """A table of names and values, texts or Markup, without a head."""
+    """Return a table of names and values, texts or Markup, without a head."""
     if not rows:
         return ""
     body = "\n".join(
@@ -120,6 +120,6 @@ def pairs(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def figure(drawing: str, caption: str, *, small: bool = False) -> str:
-    """A drawing, as SVG, with its caption."""
+    """Return a drawing (SVG) with its caption."""
     kind = ' class="small"' if small else ""
     return f"<figure{kind}>\n{drawing}<figcaption>{text(caption)}</figcaption>\n</figure>"

@@ -1,4 +1,4 @@
-"""The pinch event of a run: how hard and how long the gate pressed, when it turned, and what limits say of it.
+"""The pinch event of a run: pinch force and its duration, reversal of the gate, and limits of other doors.
 
 No regulation for power lift gates gives a force: all limits here are borrowed from other doors.
 """
@@ -15,7 +15,7 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 class Limit(NamedTuple):
-    """A force [N] that may be passed for so long [s] in a row, and where it is from."""
+    """A force [N] that may be exceeded for at most `longest` [s] without interruption, and its source."""
 
     force: float
     longest: float
@@ -35,7 +35,7 @@ BORROWED = (
     "its clause was not at hand): force limits here are borrowed from other doors, and judging by them proves no "
     "conformity."
 )
-# What is behind the limits, by their force [N].
+# Explanation of the limits, by their force [N].
 ORIGINS: Mapping[float, str] = {
     100.0: "borrowed from UN R21 (1.5 and 5.8), which covers windows, roof panels and partitions: gaps of 4 to "
     '200 mm, reversal before 100 N at every closing attempt. FMVSS 118 "does not apply to power-operated '
@@ -44,40 +44,42 @@ ORIGINS: Mapping[float, str] = {
     400.0: "borrowed from EN 12453, building doors: the peak, for at most 0.75 s, then 150 N",
 }
 OWN_LIMIT = "the scenario's own: of none of the rules that are known here (UN R21: 100 N; EN 12453: 400 and 150 N)"
-_MOVES = 0.5  # deg/s, the gate is on its way back
-_STOPS = 0.1  # of its highest speed on that way: it coasts to a stop, or creeps on as the springs have it
+_MOVES = 0.5  # deg/s, speed from which on the gate moves back
+_STOPS = (
+    0.1  # of its highest speed back, below which it coasts to a stop, or creeps on by its springs
+)
 
 
 class PinchEvent(NamedTuple):
-    """The contact in which the largest pinch force was."""
+    """The contact in which the largest pinch force occurred."""
 
     force_n: float
-    time_s: float  # of the largest force
+    time_s: float  # time of the largest force
     angle_deg: float  # at that time
-    start_s: float  # of the contact
+    start_s: float  # start of the contact
     end_s: float
     start_deg: float  # where the gate touched the obstacle
     turn_s: float  # when the gate turned; NaN: it did not
     turn_deg: float
-    back_deg: float  # how far the gate then moved back, from the turn to where it stopped
-    longest_s: tuple[float, ...]  # above each of LIMITS, in a row
+    back_deg: float  # how far the gate moved back, from the turn to where it stopped
+    longest_s: tuple[float, ...]  # longest uninterrupted time above each of LIMITS
 
     @property
     def reversal_time_s(self) -> float:
-        """From the first touch to the turn; NaN where the gate did not turn."""
+        """Time [s] from the first touch to the turn; NaN where the gate did not turn."""
         return self.turn_s - self.start_s
 
     @property
     def further_deg(self) -> float:
-        """How far the gate went on after the first touch; NaN where it did not turn."""
+        """Angle [deg] by which the gate went on after the first touch; NaN where it did not turn."""
         return abs(self.turn_deg - self.start_deg)
 
     def over(self, limit: Limit) -> bool:
-        """Whether the force passed a limit of LIMITS for longer than it may."""
+        """Whether the force exceeded a limit of LIMITS for longer than is allowed."""
         return self.longest_s[LIMITS.index(limit)] > limit.longest
 
     def fault(self, limit: Limit) -> str:
-        """What is wrong where it is over a limit."""
+        """Return the message for a force that is over a limit."""
         if not limit.longest:
             return f"pinch force {self.force_n:.1f} N; allowed: up to {limit.force:.0f} N ({limit.source})"
         return (
@@ -86,7 +88,7 @@ class PinchEvent(NamedTuple):
         )
 
     def as_dict(self) -> dict[str, object]:
-        """For programs; null where the gate did not turn."""
+        """Return the event for programs; the reversal is None where the gate did not turn."""
         turned = bool(np.isfinite(self.turn_s))
         return {
             "peak_n": self.force_n,
@@ -111,7 +113,7 @@ class PinchEvent(NamedTuple):
         }
 
     def lines(self) -> list[str]:
-        """For a person."""
+        """Return the event as lines of text."""
         said = [
             f"pinch force at most {self.force_n:.1f} N, at {self.time_s:.3f} s and "
             f"{self.angle_deg:.2f} deg"
@@ -137,12 +139,12 @@ class PinchEvent(NamedTuple):
 
 
 def pinch_event(columns: Columns) -> PinchEvent | None:
-    """The contact with the largest pinch force in rows of a run; None where nothing was pinched.
+    """Return the contact with the largest pinch force in the rows of a run; None where nothing was pinched.
 
-    The gate reversed where it moves back at the end of that contact: it left the obstacle by itself.
-    It turned where it was farthest within the contact, and moved back until it went on no longer.
+    The gate reversed if it moves back at the end of that contact: it left the obstacle by itself. It turned
+    where it was farthest within the contact, and moved back until it almost stopped.
 
-    Times are as sharp as the rows are close. Needs time_s, gate_angle_deg, gate_rate_degps, pinch_force_n.
+    Times are as accurate as the rows are close. Needs time_s, gate_angle_deg, gate_rate_degps, pinch_force_n.
     """
     times, angles = columns["time_s"], columns["gate_angle_deg"]
     rates, forces = columns["gate_rate_degps"], columns["pinch_force_n"]
@@ -175,7 +177,7 @@ def pinch_event(columns: Columns) -> PinchEvent | None:
 
 
 def _longest_over(times: NDArray[np.float64], forces: NDArray[np.float64], limit: float) -> float:
-    """The longest time [s] in a row that the force is over a limit: from the row before it to the last row."""
+    """Return the longest uninterrupted time [s] over a limit, from the row before it to the last row over it."""
     over = np.concatenate(([False], forces > limit, [False]))
     edges = np.flatnonzero(over[1:] != over[:-1])
     spans = [times[stop - 1] - times[max(start - 1, 0)] for start, stop in edges.reshape(-1, 2)]

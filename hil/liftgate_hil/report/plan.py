@@ -1,4 +1,4 @@
-"""A plan of experiments, for people and for programs."""
+"""Report of a plan of experiments, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from liftgate_hil.report.text import table
 
 
 def plan_text(plan: Plan) -> str:
-    """Candidates, the best first, and which to add up."""
+    """Return the candidates, best first, and the order in which to combine them, as text."""
     heads = ["experiment", "log10 det", *(f"{name} ±" for name in plan.names)]
     align = "l" + "r" * (len(heads) - 1)
     lines = ["Experiments, the one that tells most first (expected standard deviations)", ""]
@@ -31,7 +31,7 @@ def _row(each: Ranked) -> list[str]:
 
 
 def plan_json(plan: Plan) -> dict[str, Any]:
-    """The same; a number that is not finite is null."""
+    """Return the plan for JSON; a number that is not finite is None."""
 
     def row(each: Ranked) -> dict[str, Any]:
         return {

@@ -1,4 +1,4 @@
-"""The line that shows a long computation is alive."""
+"""Progress line of a long computation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from liftgate_hil.report.numbers import significant
 
 
 class Progress:
-    """One line, rewritten in place; nothing where the stream is no terminal or the user wants quiet."""
+    """A progress line, rewritten in place; nothing where the stream is no terminal or with `quiet`."""
 
     def __init__(self, stream: TextIO | None, quiet: bool = False) -> None:
         self._stream = None if quiet or stream is None or not stream.isatty() else stream
@@ -21,7 +21,7 @@ class Progress:
         )
 
     def close(self) -> None:
-        """Leave the line empty for what is printed next."""
+        """Clear the line for what is printed next."""
         if self._shown:
             self._show("")
             self._show("")
@@ -38,6 +38,6 @@ class Progress:
         try:
             self._stream.write("\r" + line.ljust(self._shown))
             self._stream.flush()
-        except OSError:  # the terminal is gone; the computation need not be
+        except OSError:  # the terminal is gone, but the computation goes on
             self._stream = None
         self._shown = len(line)

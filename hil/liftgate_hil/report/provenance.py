@@ -1,4 +1,4 @@
-"""Where a result is from: command line, date, versions, files. The same in JSON and HTML."""
+"""Provenance of a result: command line, date, versions, files; the same in JSON and HTML."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EPOCH = "SOURCE_DATE_EPOCH"
 
 @dataclass(frozen=True)
 class Provenance:
-    """See the module."""
+    """Provenance of one result: command line, date, versions, files and computer."""
 
     command_line: str
     date: str  # ISO 8601, UTC
@@ -31,12 +31,12 @@ class Provenance:
     processor_features: str = field(default_factory=lambda: compiler.processor()[1])
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the provenance as a dictionary for JSON."""
         sources = {name: each._asdict() for name, each in self.sources.items()}
         return {**asdict(self), "sources": sources}
 
     def rows(self) -> list[tuple[str, str]]:
-        """For a table: what, and its value."""
+        """Return the provenance as (name, value) rows of a table."""
         return [
             ("command line", self.command_line),
             ("date", self.date),
@@ -49,7 +49,7 @@ class Provenance:
 def provenance_of(
     command_line: str, sources: Mapping[str, Source], environment: Mapping[str, str] = os.environ
 ) -> Provenance:
-    """The record of a result that is made now, or when `SOURCE_DATE_EPOCH` of the environment says."""
+    """Return the provenance of a result of now, or of the time in `SOURCE_DATE_EPOCH` of the environment."""
     given = environment.get(_EPOCH, "")
     is_given = given.isascii() and given.isdigit() and len(given) < 12
     now = datetime.fromtimestamp(int(given), UTC) if is_given else datetime.now(UTC)

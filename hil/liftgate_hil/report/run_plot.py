@@ -1,4 +1,4 @@
-"""The picture of a run: all of it, and beside it the pinch event at a scale on which it can be judged."""
+"""Plot of a run: the whole run, and beside it the pinch event at a scale on which it can be judged."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ Columns = Mapping[str, Floats]
 _FONT, _SMALL = 11.0, 10.0
 _SIZE = (13.0, 9.5)  # inch
 _DPI = 100
-_WINDOW = 0.05  # s over which Hall counts are differenced
+_WINDOW = 0.05  # s, interval over which Hall counts are differenced
 _ZOOM = (0.12, 0.40)  # s before the first touch, and after the largest force
-# Both drives of a symmetric gate run on one line: a wide one under a narrow, dashed one shows that there are two.
+# Both drives of a symmetric gate have the same curve: a wide line under a narrow, dashed one shows both.
 _DRIVES = {"left": (FINAL, "-", 2.6), "right": (INITIAL, (0, (3, 2)), 1.3)}
 _FORCE = "#a8246e"
 
 
 class DrawnObstacle(NamedTuple):
-    """Where an obstacle stands [deg], and when it is there [s]."""
+    """An obstacle: its angle [deg], and the time [s] from start to end at which it is there."""
 
     angle_deg: float
     start: float
@@ -50,7 +50,7 @@ class DrawnObstacle(NamedTuple):
 
 @dataclass(frozen=True)
 class RunPicture:
-    """What is drawn: rows, the contact in them, obstacles, moments (time [s], text)."""
+    """The content of a plot: rows, the contact in them, obstacles, marks (time [s], text)."""
 
     title: str
     columns: Columns
@@ -59,7 +59,7 @@ class RunPicture:
     marks: Sequence[tuple[float, str]] = ()
 
     def between(self, low: float, high: float) -> RunPicture:
-        """The rows of a time only."""
+        """Return the picture with only the rows between two times [s]."""
         times = self.columns["time_s"]
         rows = slice(*np.searchsorted(times, (low, high)).tolist())
         columns = {name: values[rows] for name, values in self.columns.items()}
@@ -67,7 +67,7 @@ class RunPicture:
 
 
 def hall_speed(times: Floats, counts: Floats) -> Floats:
-    """Counts per second over a short window, as an ECU would see them."""
+    """Return counts per second over a short window, as an ECU would measure them."""
     rows = max(1, round(_WINDOW / float(np.median(np.diff(times)))))
     speed = np.zeros(len(counts))
     speed[rows:] = (counts[rows:] - counts[:-rows]) / (times[rows:] - times[:-rows])
@@ -75,12 +75,12 @@ def hall_speed(times: Floats, counts: Floats) -> Floats:
 
 
 def plot_run(path: Path, picture: RunPicture) -> None:
-    """Draw a run into a PNG. Raises OSError."""
+    """Draw a run into a PNG file. Raises OSError."""
     path.write_bytes(png(run_figure(picture), _DPI))
 
 
 def run_figure(picture: RunPicture) -> Figure:
-    """Angle, motor currents, Hall speed and pinch force over time; where there is one, the pinch event beside."""
+    """Draw angle, motor currents, Hall speed and pinch force over time, and beside them any pinch event."""
     columns = dict(picture.columns)
     for side in _DRIVES:
         counts = columns.pop(f"{side}_hall_count", None)
@@ -111,7 +111,7 @@ def run_figure(picture: RunPicture) -> Figure:
             left.align_ylabels()
             right.align_ylabels()
         for axis in figure.findobj(Axes):
-            axis.tick_params(labelsize=_SMALL)  # the labels are made when they are drawn
+            axis.tick_params(labelsize=_SMALL)  # the labels are created when they are drawn
     return figure
 
 
@@ -187,7 +187,7 @@ def _limit_text(limit: Limit) -> str:
 
 
 def _draw_margin(axis: Axes, event: PinchEvent, span: tuple[float, float]) -> None:
-    """The peak, and an arrow from there to the judged limit."""
+    """Draw the peak force, and an arrow from there to the judged limit."""
     limit = LIMITS[0]
     text = "\n".join(
         [
@@ -213,7 +213,7 @@ def _margin_text(force: float, limit: float) -> str:
 
 
 def _draw_reversal(axis: Axes, event: PinchEvent) -> None:
-    """When and where the gate turned."""
+    """Draw when and where the gate turned."""
     if not np.isfinite(event.turn_s):
         text, place = "did not reverse", (event.start_s, event.start_deg)
     else:
@@ -240,7 +240,7 @@ def _draw_angle(axis: Axes, picture: RunPicture) -> None:
 
 
 def _draw_drives(axis: Axes, picture: RunPicture, ending: str, label: str) -> None:
-    """The drives that there are, each with its own colour and line."""
+    """Draw the drives that there are, each with its own colour and line style."""
     axis.set_ylabel(label)
     for side, (colour, dashes, width) in _DRIVES.items():
         if side + ending in picture.columns:

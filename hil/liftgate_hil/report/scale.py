@@ -1,4 +1,4 @@
-"""Axes: from values to places, their ranges, and round numbers along them."""
+"""Axes: mapping of values to pixels, ranges, and round numbers as ticks."""
 
 from __future__ import annotations
 
@@ -9,34 +9,37 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_CRUSHED = 0.05  # of an axis: what a signal may shrink to for a limit far away to be on it
-_FLAT = 1e-6  # in files' units, and of the value: a signal at rest
-_LEAST = 1e-9  # the same: what an axis may resolve
-_LARGEST = 1e30  # that is drawn
+_CRUSHED = (
+    0.05  # of an axis: least share that a signal may shrink to so that a distant limit is shown
+)
+_FLAT = 1e-6  # in the files' units, and relative to the value: span of a constant signal, at most
+_LEAST = 1e-9  # the same: span that an axis may resolve, at least
+_LARGEST = 1e30  # magnitude of the values that are drawn, at most
 
 
 class Axis(NamedTuple):
-    """From values to places."""
+    """A linear mapping from values to pixels."""
 
     low: float
     high: float
-    start: float  # px, of low
+    start: float  # px, place of `low`
     end: float
 
     def at(self, value: float) -> float:
-        """Its place."""
+        """Return the place of a value [px]."""
         share = (value - self.low) / (self.high - self.low)
         return self.start + share * (self.end - self.start)
 
     def inside(self, value: float) -> bool:
-        """Whether it lies on the axis."""
+        """Whether a value lies on the axis."""
         slack = 1e-9 * (self.high - self.low)
         return self.low - slack <= value <= self.high + slack
 
 
 def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[float, float]:
-    """The range of an axis: all of its signals, and limits as long as they leave something to be seen of these. A
-    signal that does not move loses nothing.
+    """Return the range of an axis: all of its signals, and limits as long as the signals stay readable.
+
+    A constant signal stays readable with any limit.
     """
     known = values[np.abs(values) < _LARGEST]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
@@ -54,7 +57,7 @@ def range_of(values: NDArray[np.float64], levels: Sequence[float]) -> tuple[floa
 
 
 def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Round numbers within a range, at most so many and one, with their texts."""
+    """Return round numbers within a range with their texts, at most `most` + 1."""
     raw = (high - low) / most
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= raw * (1 - 1e-9))

@@ -1,4 +1,4 @@
-"""What `identify` and `validate` print: aligned tables, at most 110 columns."""
+"""Text output of `identify` and `validate`: aligned tables, at most 110 columns."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ACROSS = 6  # columns of a matrix side by side
 
 
 def identification_text(result: Identification) -> str:
-    """The whole result."""
+    """Return the whole result of an identification."""
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(warnings_of(result))),
@@ -48,7 +48,7 @@ def identification_text(result: Identification) -> str:
 
 
 def validation_text(result: Validation) -> str:
-    """Fit, errors over the phases and residuals of every experiment."""
+    """Return fit, errors by phase and residuals of every experiment."""
     sections = [
         [f"model {clean(result.model)}, vehicle {clean(result.vehicle)}"],
         _titled("Attention", _bullets(experiment_warnings(result))),
@@ -60,7 +60,7 @@ def validation_text(result: Validation) -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: str) -> list[str]:
-    """Lines of a table; `align` has one of l and r for each column."""
+    """Return the lines of a table; `align` has one of l and r for each column."""
     body = [list(heads), *[list(row) for row in rows]]
     widths = [max(len(row[i]) for row in body) for i in range(len(heads))]
     return [
@@ -116,7 +116,7 @@ def _parameters(estimates: Sequence[Estimate]) -> list[str]:
 
 
 def _states(estimates: Sequence[Estimate]) -> list[str]:
-    """One line each: there are as many as experiments times states."""
+    """Return one line for each state: there are as many as experiments times states."""
     rows = [
         (
             clean(each.name, 50),

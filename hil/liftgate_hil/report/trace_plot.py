@@ -1,5 +1,6 @@
-"""Signals over time with limits, a window and a margin, as small SVG that takes its colours from the page: a
-report of thousands of scenarios has thousands of them.
+"""Plots of signals over time with limits, a window and a margin, as SVG that takes its colours from the page.
+
+The SVG is small, because a report of thousands of scenarios has thousands of plots.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from liftgate_hil.report.scale import Axis, range_of, ticks
 
 Floats = NDArray[np.float64]
 
-# What is said for the classes below; a page that has such pictures takes it in.
+# CSS of the classes below; a page with such plots must include it.
 STYLE = """
 :root { --third: #a8246e; }
 @media screen and (prefers-color-scheme: dark) { :root { --third: #e58ac0; } }
@@ -46,8 +47,8 @@ svg.trace tspan { stroke: none; font-weight: 600; }
 _WIDTH, _LEFT, _RIGHT = 880.0, 66.0, 20.0
 _TITLE, _HEIGHT, _BOTTOM = 22.0, 118.0, 36.0
 _COLOURS = 4
-_TICK = 0.011  # s: the first row of a run lies a tick behind its start
-_LETTER = 6.0  # px, about
+_TICK = 0.011  # s, as the first row of a run is one tick after its start
+_LETTER = 6.0  # px, approximate width of a letter
 
 
 class Line(NamedTuple):
@@ -59,7 +60,7 @@ class Line(NamedTuple):
 
 
 class Level(NamedTuple):
-    """A number that a signal is compared with; what decides, or what opens the window."""
+    """A number that a signal is compared with: a limit, or a trigger that opens the window."""
 
     value: float
     label: str
@@ -67,7 +68,7 @@ class Level(NamedTuple):
 
 
 class Margin(NamedTuple):
-    """From what to what a margin reaches, and when; the stretch that it is of, where a single tick does not do."""
+    """A margin from a limit to a value at a time [s]; `stretch` is its interval where one tick is not enough."""
 
     time: float
     limit: float
@@ -85,22 +86,22 @@ class Panel:
     lines: list[Line] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
     margin: Margin | None = None
-    names: Mapping[float, str] = field(default_factory=dict)  # of an enumeration's values
+    names: Mapping[float, str] = field(default_factory=dict)  # names of an enumeration's values
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels over one time axis: `times` [s] (n,) are those of the bins, `marks` instants with their names."""
+    """Panels over one time axis: `times` [s] (n,) are those of the bins, `decided` an instant with its name."""
 
     times: Floats
     panels: Sequence[Panel]
     window: tuple[float, float] | None = None
-    opened: str = ""  # what the window's begin is called
+    opened: str = ""  # label of the window's start
     decided: tuple[float, str] | None = None
 
 
 def trace_svg(picture: Picture, title: str) -> str:
-    """The picture, to be put into a page that has STYLE."""
+    """Return the picture as SVG for a page that includes STYLE."""
     step = _TITLE + _HEIGHT
     top = 34.0 if picture.decided is not None else 18.0 if picture.window is not None else 0.0
     height = top + step * len(picture.panels) + _BOTTOM
@@ -162,7 +163,7 @@ def _value_ticks(panel: Panel, y: Axis) -> list[tuple[float, str]]:
 
 
 def _curve(line: Line, times: Floats, x: Axis, y: Axis, colour: str) -> list[str]:
-    """The line, in pieces between gaps; a band where its bins hold more than one value."""
+    """Return the curve in pieces between gaps, as a band where its bins contain more than one value."""
     low, high = line.low, line.high
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -186,7 +187,7 @@ def _curve(line: Line, times: Floats, x: Axis, y: Axis, colour: str) -> list[str
 
 
 def _points(times: Floats, values: Floats, x: Axis, y: Axis) -> list[str]:
-    """Places on a line, without those that lie on a level between two others."""
+    """Return points of a curve, without those whose value equals that of both neighbours."""
     needed = np.ones(len(values), dtype=bool)
     needed[1:-1] = (values[1:-1] != values[:-2]) | (values[1:-1] != values[2:])
     shown = np.clip(values[needed], y.low - (y.high - y.low), y.high + (y.high - y.low))
@@ -197,7 +198,7 @@ def _points(times: Floats, values: Floats, x: Axis, y: Axis) -> list[str]:
 
 def _level(level: Level, x: Axis, y: Axis) -> list[str]:
     kind = "trigger" if level.is_trigger else "limit"
-    # At the right end what decides, at the left one what opens the window: neither covers the other.
+    # Limits have their label at the right end, triggers at the left one, so that neither covers the other.
     place, anchor = (x.start + 6, "start") if level.is_trigger else (x.end - 4, "end")
     if not y.inside(level.value):
         is_above = level.value > y.high
@@ -230,7 +231,7 @@ def _margin(margin: Margin, x: Axis, y: Axis) -> list[str]:
 
 
 def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
-    """The window's shade, and its two ends with their times; an arrow where one is beyond the picture."""
+    """Return the window's shade and its two ends with their times, with an arrow for an end off the picture."""
     if picture.window is None:
         return []
     begin, end = picture.window
@@ -249,7 +250,9 @@ def _window(picture: Picture, x: Axis, top: float, bottom: float) -> list[str]:
     elif end > x.high + _TICK:
         ends = f"{ends} →"
     anchors = ["start", "end"]
-    if last - first < _LETTER * (len(opens) + len(ends)) + 20:  # no room for both between the ends
+    if (
+        last - first < _LETTER * (len(opens) + len(ends)) + 20
+    ):  # not enough room for both labels between the ends
         if last + _LETTER * len(ends) < _WIDTH:
             anchors = ["end" if first - _LETTER * len(opens) > 0 else "start", "start"]
             last += 4 if anchors[0] == "end" else max(0.0, first + _LETTER * len(opens) + 12 - last)
@@ -289,5 +292,5 @@ def _words(across: float, down: float, said: str, anchor: str, kind: str = "") -
 
 
 def _n(value: float) -> str:
-    """A coordinate: a tenth of a pixel is enough."""
+    """Return a coordinate as text, to a tenth of a pixel."""
     return f"{value:.1f}".removesuffix(".0")

@@ -1,1 +1,1 @@
-"""What acts on the gate from outside, and what the driver asks of the ECU."""
+"""Stimuli that act on the gate, and the driver's requests to the ECU."""

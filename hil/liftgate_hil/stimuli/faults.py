@@ -1,7 +1,7 @@
-"""Faults as tables: from when to when each changes which of the gate's constants, and the row that is in force.
+"""Faults as tables: from when to when each fault changes which of the gate's constants, and the row in force.
 
 Row and tables are data of the loop, so that no fault is compiled in. The row changes only where a fault begins,
-ends or ramps: between, the loop keeps what it has made of it.
+ends or ramps; in between, the loop keeps what it has derived from it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from liftgate_hil.stimuli.bus_faults import BusFault
+from liftgate_hil.stimuli.bus_fault_tables import BusFault
 from liftgate_hil.stimuli.moments import BY_TIME, NEVER, START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
 from liftgate_plant.constants import Constants, numbers_of
@@ -27,15 +27,15 @@ FAULT = np.dtype(
         ("start_moment", "i8"),
         ("end", "f8"),
         ("end_moment", "i8"),
-        ("length", "f8"),  # s from its start, after which it is over too; infinite: it has none
-        ("period", "f8"),  # s; 0: on all the time
-        ("share", "f8"),  # of each period, its first part
-        ("ramp", "f8"),  # s from nothing to all of it
+        ("length", "f8"),  # s from its start, after which it also ends; infinite: no limit
+        ("period", "f8"),  # s; 0: always on
+        ("share", "f8"),  # of each period, from its start, in which it is on
+        ("ramp", "f8"),  # s from no effect to full effect
         (
             "rank",
             "i8",
-        ),  # of what is injected, when that was; 0: the scenario's, in the order of the file
-        ("first", "i8"),  # rows of its edits
+        ),  # order of injection; 0: a fault of the scenario, in the order of the file
+        ("first", "i8"),  # its first row in `edits`
         ("count", "i8"),
     ]
 )
@@ -47,7 +47,7 @@ _FOREVER = 1e300
 
 @dataclass(frozen=True)
 class Edit:
-    """What a fault does to one number of the constants: `how` is SET, SCALE or ADD."""
+    """A fault's change of one of the gate's constants: `how` is SET, SCALE or ADD."""
 
     name: str  # such as plant.left.spring.health
     how: int
@@ -55,7 +55,7 @@ class Edit:
 
 
 class Injection(NamedTuple):
-    """A fault that is to be made: what it changes of the gate, or what on the bus; and when."""
+    """A fault that shall be injected: what it changes in the gate or on the bus, and when."""
 
     edits: tuple[Edit, ...]
     start: Instant = START
@@ -68,20 +68,20 @@ class Injection(NamedTuple):
 
 
 class Faults(NamedTuple):
-    """All faults of a run, and what is in force."""
+    """All faults of a run, and the constants in force."""
 
     rows: Any  # (n,) FAULT
     edits: Any  # EDIT
     sound: NDArray[np.float64]  # (w,) the constants without faults
-    row: NDArray[np.float64]  # (w,) those in force. Written in place, as what follows
+    row: NDArray[np.float64]  # (w,) the constants in force. Written in place, like the following
     shares: NDArray[np.float64]  # (n,) how much of each fault is in force
-    next: NDArray[np.float64]  # (1,) s, when to look again
+    next: NDArray[np.float64]  # (1,) s, time of the next check
 
 
 def faults_of(
     constants: Constants, injections: Sequence[Injection], sheet: Sheet, slots: int = 0
 ) -> Faults:
-    """The tables of faults of a gate, with so many slots for others behind them; their moments go to the sheet."""
+    """Return the fault tables of a gate, with `slots` free rows at the end; their moments go to the sheet."""
     numbers = numbers_of(constants)
     places = {name: place for place, name in enumerate(numbers)}
     rows: list[tuple[float, ...]] = []
@@ -93,7 +93,7 @@ def faults_of(
         times = (each.length, each.period, each.share, each.ramp)
         rows.append((*start, *end, *times, 0, len(edits), len(made)))
         edits += made
-    for _ in range(slots):  # each may change all constants
+    for _ in range(slots):  # each slot may change all constants
         never = (math.nan, BY_TIME, math.inf, BY_TIME)
         rows.append((*never, math.inf, 0.0, 1.0, 0.0, 0, len(edits), 0))
         edits += [(0, SET, 0.0)] * len(numbers)
@@ -110,8 +110,9 @@ def faults_of(
 
 @compilable
 def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
-    """How much of a fault is in force at a time [s], 0 to 1, and when that changes next; what waits for a moment
-    does so when that has come.
+    """Return how much of a fault is in force at a time [s], 0 to 1, and when that changes next.
+
+    A fault that waits for a moment begins or ends once the moment has come.
     """
     start = time_of(moments, fault.start, fault.start_moment)
     end = time_of(moments, fault.end, fault.end_moment)
@@ -139,7 +140,7 @@ def share_at(fault: Any, moments: Moments, now: float) -> tuple[float, float]:
 
 @outlined
 def look(faults: Faults, moments: Moments, now: float) -> bool:
-    """See `is_changed`."""
+    """Update the shares of all faults and the row in force; return whether the row has changed."""
     faults.next[0] = _FOREVER
     changed = False
     for place in range(len(faults.rows)):
@@ -155,14 +156,16 @@ def look(faults: Faults, moments: Moments, now: float) -> bool:
 
 @compilable
 def is_changed(faults: Faults, moments: Moments, now: float) -> bool:
-    """Whether the row in force is another one from a time [s] on; it is made then."""
+    """Whether the row in force changes at a time [s]; if so, it is updated."""
     return now >= faults.next[0] - _SLACK and look(faults, moments, now)
 
 
 @compilable
 def put_together(faults: Faults) -> None:
-    """The row in force: the constants, changed by one fault after the other in the order of the file, then by
-    what is injected in the order in which that was.
+    """Compute the row in force: the constants, changed by one fault after the other.
+
+    Faults of the scenario come first, in the order of the file, then injected ones, in the order of their
+    injection.
     """
     for place in range(len(faults.row)):
         faults.row[place] = faults.sound[place]
@@ -182,7 +185,7 @@ def put_together(faults: Faults) -> None:
 
 @compilable
 def next_injected(faults: Faults, first: int, rank: int) -> int:
-    """Of the faults from a row on the one in force with the next rank; -1: none."""
+    """Return the injected fault in force with the next higher rank, from row `first` on; -1: none."""
     found = -1
     for place in range(first, len(faults.rows)):
         own = faults.rows[place].rank
@@ -194,7 +197,7 @@ def next_injected(faults: Faults, first: int, rank: int) -> int:
 
 @compilable
 def change(faults: Faults, place: int) -> None:
-    """Change the row in force by as much of a fault as there is."""
+    """Change the row in force by a fault, in proportion to its share."""
     row, fault, share = faults.row, faults.rows[place], faults.shares[place]
     if share == 0.0:
         return

@@ -1,6 +1,6 @@
-"""A mailbox into the running loop: what is posted holds from the next tick on, until it is posted anew.
+"""A command queue into the running loop: posted values hold from the next tick on, until they are posted again.
 
-One side posts, the loop takes; neither waits. A letter says which of the held values it replaces.
+One side posts, the loop takes; neither waits. A command says which of the held values it replaces.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from liftgate_plant.compiler import compilable
 from liftgate_plant.obstacle import Obstacle
 from liftgate_plant.signals import Surroundings
 
-# The values that are held: surroundings (NaN: not said), an obstacle (stiffness NaN: not said), timing.
+# The values that are held: surroundings (NaN: none), an obstacle (stiffness NaN: none), timing.
 _NAMES = (
     *Surroundings._fields,
     *(f"obstacle_{name}" for name in Obstacle._fields),
@@ -30,25 +30,25 @@ HELD_TIMING = Timing(**{name: getattr(HELD, name) for name in Timing._fields})
 
 LETTER = np.dtype(
     [
-        ("place", "i8"),  # of the first value replaced
+        ("place", "i8"),  # place of the first value replaced
         ("count", "i8"),
         ("values", "f8", (max(len(Obstacle._fields), len(Timing._fields)),)),
     ]
 )
-LETTERS = 256  # that may wait; the loop empties the box every tick
-# Counters: letters posted so far (written by who posts), letters taken (written by the loop).
+LETTERS = 256  # commands that may wait; the loop empties the queue every tick
+# Counters: commands posted so far (written by the posting side), commands taken (written by the loop).
 BOX = np.dtype([("posted", "i8"), ("taken", "i8"), ("letters", LETTER, (LETTERS,))])
 
 
 def nothing_held() -> NDArray[np.float64]:
-    """Nothing was posted."""
+    """Return the held values before anything was posted."""
     return np.full(len(_NAMES), np.nan)
 
 
 def post(box: Any, values: Mapping[str, float]) -> bool:
-    """Post held values by their names, those of one letter together; False where the box (a row of BOX) is full.
+    """Post held values by their names, in one command; return False where the queue (a row of BOX) is full.
 
-    Raises ValueError for values that do not stand one after the other.
+    Raises ValueError for values that are not held one after the other.
     """
     if box["posted"] - box["taken"] >= LETTERS:
         return False
@@ -63,8 +63,9 @@ def post(box: Any, values: Mapping[str, float]) -> bool:
 
 
 def post_all(box: Any, values: Mapping[str, float]) -> bool:
-    """Post held values by their names, in as many letters as it takes; False, and none of them, where the box (a
-    row of BOX) has no room.
+    """Post held values by their names, in as many commands as it takes.
+
+    Returns False, and posts none of them, where the queue (a row of BOX) has no room.
     """
     most = LETTER["values"].shape[0]
     letters: list[dict[str, float]] = []
@@ -81,14 +82,14 @@ def post_all(box: Any, values: Mapping[str, float]) -> bool:
 
 
 def hold(held: NDArray[np.float64], values: Mapping[str, float]) -> None:
-    """Put values by their names where the loop has them, by the loop's own thread."""
+    """Set held values by their names; called in the loop's own thread."""
     for name, value in values.items():
         held[_NAMES.index(name)] = value
 
 
 @compilable
 def take_letters(box: Any, held: NDArray[np.float64]) -> None:
-    """Put all that was posted into the held values; `box` is (1,) BOX."""
+    """Apply all posted commands to the held values; `box` is (1,) BOX."""
     posted = box[0].posted
     while box[0].taken < posted:
         letter = box[0].letters[box[0].taken % LETTERS]

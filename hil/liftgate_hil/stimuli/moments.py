@@ -1,6 +1,6 @@
-"""When something begins or ends: at a time, or once a condition has come true.
+"""When something begins or ends: at a time, or once a condition has become true.
 
-Conditions see the row of the tick before, and the frames up to it: what they let begin acts from the next tick on.
+Conditions see the row of the tick before, and the frames up to it: what they start acts from the next tick on.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from liftgate_hil.conditions.condition import (
     Condition,
 )
 from liftgate_hil.conditions.evaluator import Conditions, Work, evaluate, table_of, work_for
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_plant.compiler import compilable, outlined
 
@@ -44,10 +44,10 @@ BY_TIME = -1  # in place of a moment's row
 MOMENT = np.dtype(
     [
         ("condition", "i8"),
-        ("delay", "f8"),  # s, from when it comes true
-        ("after", "f8"),  # s: it does not count before
+        ("delay", "f8"),  # s, from when the condition becomes true
+        ("after", "f8"),  # s: the condition does not count before
         ("after_moment", "i8"),  # or not before this moment; BY_TIME: `after`
-        # It is only true where this column of the row is from `low` to `high`; -1: no such column is known.
+        # It is only true while this column of the row is within `low` to `high`; -1: no such column is known.
         ("column", "i8"),
         ("low", "f8"),
         ("high", "f8"),
@@ -59,12 +59,12 @@ _TIME = COLUMN_PLACE["time_s"]
 
 @dataclass(frozen=True)
 class Instant:
-    """A time [s], or the first time that a condition is true and `delay` [s] more."""
+    """A time [s], or `delay` [s] after the first time that a condition is true."""
 
     time: float = 0.0
     condition: str = ""
     delay: float = 0.0
-    key: str = ""  # of the file, where a condition stands
+    key: str = ""  # of the file, where a condition is given
     source: str = field(default="", compare=False)  # the file
 
 
@@ -72,19 +72,22 @@ START, NEVER = Instant(0.0), Instant(math.inf)
 
 
 class Moments(NamedTuple):
-    """The moments that conditions decide, and what is known of them so far."""
+    """The moments that are decided by conditions, and what is known of them so far."""
 
     rows: Any  # (n,) MOMENT
     conditions: Conditions
-    bus: BusConfig  # the signals that they speak of
-    when: NDArray[np.float64]  # (n,) s; NaN: not yet. Written in place, as what follows
-    values: NDArray[np.float64]  # (1, signals) on the bus as they stand
+    bus: BusConfig  # the signals that conditions refer to
+    when: NDArray[np.float64]  # (n,) s; NaN: not yet. Written in place, like the following
+    values: NDArray[np.float64]  # (1, signals) current values of these signals
     pending: NDArray[np.int64]  # (1,) moments that have not come
     work: Work
 
 
 class Sheet:
-    """Instants on their way into tables: `place` gives what a table holds of one, `moments` what decides them."""
+    """Collects the instants of a stimulus plan while its tables are built.
+
+    `place` returns what a table contains of an instant, `moments` the table that decides them.
+    """
 
     def __init__(self) -> None:
         self._rows: list[tuple[int, float, float, int]] = []
@@ -93,7 +96,10 @@ class Sheet:
     def place(
         self, instant: Instant, after: tuple[float, int] = (0.0, BY_TIME)
     ) -> tuple[float, int]:
-        """A time and a moment's row, of which one counts. No condition counts before `after`, such a pair."""
+        """Return the time and the row of the moment of an instant, of which one counts.
+
+        Its condition does not count before `after`, which is such a pair, too.
+        """
         if not instant.condition:
             return instant.time, BY_TIME
         self._rows.append((len(self.instants), instant.delay, *after))
@@ -101,7 +107,7 @@ class Sheet:
         return math.nan, len(self._rows) - 1
 
     def moments(self, conditions: Sequence[Condition], messages: Mapping[str, Message]) -> Moments:
-        """The table, with the conditions of `instants`."""
+        """Return the table of moments; `conditions` are those of `instants`."""
         signals = list(dict.fromkeys(name for each in conditions for name in each.names(SIGNAL)))
         count = len(self._rows)
         rows = [(*row, *necessary(conditions[row[0]])) for row in self._rows]
@@ -116,15 +122,16 @@ class Sheet:
         )
 
 
-# A column's place, and the range that it has to be in.
+# A column's place, and the range that it must be in.
 _Range = tuple[int, float, float]
 _ANY_RANGE: _Range = (-1, -math.inf, math.inf)
 _MIRRORED = {LT: GT, LE: GE, GT: LT, GE: LE, EQ: EQ}
 
 
 def necessary(condition: Condition) -> _Range:
-    """A column's place in the row and the range, both ends in, that it is in wherever a condition is true: by it
-    alone most ticks are told. -1 where no comparison of a column with a number decides.
+    """Return a column's place in the row and the range, both ends included, that it is in if a condition is true.
+
+    This check alone decides most ticks. The place is -1 if no comparison of a column with a number is decisive.
     """
     stack: list[_Range | str | float | None] = []
     for code, what in condition.ops:
@@ -136,14 +143,14 @@ def necessary(condition: Condition) -> _Range:
         else:
             right, left = stack.pop(), stack.pop()
             stack.append(_of_two(code, left, right))
-    found = stack.pop() if stack else None  # nothing of one that there are issues with
+    found = stack.pop() if stack else None  # empty for a condition with issues
     return found if isinstance(found, tuple) else _ANY_RANGE
 
 
 def _of_two(
     code: int, left: _Range | str | float | None, right: _Range | str | float | None
 ) -> _Range | None:
-    """What is known of two parts that an operation joins."""
+    """Return what is known of two operands that an operation joins."""
     if code == AND:
         return next((each for each in (left, right) if isinstance(each, tuple)), None)
     if isinstance(right, str) and code in _MIRRORED:
@@ -156,24 +163,24 @@ def _of_two(
 
 
 def no_moments() -> Moments:
-    """Nothing waits for a condition."""
+    """Return an empty table of moments."""
     return Sheet().moments((), {})
 
 
 def moved(instant: Instant, delay: float) -> Instant:
-    """The same, so much [s] after its condition."""
+    """Return the instant with another delay [s] after its condition."""
     return replace(instant, delay=delay)
 
 
 @compilable
 def time_of(moments: Moments, time: float, moment: int) -> float:
-    """When something is [s]; NaN: that is not known yet."""
+    """Return the time [s] of a time and a moment's row; NaN: it is not known yet."""
     return time if moment < 0 else float(moments.when[moment])
 
 
 @outlined
 def note_frames_for(moments: Moments, frames: Frames) -> None:
-    """Take what frames say."""
+    """Update the bus signals that conditions refer to from frames."""
     for i in range(frames.count):
         watch(
             moments.bus,
@@ -187,7 +194,7 @@ def note_frames_for(moments: Moments, frames: Frames) -> None:
 
 @compilable
 def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """See `note_moments`."""
+    """Update signals and moments from a tick, and return whether a moment has come with it."""
     if len(moments.bus.messages) > 0:
         note_frames_for(moments, given)
         note_frames_for(moments, heard)
@@ -207,5 +214,5 @@ def look(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Fram
 
 @compilable
 def note_moments(moments: Moments, rows: NDArray[np.float64], given: Frames, heard: Frames) -> bool:
-    """Whether a moment has come with this tick, of which that is the row (1, ROW_WIDTH), and those the frames."""
+    """Whether a moment has come with this tick, which has this row (1, ROW_WIDTH) and these frames."""
     return moments.pending[0] != 0 and look(moments, rows, given, heard)

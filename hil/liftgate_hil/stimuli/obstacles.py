@@ -1,4 +1,4 @@
-"""Obstacles: an object is in the gate's way only once the gate has been clear of it."""
+"""Obstacles: an object obstructs the gate only once the gate has been clear of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from liftgate_plant.obstacle import Obstacle, depth
 
 
 class ObstacleArming(NamedTuple):
-    """The obstacle as it was last, and whether the gate has been clear of it since it was put there."""
+    """The last obstacle, and whether the gate has been clear of it since it was put there."""
 
     obstacle: Obstacle
     clear: float
@@ -21,7 +21,7 @@ NOT_ARMED = ObstacleArming(NO_OBSTACLE, 0.0)
 
 @compilable
 def is_same_place(a: Obstacle, b: Obstacle) -> bool:
-    """Whether an obstacle has stayed where it was."""
+    """Whether an obstacle has stayed in its place."""
     return (
         a.stiffness > 0.0
         and a.angle == b.angle
@@ -36,8 +36,10 @@ def is_same_place(a: Obstacle, b: Obstacle) -> bool:
 def armed(
     arming: ObstacleArming, obstacle: Obstacle, angle: float
 ) -> tuple[ObstacleArming, Obstacle]:
-    """The obstacle as the gate can meet it: one that is put where the gate already is (a rod under the
-    closed gate) is not in the way before the gate has been clear of it.
+    """Return the new arming state and the obstacle as it acts on the gate.
+
+    An obstacle that is put where the gate already is (a rod under the closed gate) does not act before the gate
+    has been clear of it.
     """
     if obstacle.stiffness == 0.0:
         return ObstacleArming(obstacle, 0.0), obstacle

@@ -1,4 +1,4 @@
-"""What is asked of the ECU: the driver's buttons, and that it starts anew."""
+"""Requests to the ECU: the driver's buttons, and resets."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ACTIONS = (
     "open",
     "close",
     "reset",
-)  # by their numbers, as a C library gets the first three
+)  # by their numbers; a C library gets the first three
 RESET = ACTIONS.index("reset")
 BUTTONS = ("open", "close", "stop")
 REQUESTS = (*BUTTONS, "reset")
@@ -26,7 +26,7 @@ REQUESTS = (*BUTTONS, "reset")
 REQUEST = np.dtype(
     [
         ("time_ns", "i8"),  # by the ECU's own clock
-        ("moment", "i8"),  # or by the gate's; BY_TIME: `time_ns`
+        ("moment", "i8"),  # or a moment, by the gate's clock; BY_TIME: `time_ns`
         ("action", "i8"),
         ("is_made", "i8"),  # written in place
     ]
@@ -35,41 +35,41 @@ REQUEST = np.dtype(
 
 @dataclass(frozen=True)
 class Request:
-    """When what is asked, one of REQUESTS."""
+    """A request, one of REQUESTS, and when it is made."""
 
     when: Instant
     action: str
 
 
 def requests_of(requests: Sequence[Request], sheet: Sheet) -> Requests:
-    """Requests as a table for the loop, by their times, then those that wait for a condition."""
+    """Return requests as a table for the loop: by their times, then those that wait for a condition."""
     rows = []
     for each in requests:
         time, moment = sheet.place(each.when)
         time_ns = round(time * 1e9) if math.isfinite(time) else 2**62
         rows.append((time_ns, moment, ACTIONS.index(each.action), 0))
-    rows.sort(key=lambda row: row[0])  # of those at one time the order stays
+    rows.sort(key=lambda row: row[0])  # requests at the same time keep their order
     waits = any(moment >= 0 for _, moment, _, _ in rows)
     table = np.array(rows, dtype=REQUEST).view(np.recarray)
     return Requests(table, np.array([0, int(not waits)], dtype=np.int64))
 
 
 def by_the_clock(requests: Sequence[Request]) -> tuple[Requests, Moments]:
-    """Requests at times, and no moments that they could wait for."""
+    """Return requests at times, and an empty table of moments."""
     sheet = Sheet()
     return requests_of(requests, sheet), sheet.moments((), {})
 
 
 class Requests(NamedTuple):
-    """All of a run."""
+    """All requests of a run."""
 
     rows: Any  # (n,) REQUEST, in the order in which those of one tick are made
-    made: NDArray[np.int64]  # (2,) rows at times that are made; 1: none waits for a moment
+    made: NDArray[np.int64]  # (2,) leading rows that are made; 1: none waits for a moment
 
 
 @compilable
 def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_ns: int) -> bool:
-    """Whether a request is to be made now: at a time by the ECU's clock, at a moment by the gate's."""
+    """Whether a request is due now: at a time by the ECU's clock, at a moment by the gate's."""
     request = requests.rows[place]
     if request.is_made != 0:
         return False
@@ -80,7 +80,7 @@ def is_due(requests: Requests, place: int, moments: Moments, now_ns: int, gate_n
 
 @compilable
 def first_open(requests: Requests, now_ns: int) -> int:
-    """The first request that may be due at a time [ns]; behind the last where none is."""
+    """Return the first request that may be due at a time [ns], or the number of requests where none is."""
     count = len(requests.rows)
     if requests.made[0] == count:
         return count
@@ -92,7 +92,7 @@ def first_open(requests: Requests, now_ns: int) -> int:
 
 @compilable
 def take_due(requests: Requests, moments: Moments, now_ns: int) -> int:
-    """How many are to be made at a time [ns] by the gate's clock; they are made then."""
+    """Mark the requests that are due at a time [ns] by the gate's clock as made, and return how many."""
     found, place = 0, first_open(requests, now_ns)
     while place < len(requests.rows):
         if is_due(requests, place, moments, now_ns, now_ns):
@@ -104,7 +104,7 @@ def take_due(requests: Requests, moments: Moments, now_ns: int) -> int:
 
 @compilable
 def note_made(requests: Requests, place: int) -> None:
-    """A request is made."""
+    """Mark a request as made."""
     requests.rows[place].is_made = 1
     while requests.made[0] < len(requests.rows) and requests.rows[requests.made[0]].is_made != 0:
         requests.made[0] += 1

@@ -1,7 +1,7 @@
-"""The restbus: messages of control units that are not there, sent cyclically with counter and protection.
+"""The restbus: messages of absent control units, sent cyclically with counter and protection.
 
-Each of its signals has its start value, and others from a time or a moment on. The frames go out beside those of
-the gate, in the same tick.
+Each signal has its start value, and others from a time or a moment on. The frames are sent along with those of the
+gate, in the same tick.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.protection import MessageOptions
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import Transmission, first_transmission, is_due, transmit
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_hil.signals import BUS_OUTPUTS
 from liftgate_hil.stimuli.moments import START, Instant, Moments, Sheet, time_of
 from liftgate_plant.compiler import compilable, outlined
@@ -34,17 +34,17 @@ from liftgate_plant.compiler import compilable, outlined
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
-# Who gives signals values while a run goes on: what a test bench's frames say, and over it an operator.
+# Sources of signal values while a run is in progress: frames of a test bench and, over them, an operator.
 LAYERS = 2
 BENCH, OPERATOR = range(LAYERS)
 
 CHANGE = np.dtype(
     [
-        ("time", "f8"),  # s, of the scenario,
-        ("moment", "i8"),  # or when that moment is
-        ("place", "i8"),  # of the signal
+        ("time", "f8"),  # s, of the scenario
+        ("moment", "i8"),  # or that moment; BY_TIME: `time`
+        ("place", "i8"),  # place of the signal
         ("value", "f8"),  # in the database's unit
-        ("instead_of", "f8"),  # it changes from this value only; NaN: from any
+        ("instead_of", "f8"),  # the signal changes from this value only; NaN: from any
         ("is_made", "i8"),  # written in place
     ]
 )
@@ -52,8 +52,9 @@ CHANGE = np.dtype(
 
 @dataclass(frozen=True)
 class SignalChange:
-    """That a signal (`Message.Signal`) has a value [the database's unit] from an instant on; one that is `pressed`
-    goes back from that value only.
+    """The change of a signal (`Message.Signal`) to a value [the database's unit] at an instant.
+
+    If `pressed` is given, the signal changes from that value only.
     """
 
     when: Instant
@@ -64,23 +65,23 @@ class SignalChange:
 
 @dataclass(frozen=True)
 class BusTables:
-    """What a bench sends: a rig's outputs, and how its messages are made."""
+    """What a bench sends: a rig's outputs, and the options of its messages."""
 
     messages: Mapping[str, Message]
     outputs: Sequence[SignalMapping]
     options: Mapping[str, MessageOptions]
-    source: str = ""  # the rig, as messages call it
+    source: str = ""  # the rig's name in error messages
 
     @cached_property
     def sent(self) -> BusConfig:
-        """The gate's messages as the loop works through them. Raises ConfigError."""
+        """The gate's messages as tables for the loop. Raises ConfigError."""
         issues = ConfigIssues(self.source)
         found = self.with_signals((), issues)
         issues.raise_if_any()
         return found
 
     def with_signals(self, names: Sequence[str], issues: ConfigIssues) -> BusConfig:
-        """The same, and signals (`Message.Signal`) of others beside them."""
+        """Return the tables of the gate's messages, with signals (`Message.Signal`) of others beside them."""
         mappings = [*self.outputs, *map(mapping_named, names)]
         quantities = {**BUS_OUTPUTS, **dict.fromkeys(names, ANY)}
         return build_bus_config(self.messages, mappings, self.options, quantities, issues, True)
@@ -90,16 +91,16 @@ NO_BUS = BusTables({}, (), {})
 
 
 class Restbus(NamedTuple):
-    """All of a run; without signals it sends nothing."""
+    """The restbus of a run; without signals it sends nothing."""
 
     bus: BusConfig
-    everything: BusConfig  # all that the bench sends: the gate's messages, and these
-    changes: Any  # (n,) CHANGE, of those at one time the later ones win
-    pending: NDArray[np.int64]  # (1,) changes that are not made. Written in place, as what follows
+    everything: BusConfig  # all that the bench sends: the gate's messages and the restbus
+    changes: Any  # (n,) CHANGE; of several at the same time, the last one takes effect
+    pending: NDArray[np.int64]  # (1,) changes not made yet. Written in place, like the following
     transmission: Transmission
-    said: NDArray[np.float64]  # values by the scenario; NaN: it says none
-    posted: NDArray[np.float64]  # (LAYERS, n) over them, while it goes on; NaN: nobody says one
-    room: Frames  # of a tick
+    said: NDArray[np.float64]  # values of the scenario; NaN: none
+    posted: NDArray[np.float64]  # (LAYERS, n) values set over them during the run; NaN: none
+    room: Frames  # for the frames of a tick
 
 
 def restbus_of(
@@ -108,11 +109,13 @@ def restbus_of(
     tables: BusTables = NO_BUS,
     later: Sequence[str] = (),
 ) -> Restbus:
-    """The restbus of the signals that change, which are to be of messages with a cycle that nobody else sends; and
-    of those that may get a value `later`, whose messages are not sent before.
+    """Return the restbus of the signals that change, and of those that may get a value `later`.
+
+    The former must belong to messages with a cycle that nobody else sends. Messages of the latter are not sent
+    before they have a value.
     """
     known = dict.fromkeys(each.signal for each in changes)
-    names = list(dict.fromkeys([*later, *known]))  # so are the places of the former known
+    names = list(dict.fromkeys([*later, *known]))  # so that the places of `later` are known
     issues = ConfigIssues(tables.source)
     bus = tables_named(tables.messages, names, tables.options, issues, True)
     everything = tables.with_signals(names, issues) if names else tables.sent
@@ -142,9 +145,7 @@ def restbus_of(
 
 
 def start_value(messages: Mapping[str, Message], name: str) -> float:
-    """A signal's start value (GenSigStartValue) [the database's unit]; 0 where there is none, or the least that it
-    may have.
-    """
+    """Return a signal's start value (GenSigStartValue) [the database's unit]; 0 where there is none."""
     message, signal = name.split(".")
     found = messages[message].get_signal_by_name(signal)
     raw = found.raw_initial
@@ -155,7 +156,7 @@ def start_value(messages: Mapping[str, Message], name: str) -> float:
 
 
 def going_on(before: Restbus, after: Restbus) -> None:
-    """The messages of `after` go on in counter and cycle where those of `before` are."""
+    """Continue counter and cycle of the messages of `after` where those of `before` are."""
     known = [int(each["identifier"]) for each in before.bus.messages]
     for row, message in enumerate(after.bus.messages):
         if int(message["identifier"]) in known:
@@ -170,8 +171,9 @@ def going_on(before: Restbus, after: Restbus) -> None:
 def with_restbus(
     restbus: Restbus, moments: Moments, frames: Frames, time: float, now_ns: int
 ) -> Frames:
-    """The frames that the gate sends in a tick, and behind them those of the restbus that are due; `time` [s] is
-    the scenario's. Good until the next tick.
+    """Return the frames that the gate sends in a tick, followed by those of the restbus that are due.
+
+    `time` [s] is the scenario's. The result is valid until the next tick.
     """
     if len(restbus.bus.messages) == 0:
         return frames
@@ -189,7 +191,7 @@ def with_restbus(
 
 @outlined
 def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
-    """Make the changes whose time has come."""
+    """Make the changes that are due."""
     values = restbus.said
     for row in range(len(restbus.changes)):
         change = restbus.changes[row]
@@ -203,7 +205,7 @@ def change_values(restbus: Restbus, moments: Moments, time: float) -> None:
 
 @compilable
 def settle(restbus: Restbus, place: int) -> None:
-    """Give a signal the value of the highest layer that says one."""
+    """Set a signal to the value of the highest layer that has one."""
     value = restbus.said[place]
     for layer in range(len(restbus.posted)):
         if not np.isnan(restbus.posted[layer, place]):
@@ -213,7 +215,7 @@ def settle(restbus: Restbus, place: int) -> None:
 
 @outlined
 def beside(restbus: Restbus, frames: Frames, now_ns: int) -> int:
-    """Put the gate's frames into `room`, and what is due behind them; how many there are."""
+    """Put the gate's frames, and those of the restbus that are due, into `room`; return how many there are."""
     own = transmit(restbus.bus, restbus.transmission, now_ns, False)
     count = 0
     for source in (frames, own):

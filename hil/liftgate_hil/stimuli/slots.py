@@ -1,6 +1,6 @@
-"""What is injected while a run goes on: faults in slots that its tables keep free, and signals of the restbus.
+"""Injection while a run is in progress: faults in slots that its tables keep free, and signals of the restbus.
 
-One side posts letters, the loop takes them at the beginning of its next tick; neither waits, as in `mailbox`.
+One side posts commands, the loop takes them at the beginning of its next tick; neither waits, as in `mailbox`.
 """
 
 from __future__ import annotations
@@ -13,58 +13,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from liftgate_hil.diagnostics.tester import Tester, wants_reset
-from liftgate_hil.stimuli.bus_faults import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
+from liftgate_hil.stimuli.bus_fault_tables import BUS_FAULT, NO_KIND, BusFault, BusFaults, row_of
 from liftgate_hil.stimuli.faults import EDIT, FAULT, Faults, Injection
 from liftgate_hil.stimuli.moments import BY_TIME
 from liftgate_hil.stimuli.restbus import Restbus, settle
 from liftgate_plant.compiler import compilable, outlined
 
-SLOTS = 32  # faults that may be injected at a time
-LETTERS = 256  # that may wait
+SLOTS = 32  # faults that may be injected at the same time
+LETTERS = 256  # commands that may wait
 
-_RANKS = 2**40  # of a layer
-_SIGNAL, _RESET = -1, -2  # in place of a slot: the letter is of a signal, or resets the ECU
+_RANKS = 2**40  # ranks per layer
+_SIGNAL, _RESET = -1, -2  # in place of a slot: the command sets a signal, or resets the ECU
 LETTER = np.dtype(
     [
         ("slot", "i8"),
         ("is_on", "i8"),
-        ("edits", "i8"),  # how many
-        ("signal", "i8"),  # its place in the restbus
-        ("value", "f8"),  # NaN: none any more
-        ("instead_of", "f8"),  # it changes from this value only; NaN: from any
-        ("rest", "f8"),  # what it has where nobody says anything else; NaN: it is not sent then
-        ("layer", "i8"),  # of who orders it
+        ("edits", "i8"),  # number of edits
+        ("signal", "i8"),  # place of the signal in the restbus
+        ("value", "f8"),  # NaN: the layer has no value any more
+        ("instead_of", "f8"),  # applies only if the layer has this value; NaN: always
+        ("rest", "f8"),  # value where nothing else sets one; NaN: not sent then
+        ("layer", "i8"),  # layer of the sender, see restbus
     ]
 )
 
 
 class Opening(NamedTuple):
-    """What a run is open to while it goes on."""
+    """What may be injected into a run while it is in progress."""
 
-    slots: int  # faults at a time
+    slots: int  # faults at the same time
     signals: Sequence[str]  # `Message.Signal` of the restbus
-    messages: Sequence[int]  # identifiers of who injects, heard even while the gate is off its bus
-    may_change: bool = (
-        False  # other faults may take the place of its own, see `bus_faults.going_on`
-    )
+    messages: Sequence[int]  # identifiers that inject, received even while the gate is off its bus
+    may_change: bool = False  # other faults may replace its own, see `bus_fault_tables.going_on`
 
 
 CLOSED = Opening(0, (), ())
 
 
 class Slots(NamedTuple):
-    """The box, and which rows of the tables are its own. A run without has no letters."""
+    """The command queue, and which rows of the tables belong to it. A run without slots has no commands."""
 
-    head: NDArray[np.int64]  # (2,) letters posted, letters taken
+    head: NDArray[np.int64]  # (2,) commands posted, commands taken
     letters: Any  # (LETTERS,) LETTER
-    faults: Any  # (LETTERS,) FAULT, of a letter that begins one
+    faults: Any  # (LETTERS,) FAULT, of a command that begins one
     edits: Any  # (LETTERS, n) EDIT
     bus: Any  # (LETTERS,) BUS_FAULT
     first: NDArray[np.int64]  # (2,) the first slot's row in `faults`, and in `bus_faults`
 
 
 def slots_of(count: int, faults: Faults, bus_faults: BusFaults) -> Slots:
-    """The box of a run whose tables end in so many free rows."""
+    """Return the command queue of a run whose tables end in `count` free rows."""
     letters, most = (LETTERS, len(faults.sound)) if count else (0, 0)
     return Slots(
         np.zeros(2, dtype=np.int64),
@@ -77,15 +75,17 @@ def slots_of(count: int, faults: Faults, bus_faults: BusFaults) -> Slots:
 
 
 def has_room(slots: Slots, letters: int) -> bool:
-    """Whether so many letters can be posted now."""
+    """Whether this number of commands can be posted now."""
     return bool(slots.head[0] - slots.head[1] + letters <= len(slots.letters))
 
 
 def post_fault(
     slots: Slots, slot: int, made: Injection | None, places: Mapping[str, int], layer: int
 ) -> None:
-    """Put a fault into a slot, from the next tick on until another letter ends it; None: what is in it ends.
-    `places` are those of the constants in their row. It lies over those of lower layers, and those before.
+    """Post a fault for a slot, in force from the next tick until another command ends it; None ends it.
+
+    `places` are those of the constants in their row. The fault is applied after those of lower layers and those
+    injected before.
     """
     at = int(slots.head[0]) % len(slots.letters)
     letter = slots.letters[at]
@@ -106,7 +106,7 @@ def post_fault(
 def post_signal(
     slots: Slots, place: int, value: float, instead_of: float, rest: float, layer: int
 ) -> None:
-    """Give a signal of the restbus another value in a layer from the next tick on, see LETTER."""
+    """Post a value for a signal of the restbus in a layer, valid from the next tick on; see LETTER."""
     letter = slots.letters[int(slots.head[0]) % len(slots.letters)]
     letter.slot, letter.signal, letter.value = _SIGNAL, place, value
     letter.instead_of, letter.rest, letter.layer = instead_of, rest, layer
@@ -114,7 +114,7 @@ def post_signal(
 
 
 def post_reset(slots: Slots) -> None:
-    """Have the scene's tester reset the ECU."""
+    """Post a reset of the ECU, which the stimuli's tester makes."""
     slots.letters[int(slots.head[0]) % len(slots.letters)].slot = _RESET
     slots.head[0] += 1
 
@@ -128,7 +128,7 @@ def take_letters(
     tester: Tester,
     now: float,
 ) -> None:
-    """Put into force from a time [s] on what was posted."""
+    """Apply the posted commands at a time [s]."""
     posted = slots.head[0]
     while slots.head[1] < posted:
         at = slots.head[1] % len(slots.letters)
@@ -151,7 +151,7 @@ def take_letters(
 
 @compilable
 def begin(slots: Slots, faults: Faults, at: int, now: float) -> None:
-    """A letter's slot in the table of faults begins now, or ends."""
+    """Begin or end the fault in a command's slot now, in the table of faults."""
     letter, own = slots.letters[at], slots.faults[at]
     row = slots.first[0] + letter.slot
     fault = faults.rows[row]
@@ -165,12 +165,12 @@ def begin(slots: Slots, faults: Faults, at: int, now: float) -> None:
         for k in range(letter.edits):
             source, target = slots.edits[at, k], faults.edits[fault.first + k]
             target.place, target.how, target.value = source.place, source.how, source.value
-        faults.shares[row] = -1.0  # another one than before, so that it is seen
+        faults.shares[row] = -1.0  # differs from any share, so that the change is detected
 
 
 @compilable
 def begin_on_bus(slots: Slots, bus_faults: BusFaults, at: int) -> None:
-    """The same in the table of faults on the bus."""
+    """Begin a command's fault in the table of faults on the bus."""
     letter, own = slots.letters[at], slots.bus[at]
     if letter.is_on == 0:
         return

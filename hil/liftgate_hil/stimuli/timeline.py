@@ -1,4 +1,4 @@
-"""What happens around the gate over time: a scenario's profiles and obstacles, as tables for the loop."""
+"""The surroundings of the gate over time: a scenario's profiles and obstacles, as tables for the loop."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _SUPPLY = Surroundings._fields.index("supply_voltage_v")
 CHANNEL = np.dtype(
     [
         ("first", "i8"),  # row of the first knot
-        ("count", "i8"),  # knots; 0: the profile says nothing
-        ("linear", "i8"),  # 1: straight lines between knots, 0: held
+        ("count", "i8"),  # number of knots; 0: there is no profile
+        ("linear", "i8"),  # 1: interpolated linearly between knots, 0: held
     ]
 )
 OBSTACLE = np.dtype(
@@ -35,7 +35,7 @@ OBSTACLE = np.dtype(
 
 
 class Timeline(NamedTuple):
-    """Profiles in the units of files, a row a column of Surroundings, and obstacles in SI; times in seconds."""
+    """Profiles in the units of files, one row per column of Surroundings, and obstacles in SI; times in [s]."""
 
     channels: Any  # (columns of Surroundings,) CHANNEL
     knots: NDArray[np.float64]  # (knots, 2): time, value
@@ -43,14 +43,14 @@ class Timeline(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """A quantity over time: points (time, value), joined by straight lines or held."""
+    """A quantity over time: points (time, value), interpolated linearly or held."""
 
     points: Sequence[tuple[float, float]]
     is_linear: bool = True
 
 
 class TimedObstacle(NamedTuple):
-    """An obstacle and when it is there."""
+    """An obstacle and when it is present."""
 
     obstacle: Obstacle
     start: Instant = START
@@ -62,7 +62,7 @@ def timeline_of(
     obstacles: Sequence[TimedObstacle] = (),
     sheet: Sheet | None = None,
 ) -> Timeline:
-    """The tables of profiles, by columns of Surroundings, and of obstacles, whose moments go to the sheet."""
+    """Return the tables of profiles, by columns of Surroundings, and of obstacles; moments go to the sheet."""
     sheet = sheet or Sheet()
     channels = np.zeros(len(Surroundings._fields), dtype=CHANNEL)
     knots: list[tuple[float, float]] = []
@@ -86,13 +86,13 @@ def timeline_of(
 
 
 def no_timeline() -> Timeline:
-    """Nothing happens."""
+    """Return a timeline without profiles and obstacles."""
     return timeline_of({})
 
 
 @compilable
 def value_at(timeline: Timeline, place: int, time: float) -> float:
-    """A profile's value; NaN before its first knot, after its last knot the last value."""
+    """Return a profile's value; NaN before its first knot, after its last knot the last value."""
     profile = timeline.channels[place]
     if profile.count == 0:
         return np.nan
@@ -116,8 +116,9 @@ def value_at(timeline: Timeline, place: int, time: float) -> float:
 
 @compilable
 def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float:
-    """By how much a profile rises over the step [s] from a time on: what is held changes between steps. NaN: the
-    profile has not begun.
+    """Return how much a profile rises over the step [s] from a time on; NaN: it has not begun.
+
+    A held profile changes between steps, so that it does not rise.
     """
     if timeline.channels[place].linear == 0:
         return 0.0
@@ -126,8 +127,9 @@ def rise_over(timeline: Timeline, place: int, time: float, step: float) -> float
 
 @compilable
 def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
-    """What the profiles say over the step [s] from a time on: where they are straight lines their mean, which is
-    that of their ends. NaN where there is none.
+    """Return the values of the profiles over the step [s] from a time on; NaN where there is none.
+
+    For a linear profile it is the mean over the step, which is that of its ends.
     """
     said = NOTHING_SAID
     if len(timeline.knots) == 0:
@@ -140,14 +142,14 @@ def profiles_over(timeline: Timeline, time: float, step: float) -> Surroundings:
 
 @compilable
 def supply_rise_over(timeline: Timeline, time: float, step: float) -> float:
-    """By how much the supply's voltage [V] rises over the step [s] from a time on."""
+    """Return how much the supply voltage [V] rises over the step [s] from a time on."""
     rise = rise_over(timeline, _SUPPLY, time, step)
     return 0.0 if np.isnan(rise) else rise
 
 
 @compilable
 def obstacle_at(timeline: Timeline, moments: Moments, time: float) -> Obstacle:
-    """The obstacle that is there at a time [s]; of several, the first in the file."""
+    """Return the obstacle that is present at a time [s]; of several, the first in the file."""
     table = timeline.obstacles
     for place in range(len(table)):
         row = table[place]

@@ -1,1 +1,1 @@
-"""Scenarios as tests: found, run, judged, reported; and pytest's plugin."""
+"""Scenarios as tests: collected, run, judged, reported; and the pytest plugin."""

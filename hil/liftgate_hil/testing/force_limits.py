@@ -1,4 +1,4 @@
-"""Which force limits a suite judged by, and where they are from."""
+"""Force limits that a suite was judged by, and where they are from."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from liftgate_hil.report.pinch import BORROWED, ORIGINS, OWN_LIMIT
 from liftgate_hil.testing.suite import Outcome
 
 _FORCES = ("pinch_force_n", "pinch_force_peak_n")
-_TIMED = "pinch_over_limit_s"  # over the vehicle's [gate] pinch_limit
+_TIMED = "pinch_over_limit_s"  # s over the vehicle's [gate] pinch_limit
 _ON_BUS = ("pinch_force", "pinch_force_max", "pinch_force_peak")
-_MOST_USERS = 4  # that are named
+_MOST_USERS = 4  # expectations that are named
 
 
 def limits_section(outcomes: Sequence[Outcome]) -> str:
-    """The limits on pinch forces; nothing where there are none."""
+    """Return the report's section on limits of pinch forces; empty where there are none."""
     users: dict[float, list[str]] = {}
     for outcome in outcomes:
         for force, name in _limits_of(outcome):
@@ -37,9 +37,9 @@ def limits_section(outcomes: Sequence[Outcome]) -> str:
 
 
 def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
-    """The numbers that a scenario's expectations hold pinch forces against, with the names of these."""
-    parts = outcome.case.parts
-    rig, scenario = parts.rig, parts.setup.scenario
+    """Yield the limits that a scenario's expectations compare pinch forces with, and the expectations' names."""
+    plan = outcome.case.plan
+    rig, scenario = plan.rig, plan.setup.scenario
     on_bus = {f"{wire.message}.{wire.signal}" for wire in rig.outputs if wire.quantity in _ON_BUS}
     for each in scenario.expectations:
         if each.kind == "dtc":
@@ -50,7 +50,7 @@ def _limits_of(outcome: Outcome) -> Iterable[tuple[float, str]]:
         for comparison in comparisons_of(condition):
             limit = comparison.limit
             if _TIMED in (*comparison.left.names(), *comparison.right.names()):
-                yield parts.setup.vehicle.gate.pinch_limit, f"{each.name} (how long it is passed)"
+                yield plan.setup.vehicle.gate.pinch_limit, f"{each.name} (how long it is passed)"
             if limit is None or limit[0].unit != "N":
                 continue
             if set(limit[0].names()) & {*_FORCES, *on_bus}:

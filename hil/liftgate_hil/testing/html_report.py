@@ -1,7 +1,7 @@
-"""A suite's outcomes for people: one page with verdicts, requirements, and a picture of each expectation.
+"""HTML report of a suite: one page with verdicts, requirements, and a picture of each expectation.
 
-The page holds no more than so many bytes of pictures, and takes them as the scenarios end: what passes has a share
-of its own, so that many passes leave room for what fails.
+The size of all pictures is limited, and they are taken as the scenarios end: what passes has a share of its own,
+so that many passes leave room for what fails.
 """
 
 from __future__ import annotations
@@ -56,24 +56,24 @@ class SuiteReport:
         self._left = {True: MOST_PASSED, False: MOST_OTHERS}
 
     def take(self, outcome: Outcome) -> Outcome:
-        """Draw what an outcome shows; the outcome without what is needed for that alone."""
+        """Draw the pictures of an outcome; return the outcome without its trace summaries."""
         result = outcome.result
         if result is None:
             return outcome
-        rig = outcome.case.parts.rig
-        expectations = outcome.case.parts.setup.scenario.expectations
+        rig = outcome.case.plan.rig
+        expectations = outcome.case.plan.setup.scenario.expectations
         for expectation, verdict in zip(expectations, outcome.expectations, strict=True):
-            sketch = result.sketches.get(expectation.name)
+            trace_summary = result.trace_summaries.get(expectation.name)
             is_pass = verdict.verdict == PASS
-            if sketch is None or self._left[is_pass] <= 0:
+            if trace_summary is None or self._left[is_pass] <= 0:
                 continue
             names = value_names(rig)
-            drawn = expectation_svgs(expectation, verdict, sketch, names)
-            found = figures_of(drawn, verdict, sketch, left_out(sketch, names))
+            drawn = expectation_svgs(expectation, verdict, trace_summary, names)
+            found = figures_of(drawn, verdict, trace_summary, left_out(trace_summary, names))
             self._left[is_pass] -= len(found.encode())
             if self._left[is_pass] > 0:
                 self._figures[outcome.case.file, expectation.name] = found
-        return replace(outcome, result=replace(result, sketches={}))
+        return replace(outcome, result=replace(result, trace_summaries={}))
 
     def html(
         self,
@@ -81,7 +81,7 @@ class SuiteReport:
         provenance: Provenance,
         matrix: Matrix | None = None,
     ) -> str:
-        """The page; `matrix` where the scenarios were tested themselves."""
+        """Return the page; `matrix` is the result of mutation testing, where there was any."""
         verdict = verdict_of(outcomes)
         return page(
             f"Test report: {verdict}",
@@ -129,12 +129,12 @@ def _summary(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
         for name in (PASS, FAIL, INCONCLUSIVE, ERROR)
         if name in scenarios
     )
-    setups = [each.case.parts.setup for each in outcomes]
+    setups = [each.case.plan.setup for each in outcomes]
     what = subject_of(outcomes)
     run = [
         ("ECU", _each(_ecu_name(outcome) for outcome in outcomes)),
         ("vehicle", _each(each.vehicle_name for each in setups)),
-        ("rig", _each(Path(each.case.parts.rig.source).name for each in outcomes)),
+        ("rig", _each(Path(each.case.plan.rig.source).name for each in outcomes)),
         ("seed", _each(str(each.seed) for each in setups)),
         ("clock", _each(outcome.case.job.options.clock for outcome in outcomes)),
         ("timing", _timing(outcomes)),
@@ -164,7 +164,7 @@ def _ecu_name(outcome: Outcome) -> str:
 
 
 def _each(values: Iterable[str], most: int = 5) -> str:
-    """What there is, each once."""
+    """Return the values in words, each once."""
     found = list(dict.fromkeys(values))
     more = f" and {len(found) - most} more: see the scenarios" if len(found) > most else ""
     return ", ".join(found[:most]) + more
@@ -175,7 +175,7 @@ def _many(count: int, what: str) -> str:
 
 
 def _timing(outcomes: Sequence[Outcome]) -> str:
-    """Whether the bench itself kept time."""
+    """Return in words whether the bench itself kept time."""
     summaries = [
         each.result.summary
         for each in outcomes
@@ -211,13 +211,13 @@ def _not_passed(outcomes: Sequence[Outcome]) -> str:
 
 
 def _matrix(outcomes: Sequence[Outcome]) -> str:
-    """Requirement, scenario, expectation, verdict; what has no requirement comes last."""
+    """Return a table of requirement, scenario, expectation, verdict; what has no requirement comes last."""
     names = _short_names(outcomes)
     found: dict[str, list[tuple[int, int, Verdict]]] = {}
     without = []
     for place, number, outcome, _, verdict in _all(outcomes):
         row = (place, number, verdict)
-        requirements = outcome.case.parts.setup.scenario.requirement
+        requirements = outcome.case.plan.setup.scenario.requirement
         for each in requirements:
             found.setdefault(each, []).append(row)
         if not requirements:
@@ -242,7 +242,7 @@ def _matrix(outcomes: Sequence[Outcome]) -> str:
 
 
 def _folder(outcomes: Sequence[Outcome]) -> Path:
-    """The folder that all scenarios are in."""
+    """Return the folder that all scenarios are in."""
     folders = [Path(each.case.file).parent.parts for each in outcomes]
     shared = [names[0] for names in zip(*folders, strict=False) if len(set(names)) == 1]
     differs = [len(set(names)) > 1 for names in zip(*folders, strict=False)]
@@ -250,7 +250,7 @@ def _folder(outcomes: Sequence[Outcome]) -> Path:
 
 
 def _short_names(outcomes: Sequence[Outcome]) -> list[str]:
-    """The scenarios' files without that folder."""
+    """Return the scenarios' files without that folder."""
     folder = _folder(outcomes)
     return [str(Path(each.case.file).relative_to(folder)) for each in outcomes]
 
@@ -259,7 +259,7 @@ def _all(
     outcomes: Sequence[Outcome],
 ) -> Iterable[tuple[int, int, Outcome, Expectation, Verdict]]:
     for place, outcome in enumerate(outcomes):
-        expectations = outcome.case.parts.setup.scenario.expectations
+        expectations = outcome.case.plan.setup.scenario.expectations
         pairs = zip(expectations, outcome.expectations, strict=True)
         for number, (expectation, verdict) in enumerate(pairs):
             yield place, number, outcome, expectation, verdict
@@ -271,11 +271,11 @@ def _link(place: int, said: str, number: int | None = None) -> Markup:
 
 
 def _origin(outcomes: Sequence[Outcome], provenance: Provenance) -> str:
-    """All files that went in, each once, with the digests of their contents."""
+    """Return all source files, each once, with the digests of their contents."""
     found: Mapping[tuple[str, str], str] = {
         (each.path, each.sha256): name
         for outcome in outcomes
-        for name, each in outcome.case.parts.sources.items()
+        for name, each in outcome.case.plan.sources.items()
     }
     rows = [(name, path, digest) for (path, digest), name in found.items()]
     features = f"processor features: {provenance.processor_features}"

@@ -1,4 +1,4 @@
-"""Recorded runs as a suite: which files are of one run, and what came of each, as outcomes for the reports."""
+"""Suite of recorded runs: which files are of one run, and the outcome of each for the reports."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from liftgate_hil.errors import ConfigError
 from liftgate_hil.judging.verdict import worst
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.measurement.read import BUS_LOGS
-from liftgate_hil.runs.job import Job, Parts
-from liftgate_hil.runs.result import Result, reason_of
-from liftgate_hil.session import RunOptions
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import Subject
+from liftgate_hil.running.result import Result, reason_of
 from liftgate_hil.testing.rejudge import Expectations, StoppedJudgingError, judged
 from liftgate_hil.testing.suite import Case, Outcome, not_run
 
@@ -23,8 +24,9 @@ _CLOCK = "recorded"
 
 
 def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]]:
-    """The files of each run, tables first: those of one name but for the suffix, or all of them. Raises
-    ConfigError where one is given twice.
+    """Return the files of each run, tables first: those of one name but for the suffix, or all (`is_one`).
+
+    Raises ConfigError where a file is given twice.
     """
     found: dict[Path, list[Path]] = {}
     seen: set[str] = set()
@@ -44,7 +46,7 @@ def runs_of(names: Sequence[str], is_one: bool = False) -> list[tuple[Path, ...]
 def cases_of(
     runs: Sequence[tuple[Path, ...]], about: Expectations, is_reported: bool = True
 ) -> list[Case]:
-    """A case for each run; `is_reported`: with its files' hashes."""
+    """Return a case for each run; `is_reported`: with its files' hashes."""
     scenario = about.setup.scenario
     files = {"scenario": Path(scenario.source)}
     files |= {f"included {k}": Path(name) for k, name in enumerate(scenario.included, 1)}
@@ -56,19 +58,21 @@ def cases_of(
     for paths in runs:
         recorded = {f"recording {k}": path for k, path in enumerate(paths, 1)}
         own = sources_of(recorded) if is_reported else {}
-        parts = Parts(about.setup, about.rig, options, None, {**sources, **own})
-        cases.append(Case(str(paths[0]), job, parts, paths))
+        subject = Subject(job, about.setup, about.rig, {**sources, **own})
+        cases.append(Case(str(paths[0]), subject, paths))
     return cases
 
 
 def judge_suite(
     cases: Sequence[Case],
     about: Expectations,
-    is_sketched: bool,
+    is_summarized: bool,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[Outcome, Sequence[str]]]:
-    """What came of each, and what was noticed. A stop leaves the rest as errors; so is one of several that cannot
-    be judged. Raises ConfigError with what is wrong with the only one.
+    """Judge the cases, and yield the outcome and the notes of each.
+
+    After a stop the rest are errors; so is one of several that cannot be judged. Raises ConfigError with the
+    issues of the only one.
     """
     for case in cases:
         if stopped():
@@ -76,7 +80,7 @@ def judge_suite(
             continue
         began = time.monotonic()
         try:
-            found = judged(case.recordings, about, is_sketched, stopped)
+            found = judged(case.recordings, about, is_summarized, stopped)
         except StoppedJudgingError:
             yield not_run(case, "stopped while it was judged"), ()
             continue
@@ -96,8 +100,8 @@ def judge_suite(
             summary=Summary(clock=_CLOCK, ticks=found.ticks, model_time_s=found.last),
             recording=case.recordings,
             expectations=found.verdicts,
-            sources=case.parts.sources,
-            sketches=found.sketches,
+            sources=case.plan.sources,
+            trace_summaries=found.trace_summaries,
             notes=found.fault_notes,
         )
         outcome = Outcome(case, verdict, "", verdicts, result, 0.0)

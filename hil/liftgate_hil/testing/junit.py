@@ -1,7 +1,7 @@
-"""A suite's outcomes as JUnit XML, as CI servers read it.
+"""Outcomes of a suite as JUnit XML, as CI servers read it.
 
-The elements and attributes are those of Apache Ant's schema, whose time stamps have no time zone (they are UTC
-here), but for the name of the whole, which Jenkins' has.
+The elements and attributes are those of Apache Ant's schema, whose timestamps have no time zone (they are UTC
+here), except the name of the root element, which is in Jenkins' schema.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ _NOT_IN_A_CLASS = re.compile(r"[\s.]+")
 
 
 def as_junit(outcomes: Sequence[Outcome]) -> bytes:
-    """A suite a scenario, or a recorded run, a test case an expectation: what fails is a failure, what is
-    inconclusive or an error is an error, nothing is skipped.
+    """Return JUnit XML: a suite for each scenario or recorded run, a test case for each expectation.
+
+    One that fails is a failure, one that is inconclusive or an error is an error, nothing is skipped.
     """
     command = "judge" if subject_of(outcomes) == "recording" else "test"
     root = ElementTree.Element("testsuites", name=f"liftgate-hil {command}")
@@ -38,9 +39,11 @@ def as_junit(outcomes: Sequence[Outcome]) -> bytes:
 
 
 def class_names(files: Sequence[Path]) -> list[str]:
-    """The class name of each file's test cases, each once: CI servers know a case again from run to run by it, and
-    sort by its parts. It is the path without suffix, from the folder of the shipped scenarios, else from the
-    working folder, else the name with its folder's: however a file was named on the command line.
+    """Return the class name of each file's test cases, each unique.
+
+    CI servers recognize a case from run to run by it, and sort by its parts. It is the path without suffix, from
+    the folder of the shipped scenarios, else from the working folder, else the name with its folder's, however a
+    file was named on the command line.
     """
     found: list[str] = []
     for file in files:
@@ -51,7 +54,7 @@ def class_names(files: Sequence[Path]) -> list[str]:
 
 
 def _parts(file: Path) -> tuple[str, ...]:
-    """What of a file's path is the same wherever it lies, without its suffix."""
+    """Return the parts of a file's path that name its class, without its suffix, see `class_names`."""
     real = Path(os.path.realpath(file)).with_suffix("")
     for folder in (data_root() / "configs" / "scenarios", Path.cwd()):
         above = Path(os.path.realpath(folder))
@@ -61,13 +64,13 @@ def _parts(file: Path) -> tuple[str, ...]:
 
 
 def _subject(outcome: Outcome) -> Path:
-    """The file that an outcome is of."""
+    """Return the file that an outcome is of."""
     case = outcome.case
     return case.recordings[0] if case.recordings else Path(case.file)
 
 
 def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
-    """The element of an outcome, the so many-th."""
+    """Return the element of an outcome, with its number and class name."""
     verdicts = [each.verdict for each in outcome.expectations]
     began = datetime.datetime.fromtimestamp(outcome.ended - outcome.wall_s, datetime.UTC)
     suite = ElementTree.Element(
@@ -92,7 +95,7 @@ def _suite(outcome: Outcome, number: int, name: str) -> ElementTree.Element:
 
 
 def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
-    """The element of an expectation of the class of that name."""
+    """Return the element of an expectation, with its class name."""
     case = ElementTree.Element(
         "testcase", classname=name, name=_text(verdict.name), time=f"{seconds:.3f}"
     )
@@ -105,8 +108,8 @@ def _case(verdict: Verdict, name: str, seconds: float) -> ElementTree.Element:
 
 
 def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
-    """What the scenario ran with."""
-    setup = outcome.case.parts.setup
+    """Add the properties of the run: vehicle, seed, recordings, requirements, parameters."""
+    setup = outcome.case.plan.setup
     properties = ElementTree.SubElement(suite, "properties")
     told = [("vehicle", setup.vehicle_name), ("seed", str(setup.seed))]
     if outcome.case.recordings:
@@ -121,5 +124,5 @@ def _add_properties(suite: ElementTree.Element, outcome: Outcome) -> None:
 
 
 def _text(said: str) -> str:
-    """A text without what XML cannot hold."""
+    """Return a text with `?` for each character that XML cannot hold."""
     return _NOT_IN_XML.sub("?", said)

@@ -1,4 +1,4 @@
-"""The mutants' part of a test report: which scenarios find which defects."""
+"""Section of a test report on mutants: which scenarios find which defects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _MOST = 6  # expectations that are named
 
 
 def mutants_section(matrix: Matrix) -> str:
-    """What the scenarios are worth: defects of the reference ECU, and the expectations that find them."""
+    """Return the section: defects of the reference ECU, and the expectations that find them."""
     killed = len(matrix.killed)
     rows = [
         (each.name, each.meaning, _killers(matrix.kills(each.name))) for each in MUTANTS.values()
@@ -32,7 +32,7 @@ def mutants_section(matrix: Matrix) -> str:
 
 
 def _killers(found: list[tuple[str, str]]) -> Markup:
-    """The first of those that find a defect."""
+    """Return the first of the expectations that find a defect."""
     if not found:
         return Markup("<strong>none</strong>")
     named = "; ".join(f"{file}: {name}" for file, name in found[:_MOST])

@@ -1,4 +1,4 @@
-"""Who tests the tests: scenarios against mutants of the reference ECU, and what that says of the scenarios."""
+"""Mutation testing of scenarios: which defects of the reference ECU they find."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import Any
 
 from liftgate_hil.ecu.mutants import MUTANTS, NO_ECU
 from liftgate_hil.judging.verdict import ERROR, FAIL, PASS
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan
+from liftgate_hil.running.setup import Setup
 from liftgate_hil.testing.suite import Case, Outcome, run_suite
 
 SOUND = ""  # in place of a mutant's name: the reference ECU itself
@@ -15,27 +18,29 @@ SOUND = ""  # in place of a mutant's name: the reference ECU itself
 
 @dataclass
 class Matrix:
-    """Which scenario kills which mutant: one of its expectations passes with the sound ECU, and fails with the
-    mutant. What is inconclusive kills nothing.
+    """Which scenario kills which mutant.
+
+    One of its expectations passes with the sound ECU, and fails with the mutant. What is inconclusive kills
+    nothing.
     """
 
     cases: Sequence[Case]
     verdicts: dict[tuple[str, str, str], str] = field(
         default_factory=dict
-    )  # mutant, file, expectation
+    )  # by mutant, file, expectation
 
     def add(self, mutant: str, outcome: Outcome) -> None:
-        """What came of a scenario with a mutant."""
+        """Add the outcome of a scenario with a mutant."""
         for each in outcome.expectations:
             self.verdicts[mutant, outcome.case.file, each.name] = each.verdict
 
     def expectations(self, case: Case) -> list[str]:
-        """Those of a scenario that the sound ECU passes."""
-        names = [each.name for each in case.parts.setup.scenario.expectations]
+        """Return the expectations of a scenario that the sound ECU passes."""
+        names = [each.name for each in case.plan.setup.scenario.expectations]
         return [name for name in names if self.verdicts.get((SOUND, case.file, name)) == PASS]
 
     def kills(self, mutant: str) -> list[tuple[str, str]]:
-        """The expectations that a mutant fails, as pairs of file and name."""
+        """Return the expectations that a mutant fails, as pairs of file and name."""
         return [
             (case.file, name)
             for case in self.cases
@@ -45,17 +50,17 @@ class Matrix:
 
     @property
     def killed(self) -> list[str]:
-        """The mutants that at least one scenario kills."""
+        """Mutants that at least one scenario kills."""
         return [name for name in MUTANTS if self.kills(name)]
 
     @property
     def alive(self) -> list[str]:
-        """Those that none does."""
+        """Mutants that no scenario kills."""
         return [name for name in MUTANTS if not self.kills(name)]
 
     @property
     def prove_nothing(self) -> list[tuple[str, str]]:
-        """The expectations that hold with every mutant, and with no ECU at all, as pairs of file and name."""
+        """Expectations that hold with every mutant, and with no ECU at all, as pairs of file and name."""
         everybody = (*MUTANTS, NO_ECU)
         return [
             (case.file, name)
@@ -65,7 +70,7 @@ class Matrix:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """For machines."""
+        """Return the matrix for JSON."""
         return {
             "score": len(self.killed) / len(MUTANTS),
             "mutants": [
@@ -84,7 +89,7 @@ class Matrix:
         }
 
     def lines(self) -> Iterator[str]:
-        """For people: each mutant with the scenarios that kill it, and what is to be done about the rest."""
+        """Yield the matrix as lines: each mutant with the scenarios that kill it, then what proves nothing."""
         width = max(map(len, MUTANTS))
         for mutant in MUTANTS.values():
             files = list(dict.fromkeys(file for file, _ in self.kills(mutant.name)))
@@ -102,8 +107,9 @@ def mutate(
     stopped: Callable[[], bool] = lambda: False,
     tell: Callable[[int, int], None] = lambda done, count: None,
 ) -> Matrix:
-    """Run scenarios with every mutant, and with no ECU; `sound` is what came of them without. `tell` hears how
-    many of how many runs are done.
+    """Run scenarios with every mutant, and with no ECU; `sound` are their outcomes with the sound ECU.
+
+    `tell` is called with how many of how many runs are done.
     """
     cases = [_bare(outcome.case) for outcome in sound]
     matrix = Matrix(cases)
@@ -112,7 +118,7 @@ def mutate(
     names = (*MUTANTS, NO_ECU)
     done, count = 0, len(names) * len(cases)
     for mutant in names:
-        mutated = [replace(case, job=replace(case.job, mutant=mutant)) for case in cases]
+        mutated = [_varied(case, replace(case.job, mutant=mutant)) for case in cases]
         if mutant == NO_ECU:
             mutated = [_unasked(case) for case in mutated]
         for outcome in run_suite(mutated, jobs, stopped):
@@ -123,16 +129,21 @@ def mutate(
 
 
 def _unasked(case: Case) -> Case:
-    """A case in which nobody is asked: where nobody is there, the condition of a request may never come, and what
-    holds all the same would be inconclusive.
+    """Return a case without requests, for a run without an ECU.
+
+    There the condition of a request may never come true, and what holds all the same would be inconclusive.
     """
-    scenario = replace(case.parts.setup.scenario, requests=())
-    setup = replace(case.parts.setup, scenario=scenario)
-    return replace(case, parts=replace(case.parts, setup=setup))
+    scenario = replace(case.plan.setup.scenario, requests=())
+    return _varied(case, case.job, replace(case.plan.setup, scenario=scenario))
 
 
 def _bare(case: Case) -> Case:
-    """A case that leaves nothing but its verdicts."""
+    """Return a case that leaves nothing but its verdicts."""
     options = replace(case.job.options, records=())
-    job = replace(case.job, is_sketched=False, options=options)
-    return replace(case, job=job, parts=replace(case.parts, options=options))
+    return _varied(case, replace(case.job, is_summarized=False, options=options))
+
+
+def _varied(case: Case, job: Job, setup: Setup | None = None) -> Case:
+    """Return a case with another job, or another setup."""
+    assert isinstance(case.plan, Plan)
+    return replace(case, plan=case.plan.varied(job, setup))

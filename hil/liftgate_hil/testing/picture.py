@@ -1,4 +1,4 @@
-"""The picture of an expectation: what its condition and its trigger compare, the window, the margin."""
+"""Picture of an expectation: what its condition and its trigger compare, the window, the margin."""
 
 from __future__ import annotations
 
@@ -9,29 +9,31 @@ import numpy as np
 
 from liftgate_hil.judging.comparisons import Comparison, Side
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.sketch import Curve, Sketch, View
+from liftgate_hil.judging.trace_summary import Curve, TraceSummary, View
 from liftgate_hil.judging.verdict import FAIL, PASS, Verdict
 from liftgate_hil.report.trace_plot import Level, Line, Margin, Panel, Picture, trace_svg
 
 MOST_PANELS = 6
-_CLOSE = 3.0  # times as long: then the margin has a picture of its own
-Names = Callable[[str], Mapping[float, str]]  # of the values of a column or a signal
+_CLOSE = 3.0  # times as long as the margin's view: then that has a picture of its own
+Names = Callable[[str], Mapping[float, str]]  # labels of the values of a column or a signal
 
 
 def expectation_svgs(
-    expectation: Expectation, verdict: Verdict, sketch: Sketch, names: Names
+    expectation: Expectation, verdict: Verdict, trace_summary: TraceSummary, names: Names
 ) -> list[str]:
-    """The pictures, for a page: around the window, and around the margin where that is too small in the first."""
-    views = [sketch.view]
-    if sketch.near is not None and _span(sketch.view) > _CLOSE * _span(sketch.near):
-        views.append(sketch.near)
+    """Return pictures for a page: around the window, and around the margin where it is too small there."""
+    views = [trace_summary.view]
+    if trace_summary.near is not None and _span(trace_summary.view) > _CLOSE * _span(
+        trace_summary.near
+    ):
+        views.append(trace_summary.near)
     found = []
     for place, view in enumerate(views):
-        panels = _panels(sketch, view, names)[:MOST_PANELS]
+        panels = _panels(trace_summary, view, names)[:MOST_PANELS]
         if not panels or not len(view.times):
             continue
         for panel in panels:
-            panel.margin = _margin_on(panel, expectation, verdict, sketch, view)
+            panel.margin = _margin_on(panel, expectation, verdict, trace_summary, view)
         if place:
             panels = [panel for panel in panels if panel.margin is not None and _moves(panel)]
         opened = "triggered" if isinstance(expectation.after, str) else "window opens"
@@ -42,14 +44,14 @@ def expectation_svgs(
     return found
 
 
-def left_out(sketch: Sketch, names: Names) -> int:
-    """How many curves the picture has no room for."""
-    rest = _panels(sketch, sketch.view, names)[MOST_PANELS:]
-    return sketch.left_out + sum(len(panel.lines) for panel in rest)
+def left_out(trace_summary: TraceSummary, names: Names) -> int:
+    """Return how many curves the picture has no room for."""
+    rest = _panels(trace_summary, trace_summary.view, names)[MOST_PANELS:]
+    return trace_summary.left_out + sum(len(panel.lines) for panel in rest)
 
 
 def _moves(panel: Panel) -> bool:
-    """Whether there is anything to look at closely."""
+    """Whether any signal of a panel changes."""
     return any(bool(np.nanmin(line.low) < np.nanmax(line.high)) for line in panel.lines)
 
 
@@ -58,14 +60,14 @@ def _span(view: View) -> float:
 
 
 def margin_text(verdict: Verdict) -> str:
-    """The margin with its unit; a dash where there is none."""
+    """Return the margin with its unit; a dash where there is none."""
     if verdict.margin is None or not math.isfinite(verdict.margin):
         return "—"
     return f"{verdict.margin:.4g} {verdict.margin_unit}".rstrip()
 
 
 def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | None:
-    """The deciding instant [s], and what it is called."""
+    """Return the deciding instant [s], and its label; None: there is none."""
     if verdict.time_s is None or not math.isfinite(verdict.time_s):
         return None
     if expectation.kind == "dtc":
@@ -77,12 +79,12 @@ def decided(expectation: Expectation, verdict: Verdict) -> tuple[float, str] | N
     return None
 
 
-def _panels(sketch: Sketch, view: View, names: Names) -> list[Panel]:
-    """A panel a comparison, those of the same side together; below them what calculated sides consist of."""
+def _panels(trace_summary: TraceSummary, view: View, names: Names) -> list[Panel]:
+    """Return the panels: one for each side compared, then those with the parts of calculated sides."""
     curves = {each.side.text: each for each in view.curves}
     panels: dict[str, Panel] = {}
     drawn = set()
-    for comparison, is_trigger in _all(sketch):
+    for comparison, is_trigger in _all(trace_summary):
         sides = [side for side in (comparison.left, comparison.right) if side.text in curves]
         if not sides:
             continue
@@ -101,13 +103,13 @@ def _panels(sketch: Sketch, view: View, names: Names) -> list[Panel]:
             unit = curve.side.unit
             _draw(parts.setdefault(unit, Panel(curve.side.text, unit)), curve)
     found = [*panels.values(), *parts.values()]
-    # Time over time says nothing, but for what stands beside it.
+    # Time over time shows nothing; it is left out where there is another panel.
     return [each for each in found if each.title != "time_s"] or found
 
 
-def _all(sketch: Sketch) -> Iterable[tuple[Comparison, bool]]:
-    yield from ((each, False) for each in sketch.condition)
-    yield from ((each, True) for each in sketch.opener)
+def _all(trace_summary: TraceSummary) -> Iterable[tuple[Comparison, bool]]:
+    yield from ((each, False) for each in trace_summary.condition)
+    yield from ((each, True) for each in trace_summary.opener)
 
 
 def _panel_with(panels: dict[str, Panel], side: Side, names: Names) -> Panel:
@@ -133,17 +135,23 @@ def _level(
 
 
 def _margin_on(
-    panel: Panel, expectation: Expectation, verdict: Verdict, sketch: Sketch, view: View
+    panel: Panel,
+    expectation: Expectation,
+    verdict: Verdict,
+    trace_summary: TraceSummary,
+    view: View,
 ) -> Margin | None:
-    """The margin between the signal and its limit, or between two signals, where it belongs to this panel."""
-    decider = next((each for each in sketch.condition if each.text == verdict.decided_by), None)
+    """Return the margin between a signal and its limit, or between two signals; None: not on this panel."""
+    decider = next(
+        (each for each in trace_summary.condition if each.text == verdict.decided_by), None
+    )
     if decider is None or verdict.margin is None or verdict.margin_time_s is None:
         return None
     labels = [line.label for line in panel.lines]
     side = decider.left if decider.left.constant is None else decider.right
     if side.text != panel.title or not math.isfinite(verdict.margin):
         return None
-    # The smallest margin of a stretch: somewhere in it.
+    # The smallest margin of a stretch is somewhere in it.
     first, last = (
         int(np.searchsorted(view.times, time + 1e-7, side="right")) - 1
         for time in (verdict.margin_time_s - expectation.hold, verdict.margin_time_s)
@@ -170,7 +178,7 @@ def _margin_on(
 
 
 def _distance(line: Line, bins: slice, value: float) -> tuple[float, int]:
-    """How far from a value the nearest bin is, and which that is."""
+    """Return how far from a value the nearest bin is, and which one that is."""
     low, high = line.low[bins], line.high[bins]
     away = np.maximum(np.maximum(low - value, value - high), 0.0)
     if not np.isfinite(away).any():

@@ -1,4 +1,4 @@
-"""pytest's plugin: the fixture `liftgate`, and `test_*.toml` files that hold an `[[expect]]` as tests.
+"""pytest plugin: the fixture `liftgate`, and `test_*.toml` files that hold an `[[expect]]` as tests.
 
     def test_reverses(liftgate):
         result = liftgate.run("scenario.toml", ecu="my_ecu:Ecu")
@@ -20,20 +20,20 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from liftgate_hil.gate import Gate
     from liftgate_hil.judging.verdict import Verdict
-    from liftgate_hil.runs.job import Job
-    from liftgate_hil.runs.result import Result
+    from liftgate_hil.running.gate import Gate
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.result import Result
     from liftgate_hil.testing.suite import Case, Outcome
 
 _GROUP = "liftgate-bus"
 _NOT_IN_A_NODE = re.compile(r"::+|[\[\]\x00-\x1f\x7f]")
-_INSTEAD = {"[": "(", "]": ")", ":": "."}  # by the first character
+_INSTEAD = {"[": "(", "]": ")", ":": "."}  # replacements, by the first character
 _FAILED = pytest.StashKey[bool]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Flags."""
+    """Add the plugin's command-line options."""
     group = parser.getgroup("liftgate", "lift gate emulator")
     told = "of scenario files and of the fixture"
     group.addoption(
@@ -45,13 +45,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """One bus is for one at a time: all tests on it go to one worker of xdist."""
+    """Have xdist send all tests on one bus to one worker: only one may use it at a time."""
     if config.getoption("liftgate_bus") and getattr(config.option, "dist", "no") != "no":
         config.option.dist = "loadgroup"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """See `pytest_configure`."""
+    """Put all tests on the bus into one group of xdist, see `pytest_configure`."""
     if not config.getoption("liftgate_bus") or not config.pluginmanager.hasplugin("xdist"):
         return
     for item in items:
@@ -60,7 +60,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """A scenario whose name begins with test_; other tools' TOML files are none."""
+    """Collect a scenario file whose name begins with test_; other tools' TOML files are left out."""
     if file_path.suffix != ".toml" or not file_path.name.startswith("test_"):
         return None
     if b"expect" not in file_path.read_bytes():
@@ -71,13 +71,13 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Col
 
 
 class ScenarioFile(pytest.File):
-    """A scenario file: run once, by the first of its expectations that is asked for."""
+    """A scenario file: run once, for the first of its expectations that is run."""
 
     _case: Case
     _outcome: Outcome | None = None
 
     def collect(self) -> Iterator[pytest.Item]:
-        """An item an expectation."""
+        """Yield an item for each expectation."""
         from liftgate_hil.errors import ConfigError
         from liftgate_hil.testing.suite import cases_of
 
@@ -86,12 +86,12 @@ class ScenarioFile(pytest.File):
             (self._case,) = cases_of([self.path], _template(self.config))
         except ConfigError as error:
             raise self.CollectError("\n".join(error.issues)) from None
-        names = [each.name for each in self._case.parts.setup.scenario.expectations]
+        names = [each.name for each in self._case.plan.setup.scenario.expectations]
         for name, own in zip(names, node_names(names), strict=True):
             yield ExpectationItem.from_parent(self, name=own, expectation=name)
 
     def verdict(self, name: str) -> Verdict:
-        """What came of an expectation."""
+        """Return the verdict of an expectation; the first call runs the scenario."""
         from liftgate_hil.testing.suite import run_case
 
         if self._outcome is None:
@@ -100,8 +100,10 @@ class ScenarioFile(pytest.File):
 
 
 def node_names(names: Sequence[str]) -> list[str]:
-    """The names of expectations as parts of pytest's node ids, each once: without `::`, which ends a part, and
-    without brackets, which begin a parameter's; `--lf`, JUnit and the command line take an id apart by them.
+    """Return the names of expectations as parts of pytest's node ids, each unique.
+
+    They are without `::`, which ends a part, and without brackets, which begin a parameter's; `--lf`, JUnit and
+    the command line split an id by them.
     """
     plain = [
         _NOT_IN_A_NODE.sub(lambda found: _INSTEAD.get(found[0][0], " "), each) for each in names
@@ -120,7 +122,10 @@ def node_names(names: Sequence[str]) -> list[str]:
 
 
 class ExpectationItem(pytest.Item):
-    """An expectation of a scenario file. A name that no node id can have is a property in JUnit."""
+    """An expectation of a scenario file, as a test.
+
+    A name that no node id can have is a property in JUnit.
+    """
 
     _verdict: Verdict
 
@@ -131,27 +136,27 @@ class ExpectationItem(pytest.Item):
             self.user_properties.append(("expectation", expectation))
 
     def setup(self) -> None:
-        """Run the scenario: what cannot be judged is an error of the set-up."""
+        """Run the scenario; what cannot be judged is an error of the set-up."""
         assert isinstance(self.parent, ScenarioFile)
         self._verdict = self.parent.verdict(self._expectation)
         if self._verdict.verdict in ("inconclusive", "error"):
             raise NoVerdictError(self._verdict)
 
     def runtest(self) -> None:
-        """Fail where it has failed."""
+        """Fail where the expectation has failed."""
         if self._verdict.verdict != "pass":
             raise NotAsExpectedError(self._verdict)
 
     def repr_failure(
         self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None
     ) -> str | Any:
-        """In words, without a traceback."""
+        """Return a verdict's failure in words, without a traceback."""
         if isinstance(excinfo.value, NoVerdictError | NotAsExpectedError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Where it stands."""
+        """Return where the expectation is defined, and its name."""
         return self.path, None, f"{self.path.name}: {self._expectation}"
 
 
@@ -163,24 +168,27 @@ class _VerdictError(Exception):
 
 
 class NotAsExpectedError(_VerdictError):
-    """An expectation has failed."""
+    """Raised where an expectation has failed."""
 
 
 class NoVerdictError(_VerdictError):
-    """An expectation is inconclusive, or its scenario has not come to its end."""
+    """Raised where an expectation is inconclusive, or its scenario has not reached its end."""
 
 
 def _allow_imports_from_root(config: pytest.Config) -> None:
-    """An ECU's module may lie in pytest's root folder; last, so that nothing there hides what is installed."""
+    """Let an ECU's module be imported from pytest's root folder.
+
+    The folder comes last, so that nothing in it hides what is installed.
+    """
     folder = str(config.rootpath)
     if folder not in sys.path:
         sys.path.append(folder)
 
 
 def _template(config: pytest.Config) -> Job:
-    """How the flags say that scenarios are run. Raises ConfigError."""
-    from liftgate_hil.runs.job import Job
-    from liftgate_hil.session import RunOptions
+    """Return the job that the options define for scenarios. Raises ConfigError."""
+    from liftgate_hil.running.job import Job
+    from liftgate_hil.running.options import RunOptions
     from liftgate_hil.transport.can_arguments import WireChoice
 
     bus = config.getoption("liftgate_bus")
@@ -196,7 +204,7 @@ def _template(config: pytest.Config) -> Job:
 
 
 class Liftgate:
-    """What the fixture gives: gates, and runs whose recordings stay where the test fails."""
+    """Value of the fixture: gates, and runs whose recordings are kept where the test fails."""
 
     def __init__(self, config: pytest.Config, folder: Path) -> None:
         self._config = config
@@ -205,8 +213,8 @@ class Liftgate:
         self._runs = 0
 
     def gate(self, **arguments: Any) -> Gate:
-        """A `liftgate_hil.Gate`, closed with the test."""
-        from liftgate_hil.gate import Gate
+        """Return a `liftgate_hil.Gate`, which is closed with the test."""
+        from liftgate_hil.running.gate import Gate
 
         for name in ("vehicle", "rig"):
             given = self._config.getoption(f"liftgate_{name}")
@@ -217,8 +225,8 @@ class Liftgate:
         return made
 
     def run(self, scenario: Any = None, **arguments: Any) -> Result:
-        """`liftgate_hil.run`, with the flags' ECU, bus, vehicle and rig where none is named."""
-        from liftgate_hil.runs.run import run
+        """Call `liftgate_hil.run`, with the options' ECU, bus, vehicle and rig where none is named."""
+        from liftgate_hil.running.run import run
 
         for name in ("ecu", "bus", "vehicle", "rig"):
             given = self._config.getoption(f"liftgate_{name}")
@@ -235,7 +243,7 @@ class Liftgate:
         return run(scenario, **arguments)
 
     def close(self, is_kept: bool) -> None:
-        """Close the gates; without a failure nobody wants the recordings."""
+        """Close the gates, and delete the recordings unless they are kept."""
         for each in self._gates:
             each.close()
         if not is_kept:
@@ -246,7 +254,7 @@ class Liftgate:
 def liftgate(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Liftgate]:
-    """`liftgate.gate(...)` and `liftgate.run(...)`; recordings of a test that fails are kept, and told."""
+    """Provide `liftgate.gate(...)` and `liftgate.run(...)`; a failed test's recordings are kept and reported."""
     made = Liftgate(
         request.config, tmp_path_factory.mktemp("liftgate", numbered=True) / "recordings"
     )
@@ -257,7 +265,7 @@ def liftgate(
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
-    """Note that a test has failed, and say where its recordings are; what has no verdict is told in words."""
+    """Note that a test has failed, and report its recordings; a missing verdict is reported in words."""
     report = yield
     if call.excinfo is not None and isinstance(call.excinfo.value, NoVerdictError):
         report.longrepr = str(call.excinfo.value)

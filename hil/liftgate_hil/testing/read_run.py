@@ -1,4 +1,4 @@
-"""The recordings of one run to what a judge takes: whose they are, which column is which, what clock counts."""
+"""Reading of one run's recordings for a judge: which are ours, which column is which, which clock counts."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ from liftgate_hil.testing.run_source import Source, converted, opened
 
 Floats = NDArray[np.float64]
 
-_LATEST_S = 1e6  # of a run's times; beyond it a stamp is a wall clock's
+_LATEST_S = 1e6  # s, latest time of a run; a later timestamp is a wall clock's
 _MOST_ROWS = 200_000_000
-_CYCLES = 3.0  # of the slowest message, for which a bus of ours may be silent
-_SHOWN = 20  # columns of a file that are named
+_CYCLES = 3.0  # cycles of the slowest message, for which a bus of ours may be silent
+_SHOWN = 20  # columns of a file that are named in an issue
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is to be read."""
+    """Request of what to read."""
 
-    columns: frozenset[str]  # of ours, that conditions speak of
-    signals: tuple[str, ...]  # of the bus, that they speak of
+    columns: frozenset[str]  # of ours, that conditions refer to
+    signals: tuple[str, ...]  # of the bus, that they refer to
     rig: Rig
     mapping: ColumnMap
-    rate: float  # Hz, of the rows of what is not ours
+    rate: float  # Hz, of the rows of recordings that are not ours
     longest_gap: float | None  # s, between two samples of a column; None: by their usual distance
-    others: frozenset[int] = frozenset()  # identifiers, of frames besides
-    may_be_silent: bool = False  # whether a bus on which nothing comes is part of the scenario
+    others: frozenset[int] = frozenset()  # identifiers of further frames
+    may_be_silent: bool = False  # whether a silent bus is part of the scenario
 
 
 def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
-    """The recordings of one run. Raises ConfigError with all that is wrong."""
+    """Read the recordings of one run. Raises ConfigError with all issues."""
     sources = [opened(path) for path in paths]
     tables = [each for each in sources if each.ours is not None]
     if len(tables) > 1:
@@ -95,11 +95,11 @@ def read_run(paths: Sequence[Path], asked: Asked) -> RecordedRun:
 
 Places = Mapping[
     str, tuple[Source | None, str]
-]  # of our columns: the file, its name there; None: on the bus
+]  # by our columns: the file (None: the bus), and the name there
 
 
 def _places(sources: Sequence[Source], asked: Asked, issues: list[str]) -> Places:
-    """Where each column is that is asked for: as the map says, else in a table under our name."""
+    """Return where each requested column is: as the map says, else in a table under our name."""
     found: dict[str, tuple[Source | None, str]] = {}
     has_frames = any(each.has_frames for each in sources)
     for ours, theirs in asked.mapping.items():
@@ -139,7 +139,7 @@ def _no_such(
 
 
 def _messages(places: Places, sources: Sequence[Source], asked: Asked) -> list[str]:
-    """The messages whose frames are needed."""
+    """Return the messages whose frames are needed."""
     names = [name for source, name in places.values() if source is None]
     found = [name.partition(".")[0] for name in (*asked.signals, *names)]
     found += [wire.message for wire in _wires(places, sources, asked)]
@@ -147,7 +147,7 @@ def _messages(places: Places, sources: Sequence[Source], asked: Asked) -> list[s
 
 
 def _wires(places: Places, sources: Sequence[Source], asked: Asked) -> list[Any]:
-    """The rig's outputs that stand for columns: of logs, where no table of ours has been recorded."""
+    """Return the rig's outputs that stand for columns, where no table of ours was recorded."""
     if any(each.ours is not None for each in sources):
         return []
     wanted = asked.columns - {*places}
@@ -155,7 +155,7 @@ def _wires(places: Places, sources: Sequence[Source], asked: Asked) -> list[Any]
 
 
 def _set_clocks(sources: Sequence[Source]) -> None:
-    """Where each file's times begin: all at the same moment. Raises ConfigError."""
+    """Set where each file's times begin, so that all count from the same moment. Raises ConfigError."""
     by_wall = [each for each in sources if each.span is not None and each.span[1] > _LATEST_S]
     others = [each for each in sources if each.span is not None and each not in by_wall]
     if not by_wall:
@@ -173,14 +173,14 @@ def _set_clocks(sources: Sequence[Source]) -> None:
 
 
 def _frames(sources: Iterable[Source]) -> Any:
-    """All frames, in the order of time."""
+    """Return all frames, in the order of time."""
     parts = [no_logged()]
     for source in sources:
         if source.log is None:
             continue
         times, own = source.log.times, source.log.frames
         rows = np.zeros(len(times), dtype=LOGGED)
-        if source.zero_us:  # seconds since 1970 hold no more than microseconds
+        if source.zero_us:  # seconds since 1970 are precise to microseconds only
             rows["time_ns"] = (rounded_to_us(times) - source.zero_us) * 1000
         else:
             rows["time_ns"] = np.round(times * 1e9).astype(np.int64)
@@ -200,7 +200,7 @@ def _tracks(
     notes: list[str],
     issues: list[str],
 ) -> dict[str, Track]:
-    """The columns that there are."""
+    """Return the samples of all columns found."""
     tracks: dict[str, Track] = {}
     logs = [each.path for each in sources if each.has_frames]
     for ours, (source, name) in places.items():
@@ -220,7 +220,7 @@ def _tracks(
 
 
 def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats]:
-    """Times [µs] and values of `Message.Signal`."""
+    """Return times [µs] and values of `Message.Signal`."""
     decoder = Decoder([rig.messages[name.partition(".")[0]]])
     blocks = [np.empty((0, len(decoder.signals))), *decoder.rows([frames])]
     table = np.concatenate(blocks)
@@ -230,7 +230,7 @@ def _on_bus(frames: Any, rig: Rig, name: str) -> tuple[NDArray[np.int64], Floats
 
 
 def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> dict[str, Track]:
-    """Columns as the rig decodes them, by the emulator's own codec."""
+    """Return columns as the rig decodes them, by the emulator's own codec."""
     if not wires or not len(frames):
         return {}
     own = replace(rig, outputs=tuple(wires))
@@ -250,7 +250,7 @@ def _by_rig(wires: Sequence[Any], frames: Any, rig: Rig, notes: list[str]) -> di
 
 
 def _cut_off(sources: Sequence[Source], asked: Asked, end: float) -> Iterable[Gap]:
-    """What signals lack where logs end long before the rows: a log that was cut off."""
+    """Yield a gap of signals where logs end long before the rows: a log that was cut off."""
     ends = [
         each.log.span[1] - 1e-6 * each.zero_us
         for each in sources
@@ -262,8 +262,9 @@ def _cut_off(sources: Sequence[Source], asked: Asked, end: float) -> Iterable[Ga
 
 
 def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap]:
-    """What signals lack after missing rows, until their message comes again: what it said before may not be its
-    last word.
+    """Yield gaps of signals from missing rows until their message comes again.
+
+    Frames may be missing there, so that the last known value may be outdated.
     """
     for gap in gaps:
         for name in asked.signals:
@@ -274,8 +275,9 @@ def _until_heard(gaps: Iterable[Gap], frames: Any, asked: Asked) -> Iterable[Gap
 
 
 def _silences(sources: Sequence[Source], asked: Asked) -> Iterable[Gap]:
-    """What signals lack where a log alone holds no frame of anybody, for much longer than any message's cycle:
-    nobody knows whether there was none, or none was recorded.
+    """Yield gaps of signals where a log alone holds no frame at all for much longer than any message's cycle.
+
+    It is not known whether there was none, or none was recorded.
     """
     if asked.may_be_silent or any(each.ours is not None for each in sources):
         return
@@ -291,19 +293,19 @@ def _silences(sources: Sequence[Source], asked: Asked) -> Iterable[Gap]:
 def _by_rows(
     table: Source, tracks: dict[str, Track], frames: Any, has_frames: bool, notes: list[str]
 ) -> RecordedRun:
-    """The rows of a recording of ours, as they are."""
+    """Return the run with the rows of a recording of ours, as they are."""
     times = table.samples["time_s"][0]
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) else 1e-3
     gaps = [Gap(float(times[k]), float(times[k + 1])) for k in np.flatnonzero(steps > 1.5 * usual)]
-    if times[0] > 1.5 * usual:  # a later part, or one that was triggered
+    if times[0] > 1.5 * usual:  # a later part, or a triggered recording
         gaps.insert(0, Gap(0.0, float(times[0])))
     rate = 1.0 / max(float(steps.min()) if len(steps) else usual, 1e-4)
     return RecordedRun(times, rate, tracks, frames, has_frames, gaps, notes)
 
 
 def _holes(times: Floats, tracks: Mapping[str, Track]) -> Iterable[Gap]:
-    """Where rows of ours have no value of a column: the emulator writes one into each, so it was taken out."""
+    """Yield gaps where rows of ours have no value of a column: the emulator writes all, so it was removed."""
     for name in sorted({*tracks} - {*Bench._fields}):
         missing = np.flatnonzero(np.isnan(tracks[name].values))
         for stretch in np.split(missing, np.flatnonzero(np.diff(missing) > 1) + 1):
@@ -320,7 +322,7 @@ def _by_raster(
     notes: list[str],
     asked: Asked,
 ) -> RecordedRun:
-    """Ticks from the first sample to the last one of all files."""
+    """Return the run in ticks of an even raster, from the first sample to the last one of all files."""
     spans = [
         [round(1e6 * end) - each.zero_us for end in each.span]
         for each in sources

@@ -1,9 +1,9 @@
-"""A run as it was recorded, for those who judge it: rows, frames, and what is missing.
+"""A run as it was recorded, for a judge: rows, frames, and gaps.
 
-A recording of ours has a row for each tick of the model; they are taken as they are. What others have recorded
-comes a column or a message at a time, each at times of its own: there the rows are ticks of an even raster, and in
-each of them a column has its last sample, as a signal on the bus has its last frame's value. So windows and
-stretches are counted in ticks there, too. Times are compared in whole microseconds.
+A recording of ours has a row for each tick of the model; its rows are used as they are. Other recordings have
+columns or messages with times of their own: there the rows are ticks of an even raster, and in each of them a
+column has its last sample, as a signal on the bus has its last frame's value. So windows and stretches are counted
+in ticks there, too. Times are compared in whole microseconds.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_BLOCK = 20_000  # rows that are made at a time
-_USUAL = 3.0  # times the usual distance of a column's samples: further apart they are a gap
+_BLOCK = 20_000  # rows built at a time
+_USUAL = 3.0  # times the usual distance of a column's samples; a longer one is a gap
 
 
 class Track(NamedTuple):
-    """A column's samples."""
+    """Samples of a column."""
 
     times_us: Integers  # rising
     values: Floats  # in the column's unit
 
     def held(self, at_us: Integers) -> Floats:
-        """The last sample at each of these times; NaN before the first one."""
+        """Return the last sample at each of these times [µs]; NaN before the first one."""
         if not len(self.times_us):
             return np.full(len(at_us), np.nan)
         place = np.searchsorted(self.times_us, at_us, side="right") - 1
         return np.where(place >= 0, self.values[np.maximum(place, 0)], np.nan)
 
     def gaps(self, name: str, end_us: int, longest: float | None) -> Iterator[Gap]:
-        """Where its samples are further apart than `longest` [s], or than usual, or end before the recording."""
+        """Yield where samples are further apart than `longest` [s] (None: than usual), or end before `end_us`."""
         if not len(self.times_us):
             return
         steps = np.diff(np.append(self.times_us, end_us))
@@ -54,18 +54,18 @@ class Track(NamedTuple):
 
 @dataclass
 class RecordedRun:
-    """See the module."""
+    """Rows, frames and gaps of a recorded run."""
 
     times: Floats  # s, of its rows
-    rate: float  # Hz; no more rows than that
+    rate: float  # Hz; the rows are no denser than that
     tracks: Mapping[str, Track]  # by column
-    frames: Any  # (m,) LOGGED, of the messages that are asked for, in the order of time
+    frames: Any  # (m,) LOGGED, of the requested messages, in the order of time
     has_frames: bool  # whether any are recorded
     gaps: list[Gap] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  # what was noticed
+    notes: list[str] = field(default_factory=list)  # observations for the user
 
     def blocks(self) -> Iterator[tuple[Floats, Any]]:
-        """Rows (n, ROW_WIDTH), NaN where nothing is known, and the frames up to the last of them."""
+        """Yield rows (n, ROW_WIDTH), NaN where nothing is known, with the frames up to the last of them."""
         rows_us = rounded_to_us(self.times)
         frames_us = (self.frames["time_ns"] + 500) // 1000
         seen = 0
@@ -80,12 +80,12 @@ class RecordedRun:
             seen = until
 
     def lacks(self, name: str) -> bool:
-        """Whether it has nothing of a column, or no bus that a signal could be on."""
+        """Whether the recording has no samples of a column, or no bus that a signal could be on."""
         if name in COLUMN_PLACE:
             return name not in self.tracks and name != "time_s"
         return not self.has_frames
 
 
 def rounded_to_us(times: Floats) -> Integers:
-    """Times (n,) [s], each as the nearest microsecond (n,) [µs]."""
+    """Return times (n,) [s], each as the nearest microsecond (n,) [µs]."""
     return np.round(times * 1e6).astype(np.int64)

@@ -9,31 +9,32 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from liftgate_hil import session
 from liftgate_hil.conditions.condition import COLUMN
 from liftgate_hil.config.database import KINDS, load_messages
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.diagnostics.reset_watch import ResetWatch
 from liftgate_hil.diagnostics.tester import Diagnostics
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
-from liftgate_hil.judging.judge import Expected, Gap, Judge
-from liftgate_hil.judging.sketch import Sketch, Sketcher
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.formats.open import holds_nothing
+from liftgate_hil.judging.expected import Expected
+from liftgate_hil.judging.judge import Gap, Judge
 from liftgate_hil.judging.stepped_again import SteppedAgain
+from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
 from liftgate_hil.judging.verdict import INCONCLUSIVE, Verdict
 from liftgate_hil.loop.begun import Begun
 from liftgate_hil.measurement.mapping import ColumnMap, parse_maps
-from liftgate_hil.measurement.recorded import holds_nothing
-from liftgate_hil.runs.result import silence_of, tolerance_of
-from liftgate_hil.runs.stepping import StepsAgain, heard_by
+from liftgate_hil.running.plan import expected_in
+from liftgate_hil.running.result import silence_of, tolerance_of
+from liftgate_hil.running.setup import Setup, loop_config_of, rig_of, setup_of, start_of
+from liftgate_hil.running.stepping import StepsAgain, heard_by
+from liftgate_hil.running.stimulation import planned_stimuli, reset_failure
 from liftgate_hil.signals import COLUMNS
-from liftgate_hil.staging import expected_in, reset_failure, staged
 from liftgate_hil.testing.read_run import Asked, read_run
 from liftgate_hil.testing.recorded_run import RecordedRun, rounded_to_us
 from liftgate_plant.vehicle import Vehicle
 
-_BITRATE = 500_000.0  # bit/s; of a database alone nobody asks
+_BITRATE = 500_000.0  # bit/s; it does not matter for a database alone
 
 
 def judge(
@@ -48,15 +49,16 @@ def judge(
     rate: float = 1000.0,
     longest_gap: float | None = None,
 ) -> dict[str, Verdict]:
-    """The verdicts of a scenario's expectations, by their names, from the recordings of one run: tables (CSV,
-    Parquet, MF4, MCAP), bus logs, or both. What was not recorded makes inconclusive. `duration` [s] is the run's
-    end where it was not the scenario's. Stamps count from the run's start; those of a wall clock from when a
-    recording of ours says that the run began, else from the first one.
+    """Return the verdicts of a scenario's expectations, by their names, from the recordings of one run.
 
-    Of recordings that are not ours, `rig` (a rig's file, or a database) says what frames mean; its outputs stand
-    for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a
-    Message.Signal. Such recordings are judged in ticks of `rate` [Hz], each column as of its last sample; where
-    two are further apart than `longest_gap` [s] (None: three times what is usual), windows are inconclusive.
+    The recordings are tables (CSV, Parquet, MF4, MCAP), bus logs, or both. What was not recorded makes a verdict
+    inconclusive. `duration` [s] is the run's end where it was not the scenario's. Timestamps count from the run's
+    start; those of a wall clock from when a recording of ours says that the run began, else from the first one.
+
+    Of recordings that are not ours, `rig` (a rig's file, or a database) defines what frames mean; its outputs
+    stand for the columns that no table has. `maps` are texts as of `--map`: OURS=THEIRS[unit], a column, or a
+    Message.Signal. Such recordings are judged in ticks of `rate` [Hz], each column by its last sample; where two
+    are further apart than `longest_gap` [s] (None: three times what is usual), windows are inconclusive.
 
         judge(["drive.log"], "close.toml", rig="their.dbc", maps=["gate_angle_deg=Tailgate.Position"])
 
@@ -69,14 +71,14 @@ def judge(
 
 
 class StoppedJudgingError(Exception):
-    """Nobody waits for the verdicts any more."""
+    """Raised where judging was stopped before its end."""
 
 
 @dataclass(frozen=True)
 class Expectations:
-    """What recordings are judged by."""
+    """Expectations that recordings are judged by, and how these are read."""
 
-    setup: session.Setup
+    setup: Setup
     rig: Rig
     expected: Expected
     duration: float | None = None  # s; None: the scenario's
@@ -86,7 +88,7 @@ class Expectations:
 
     @property
     def asked(self) -> Asked:
-        """What is to be read of recordings."""
+        """Request of what to read from recordings."""
         columns = {name for each in self.expected.conditions for name in each.names(COLUMN)}
         signals = self.expected.signals
         found = frozenset(columns), signals, self.rig, self.mapping
@@ -99,17 +101,17 @@ class Expectations:
 
     @property
     def resets(self) -> Diagnostics | None:
-        """By which the bench resets the ECU over UDS; None: not so."""
+        """Diagnostics by which the bench resets the ECU over UDS; None: it does not."""
         reset = self.rig.driver.reset
         return self.rig.diagnostics if reset is not None and reset.way == "uds" else None
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What came of the expectations, and what pictures of them are made of."""
+    """Verdicts of the expectations, and what their pictures are made of."""
 
     verdicts: dict[str, Verdict]
-    sketches: Mapping[str, Sketch]
+    trace_summaries: Mapping[str, TraceSummary]
     ticks: int
     last: float  # s, of the last row
     notes: Sequence[str]
@@ -123,8 +125,8 @@ def expectations_of(
     vehicle: str | Path | Vehicle | None = None,
     rig: str | Path | Rig | None = None,
 ) -> Expectations:
-    """What a scenario expects, see `judge`. Raises ConfigError."""
-    setup = session.setup_of(scenario, parameters=parameters, vehicle=vehicle)
+    """Return what a scenario expects, see `judge`. Raises ConfigError."""
+    setup = setup_of(scenario, parameters=parameters, vehicle=vehicle)
     chosen = _rig_of(rig, setup.scenario)
     expected = expected_in(setup, chosen)
     if not expected.expectations:
@@ -135,11 +137,12 @@ def expectations_of(
 def judged(
     paths: Sequence[Path],
     about: Expectations,
-    is_sketched: bool = False,
+    is_summarized: bool = False,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Judged:
-    """Judge the recordings of one run; `is_sketched`: for pictures, too. Raises ConfigError, and
-    StoppedJudgingError where it is stopped on the way.
+    """Judge the recordings of one run; `is_summarized`: with trace summaries, for pictures.
+
+    Raises ConfigError, and StoppedJudgingError where it is stopped on the way.
     """
     if paths and all(_holds_nothing(path) for path in paths):
         count = len(about.expected.expectations) - about.expected.awaited
@@ -155,7 +158,7 @@ def judged(
     if about.rig.inputs:
         tolerance, silence = tolerance_of(scenario, about.rig), silence_of(scenario, about.rig)
     found = Judge(about.expected, run.rate, last if end is None else end, tolerance, silence)
-    sketcher = Sketcher(found, run.rate) if is_sketched else None
+    sketcher = TraceSummarizer(found, run.rate) if is_summarized else None
     watch = None if about.resets is None else ResetWatch(about.resets)
     for rows, frames in run.blocks():
         if stopped():
@@ -176,9 +179,9 @@ def judged(
             )
         )
     ]
-    sketches = {} if sketcher is None else sketcher.sketches()
+    trace_summaries = {} if sketcher is None else sketcher.trace_summaries()
     by_name = {each.name: each for each in verdicts}
-    return Judged(by_name, sketches, len(run.times), last, run.notes, tuple(found.notes()))
+    return Judged(by_name, trace_summaries, len(run.times), last, run.notes, tuple(found.notes()))
 
 
 def _stepped_again(
@@ -188,9 +191,10 @@ def _stepped_again(
     made: list[StepsAgain | None],
     late: float,
 ) -> SteppedAgain | None:
-    """The gate of a recorded run stepped again, see `judging.stepped_again`; `made` keeps what steps it. None
-    where the recording does not tell enough: no commands or not the gate's angle, a start that a precondition has
-    left, or another gate.
+    """Step the gate of a recorded run again, see `judging.stepped_again`; `made` keeps what steps it.
+
+    Returns None where the recording does not hold enough: no commands, or not the gate's angle, an initial
+    condition that a precondition has left, or another gate.
     """
     if not made:
         made.append(_steps_again(paths, about, judge))
@@ -211,12 +215,12 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
     if not run.has_frames or run.lacks("gate_angle_deg") or run.lacks("ticks_missed"):
         return None
     rate = float(f"{run.rate:.6g}")  # an estimate, from times in microseconds
-    config = session.loop_config_of(setup.vehicle, rig, rate, setup.seed)
-    scene = staged(setup, rig, is_on_bus=False)
-    start = session.start_of(config, setup.start_angle)
+    config = loop_config_of(setup.vehicle, rig, rate, setup.seed)
+    stimuli = planned_stimuli(setup, rig, is_on_bus=False)
+    start = start_of(config, setup.start_angle)
     return StepsAgain(
-        begun=Begun(config, start, scene),
-        frames=heard_by(rig, run.frames, judge.expected, scene),
+        begun=Begun(config, start, stimuli),
+        frames=heard_by(rig, run.frames, judge.expected, stimuli),
         ticks=len(run.times) - 1,
         rig=rig,
         drives=setup.vehicle.drives,
@@ -230,8 +234,9 @@ def _steps_again(paths: Sequence[Path], about: Expectations, judge: Judge) -> St
 def _not_made(
     about: Expectations, run: RecordedRun, watch: ResetWatch | None, end: float | None
 ) -> str:
-    """What the run, to its `end` [s], could not make of what was asked for, as far as its frames show it; its rows
-    tell the rest.
+    """Return the requests and stimuli that the run, to its `end` [s], could not apply; "": none.
+
+    This is as far as its frames show it; its rows show the rest.
     """
     found = "" if watch is None else reset_failure(watch.failure, about.rig)
     is_asked = about.asked.may_be_silent or any(
@@ -248,7 +253,7 @@ def _not_made(
 
 
 def _lacking(about: Expectations, run: RecordedRun, last: float) -> Iterator[Gap]:
-    """What stimuli wait for, and the run, to `last` [s], has nothing of."""
+    """Yield gaps of what stimuli wait for, and the run, to `last` [s], has nothing of."""
     expected = about.expected
     for place in range(len(expected.expectations) - expected.awaited, len(expected.expectations)):
         lacking = frozenset(name for name in expected.names(place) if run.lacks(name))
@@ -257,13 +262,13 @@ def _lacking(about: Expectations, run: RecordedRun, last: float) -> Iterator[Gap
 
 
 def _holds_nothing(path: Path) -> bool:
-    with contextlib.suppress(ConfigError, OSError):  # told by who reads it
+    with contextlib.suppress(ConfigError, OSError):  # reported by its reader
         return holds_nothing(path)
     return False
 
 
 def _explained(verdict: Verdict, run: RecordedRun, names: Sequence[str]) -> Verdict:
-    """A verdict that says what the recording lacks."""
+    """Return an inconclusive verdict with what the recording lacks as its reason; others as they are."""
     lacking = [name for name in names if run.lacks(name)]
     if verdict.verdict != INCONCLUSIVE or not lacking:
         return verdict
@@ -271,9 +276,9 @@ def _explained(verdict: Verdict, run: RecordedRun, names: Sequence[str]) -> Verd
 
 
 def _rig_of(rig: str | Path | Rig | None, scenario: Scenario) -> Rig:
-    """As `session.rig_of`, or of a database alone. Raises ConfigError."""
+    """Return the rig as `rig_of` does, or one made of a database alone. Raises ConfigError."""
     if not isinstance(rig, str | Path) or Path(rig).suffix.lower() not in KINDS:
-        return session.rig_of(rig, scenario)
+        return rig_of(rig, scenario)
     issues = ConfigIssues(f"`rig` {rig}")
     messages = load_messages(issues, Path(rig))
     issues.raise_if_any()

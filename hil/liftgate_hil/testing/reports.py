@@ -1,4 +1,4 @@
-"""A suite's outcomes for machines as JSON, and a verdict on one line; JUnit XML: see `junit`."""
+"""Outcomes of a suite as JSON, and a verdict on one line; for JUnit XML see `junit`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from liftgate_hil.testing.suite import Outcome, counts_of, verdict_of
 
 
 def as_json(outcomes: Sequence[Outcome], provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """The whole suite; what is not a number is null."""
+    """Return the whole suite for JSON; what is not a finite number is null."""
     return {
         "verdict": verdict_of(outcomes),
         "expectations": counts_of(outcomes),
@@ -21,7 +21,7 @@ def as_json(outcomes: Sequence[Outcome], provenance: Mapping[str, Any]) -> dict[
 
 
 def _scenario(outcome: Outcome) -> dict[str, Any]:
-    setup = outcome.case.parts.setup
+    setup = outcome.case.plan.setup
     return {
         "file": outcome.case.file,
         "verdict": outcome.verdict,
@@ -44,7 +44,7 @@ def _scenario(outcome: Outcome) -> dict[str, Any]:
             for each in outcome.attempts
         ],
         "recordings": _recordings(outcome),
-        "sources": {name: each._asdict() for name, each in outcome.case.parts.sources.items()},
+        "sources": {name: each._asdict() for name, each in outcome.case.plan.sources.items()},
     }
 
 
@@ -53,7 +53,7 @@ def _recordings(outcome: Outcome) -> list[str]:
 
 
 def expectation_json(verdict: Verdict) -> dict[str, Any]:
-    """One verdict; what is not a number is null."""
+    """Return a verdict for JSON; what is not a finite number is null."""
 
     def known(value: float | None) -> float | None:
         return value if value is not None and math.isfinite(value) else None
@@ -74,7 +74,7 @@ def expectation_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def line_of(verdict: Verdict) -> str:
-    """An expectation's verdict on one line; the times of a failure are in its reason."""
+    """Return an expectation's verdict on one line; the times of a failure are in its reason."""
     parts = [verdict.verdict]
     if verdict.margin is not None:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""

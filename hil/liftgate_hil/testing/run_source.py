@@ -1,4 +1,4 @@
-"""A file of a run's recordings: whether it is ours, its columns by their names in there, its frames."""
+"""A file of a run's recordings: whether it is ours, its columns by their names in the file, its frames."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from liftgate_hil.config.files import check_file
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import READ as RECORDED
+from liftgate_hil.formats.open import open_columns, open_recording
+from liftgate_hil.formats.recording import FRAME, Columns, Recording, Series
 from liftgate_hil.measurement.log_frames import LogFrames
 from liftgate_hil.measurement.mapping import ColumnMap, Theirs
-from liftgate_hil.measurement.read import BUS_LOGS, SUFFIXES, open_columns
-from liftgate_hil.measurement.recorded import SUFFIXES as RECORDED
-from liftgate_hil.measurement.recorded import Recorded, open_recorded
-from liftgate_hil.measurement.series import FRAME, Columns, Series
+from liftgate_hil.measurement.read import BUS_LOGS, SUFFIXES
 from liftgate_hil.measurement.table import time_issue
 from liftgate_hil.measurement.units import allowed_units, conversion
 from liftgate_hil.signals import COLUMNS, Bench
@@ -26,34 +26,34 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Source:
-    """A file as it is read: its columns by their names in there, its frames."""
+    """A recording file as it is read: its columns by their names in the file, and its frames."""
 
     path: Path
-    ours: Recorded | None = None  # a recording of this program with a row a tick
-    file: Columns | None = None  # a table of others
+    ours: Recording | None = None  # a recording of this program with a row per tick
+    file: Columns | None = None  # a table of another program
     has_frames: bool = False
     log: LogFrames | None = None
     samples: dict[str, tuple[Floats, Floats, str]] = field(
         default_factory=dict
     )  # times, values, unit
-    span: tuple[float, float] | None = None  # s, of all its times
-    zero_us: int = 0  # the run's start by its clock
+    span: tuple[float, float] | None = None  # s, first and last of all its times
+    zero_us: int = 0  # µs, the run's start by its clock
 
     @property
     def names(self) -> Sequence[str]:
-        """Its columns."""
+        """Names of the file's columns."""
         if self.ours is not None:
             return list(self.ours.signals)
         return [] if self.file is None else [each for each in self.file.names if each != FRAME]
 
     def read(self, names: Sequence[str], mapping: ColumnMap, issues: list[str]) -> None:
-        """Take in these columns, by its own names, with their times; what cannot be is noted."""
+        """Read these columns, by the file's own names, with their times; issues are added to `issues`."""
         if self.ours is not None:
             self._read_ours(self.ours, names, issues)
         elif self.file is not None and (names or not self.has_frames):
             self._read_theirs(self.file, names, mapping, issues)
 
-    def _read_ours(self, recorded: Recorded, names: Sequence[str], issues: list[str]) -> None:
+    def _read_ours(self, recorded: Recording, names: Sequence[str], issues: list[str]) -> None:
         blocks = list(recorded.rows(["time_s", *names]))
         rows = np.concatenate([np.empty((0, 1 + len(names))), *blocks])
         times = np.ascontiguousarray(rows[:, 0])
@@ -101,15 +101,15 @@ class Source:
 
 
 def opened(path: Path) -> Source:
-    """A file, ours or not. Raises ConfigError."""
+    """Open a file, ours or not. Raises ConfigError."""
     check_file(path)
     kind = path.suffix.lower()
     if kind in BUS_LOGS:
         return Source(path, has_frames=True)
     if kind in RECORDED:
         try:
-            recorded = open_recorded(path)
-        except ConfigError:  # none of ours, or broken: then it is told below
+            recorded = open_recording(path)
+        except ConfigError:  # not ours, or broken: then it is reported below
             recorded = None
         if recorded is not None and {*Bench._fields, "time_s"} <= {*recorded.signals}:
             return Source(path, ours=recorded, has_frames=recorded.channel is not None)
@@ -118,7 +118,7 @@ def opened(path: Path) -> Source:
 
 
 def _any_of(file: Columns) -> Mapping[str, Series]:
-    """A column of a file that nothing is asked of: how long it is counts all the same."""
+    """Return the first column that can be read, for a file of which none is requested: its length counts."""
     for name in file.names:
         if name != FRAME and (series := file.read([name], [])):
             return series
@@ -128,7 +128,7 @@ def _any_of(file: Columns) -> Mapping[str, Series]:
 def converted(
     values: Floats, ours: str, theirs: Theirs, unit: str | None, path: Path, issues: list[str]
 ) -> Floats:
-    """Their values in our unit; `path` is the file, where that cannot be."""
+    """Return values in our unit; where that is not possible an issue names `path`, the file."""
     own = theirs.unit if theirs.unit is not None else unit or ""
     factors = conversion(ours, own, COLUMNS)
     if factors is None:

@@ -1,4 +1,4 @@
-"""One scenario in a report: what happened, what was expected, what came of it, with pictures."""
+"""Section of a report on one scenario: what happens, what is expected, the verdicts, with pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.sketch import Sketch
+from liftgate_hil.judging.trace_summary import TraceSummary
 from liftgate_hil.judging.verdict import PASS, Verdict
 from liftgate_hil.report.page import Markup, alert, bullets, pairs, text
 from liftgate_hil.signals import COLUMNS
@@ -19,12 +19,12 @@ _MOST_HAPPENINGS = 60
 
 
 def badge(verdict: str) -> Markup:
-    """A verdict that catches the eye."""
+    """Return a verdict as a label that stands out."""
     return Markup(f'<span class="v {text(verdict)}">{text(verdict)}</span>')
 
 
 def value_names(rig: Rig) -> Names:
-    """The names of the values of enumerations, on the bus and in the columns."""
+    """Return a function that returns the labels of the values of a column or a bus signal."""
 
     def found(name: str) -> Mapping[float, str]:
         if name in COLUMNS:
@@ -39,19 +39,21 @@ def value_names(rig: Rig) -> Names:
     return found
 
 
-def figures_of(drawings: Sequence[str], verdict: Verdict, sketch: Sketch, left_out: int) -> str:
-    """Pictures with what is to be known of them: around the window, around the margin."""
+def figures_of(
+    drawings: Sequence[str], verdict: Verdict, trace_summary: TraceSummary, left_out: int
+) -> str:
+    """Return pictures, around the window and around the margin, with their captions."""
     found = []
-    for drawing, view in zip(drawings, (sketch.view, sketch.near), strict=False):
+    for drawing, view in zip(drawings, (trace_summary.view, trace_summary.near), strict=False):
         notes = []
-        if view is sketch.near:
+        if view is trace_summary.near:
             notes.append("Around the margin.")
         elif verdict.window_s is None:
             notes.append("All of the run: the window never opened.")
         if view is not None and view.ticks > 1:
             each = f"{1e3 * view.bin_s:g} ms"
             notes.append(f"Smallest and largest value of each {each}; extremes are exact.")
-        if left_out and view is sketch.view:
+        if left_out and view is trace_summary.view:
             notes.append(f"{left_out} more signals are not drawn.")
         caption = f"<figcaption>{text(' '.join(notes))}</figcaption>\n" if notes else ""
         found.append(f"<figure>\n{drawing}{caption}</figure>")
@@ -59,8 +61,8 @@ def figures_of(drawings: Sequence[str], verdict: Verdict, sketch: Sketch, left_o
 
 
 def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, str], str]) -> str:
-    """A scenario; `figures` are those of expectations, by file and name."""
-    scenario = outcome.case.parts.setup.scenario
+    """Return the section of a scenario; `figures` are those of expectations, by file and name."""
+    scenario = outcome.case.plan.setup.scenario
     happened = [] if outcome.case.recordings else happenings(scenario)
     rest = len(happened) - _MOST_HAPPENINGS
     told = [*happened[:_MOST_HAPPENINGS], *([f"and {rest} more"] if rest > 0 else [])]
@@ -86,16 +88,16 @@ def scenario_section(place: int, outcome: Outcome, figures: Mapping[tuple[str, s
 
 
 def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
-    setup, result, job = outcome.case.parts.setup, outcome.result, outcome.case.job
-    scenario, options = setup.scenario, outcome.case.parts.options
+    setup, result, job = outcome.case.plan.setup, outcome.result, outcome.case.job
+    scenario, options = setup.scenario, outcome.case.plan.options
     parameters = ", ".join(f"{name} = {value:g}" for name, value in scenario.parameters.items())
     settings = ", ".join(f"{each.key} = {each.value}" for each in scenario.settings)
-    source = outcome.case.parts.sources.get("scenario")
+    source = outcome.case.plan.sources.get("scenario")
     is_recorded = bool(outcome.case.recordings)
     rows = [
         ("requirement", ", ".join(scenario.requirement) or "none"),
         ("parameters", parameters),
-        ("rig", Path(outcome.case.parts.rig.source).name),
+        ("rig", Path(outcome.case.plan.rig.source).name),
     ]
     if is_recorded:
         rows.append(("judged by", scenario.source))
@@ -120,7 +122,7 @@ def _facts(outcome: Outcome) -> Sequence[tuple[str, str]]:
 
 def _start(outcome: Outcome) -> str:
     initial = outcome.case.job.initial
-    initial = outcome.case.parts.setup.scenario.initial if initial is None else initial
+    initial = outcome.case.plan.setup.scenario.initial if initial is None else initial
     return initial if isinstance(initial, str) else f"at {initial:g} deg"
 
 

@@ -1,4 +1,4 @@
-"""Scenario files as a suite: which there are, and what came of each, several at a time."""
+"""Suite of scenario files: which there are, and the outcome of each, several run at a time."""
 
 from __future__ import annotations
 
@@ -21,41 +21,48 @@ from liftgate_hil.ecu.find import ON_A_BUS, is_foreign
 from liftgate_hil.errors import ConfigError, LiftgateError, causes
 from liftgate_hil.judging.expectation import KINDS
 from liftgate_hil.judging.verdict import ERROR, INCONCLUSIVE, PASS, Verdict, worst
-from liftgate_hil.runs.job import Job, Parts, resolve
-from liftgate_hil.runs.result import Result
-from liftgate_hil.runs.run import execute
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan, Subject, plan_of
+from liftgate_hil.running.result import Result
+from liftgate_hil.running.run import execute
 
 _EXPECT = re.compile(rb"^[ \t]*\[\[[ \t]*expect[ \t]*\]\]", re.MULTILINE)
-_MOST_FILES = 100  # that include each other
+_MOST_FILES = 100  # files in a chain of includes
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario about to run, or what it expects about to be judged from recordings of a run."""
+    """A scenario to run, or one whose expectations are judged from recordings of a run."""
 
     file: str  # as reports name it
-    job: Job
-    parts: Parts
-    recordings: tuple[Path, ...] = ()  # none: it is run
+    plan: Subject  # a Plan, where it is run
+    recordings: tuple[Path, ...] = ()  # to be judged; none: it is run
+
+    @property
+    def job(self) -> Job:
+        """Job of the case."""
+        return self.plan.job
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a scenario."""
+    """Outcome of a scenario."""
 
     case: Case
     verdict: str
-    reason: str  # why it has not come to its end
+    reason: str  # why it has not reached its end
     expectations: tuple[Verdict, ...]
     result: Result | None
     wall_s: float
     ended: float = field(default_factory=time.time)  # s since 1970
-    attempts: tuple[Outcome, ...] = ()  # before this one, each of which was inconclusive
+    attempts: tuple[Outcome, ...] = ()  # earlier attempts, each of which was inconclusive
 
     @property
     def notes(self) -> list[str]:
-        """What may explain it beside the verdicts: attempts before, frames of the ECU that were refused, faults
-        from outside.
+        """What may explain the outcome beside the verdicts.
+
+        These are earlier attempts, frames of the ECU that were refused, a gate that got no command, notes of the
+        result, and faults that a test bench has injected.
         """
         found = [
             f"attempt {number}: {each.name}: {each.verdict}: {each.reason}"
@@ -80,8 +87,9 @@ class Outcome:
 
 
 def scenario_files(paths: Sequence[str]) -> list[Path]:
-    """The scenario files of paths and shipped names (`pack` is a folder of them): a folder stands for all
-    scenarios in it and below that expect something. Raises ConfigError.
+    """Return the scenario files of paths and shipped names (`pack` is a folder of them).
+
+    A folder stands for all scenarios in it and below that expect something. Raises ConfigError.
     """
     found: list[Path] = []
     for name in paths:
@@ -106,8 +114,9 @@ def scenario_files(paths: Sequence[str]) -> list[Path]:
 
 
 def may_be_scenario(path: Path) -> bool:
-    """Whether a TOML file is one, or is none that can be read but speaks of [[expect]]: its mistake is to be told,
-    or a scenario would be missing without a word.
+    """Whether a TOML file is a scenario, or cannot be read but contains [[expect]].
+
+    The error of the latter shall be reported, or a scenario would be missing without notice.
     """
     try:
         read_toml(path)
@@ -119,9 +128,10 @@ def may_be_scenario(path: Path) -> bool:
 
 
 def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
-    """Whether a TOML file says what is expected of a gate, itself or in one that it includes: it has [[expect]],
-    and nothing that a scenario has not, or an expectation that is one of ours. What cannot be read is none, nor
-    are other tools' files.
+    """Whether a TOML file has expectations of a gate, itself or in a file that it includes.
+
+    It has [[expect]], and either no key that a scenario does not have, or an expectation of one of our kinds. A
+    file that cannot be read is not one, nor are other tools' files.
     """
     try:
         content = read_toml(path)
@@ -140,20 +150,23 @@ def is_scenario(path: Path, above: tuple[Path, ...] = ()) -> bool:
 
 
 def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
-    """The cases of scenario files, each run as the template says. Raises ConfigError with the issues of all."""
+    """Return the cases of scenario files, each run as the template says.
+
+    Raises ConfigError with the issues of all.
+    """
     cases: list[Case] = []
     issues: list[str] = []
     for path in files:
         job = replace(template, scenario=path)
         try:
-            parts = resolve(job)
-            scenario = parts.setup.scenario
+            plan = plan_of(job)
+            scenario = plan.setup.scenario
             if not scenario.expectations:
                 issues.append(f"{path}: expect: missing; allowed: [[expect]] tables")
             elif scenario.duration is None and job.options.duration is None:
                 issues.append(f"{path}: duration: missing; allowed: 0 to 1e+06 s")
             else:
-                cases.append(Case(os.path.relpath(path), job, parts))
+                cases.append(Case(os.path.relpath(path), plan))
         except ConfigError as error:
             issues += [line for line in error.issues if line not in issues]
     if issues:
@@ -162,18 +175,19 @@ def cases_of(files: Iterable[Path], template: Job) -> list[Case]:
 
 
 def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome:
-    """Run one and judge it. Foreign code runs in a process of its own."""
+    """Run a case and judge it; foreign code runs in a process of its own."""
     began = time.monotonic()
-    job = case.job
+    plan, job = case.plan, case.job
+    assert isinstance(plan, Plan)
     if is_foreign(job.ecu):
-        job = replace(job, is_isolated=True)
+        plan = plan.varied(replace(job, is_isolated=True))
     result, reason = None, ""
     try:
-        result = execute(job, stopped, case.parts)
+        result = execute(plan, stopped)
         reason = result.reason if result.verdict == ERROR else ""
     except LiftgateError as error:
         reason = "; ".join(causes(error))
-    scenario = case.parts.setup.scenario
+    scenario = case.plan.setup.scenario
     if not reason and result is not None and stopped():
         end = job.options.duration or scenario.duration or 0.0
         if result.summary.model_time_s < end:
@@ -190,8 +204,9 @@ def run_case(case: Case, stopped: Callable[[], bool] = lambda: False) -> Outcome
 def run_until_decided(
     case: Case, retries: int, stopped: Callable[[], bool] = lambda: False
 ) -> Outcome:
-    """Run a case, and again while it is inconclusive, up to `retries` times; the outcome is the last one's. It has
-    all attempts before, none of which can have failed: what fails is not tried again.
+    """Run a case, and again while it is inconclusive, up to `retries` times; return the last outcome.
+
+    The outcome has all earlier attempts, none of which can have failed: a case that fails is not run again.
     """
     attempts: list[Outcome] = []
     outcome = run_case(case, stopped)
@@ -203,21 +218,21 @@ def run_until_decided(
 
 
 def _kept(outcome: Outcome, number: int) -> Outcome:
-    """An attempt whose recordings the next one would overwrite, with them under other names."""
+    """Return an attempt with its recordings renamed, as the next attempt would overwrite them."""
     if outcome.result is None:
         return outcome
     kept = []
     for path in outcome.result.recording:
         other = path.with_stem(f"{path.stem}-attempt-{number}")
-        with contextlib.suppress(OSError):  # it was never begun
+        with contextlib.suppress(OSError):  # the file was never created
             path.rename(other)
             kept.append(other)
     return replace(outcome, result=replace(outcome.result, recording=tuple(kept)))
 
 
 def not_run(case: Case, reason: str) -> Outcome:
-    """Of a case whose turn never came."""
-    expectations = case.parts.setup.scenario.expectations
+    """Return the outcome of a case that was not run."""
+    expectations = case.plan.setup.scenario.expectations
     verdicts = tuple(Verdict(each.name, ERROR, reason=reason) for each in expectations)
     return Outcome(case, ERROR, reason, verdicts, None, 0.0)
 
@@ -229,9 +244,11 @@ def run_suite(
     began: Callable[[Case], None] = lambda case: None,
     retries: int = 0,
 ) -> Iterator[Outcome]:
-    """What came of the cases, as they end: so many at a time on the free clock, where the loop holds no
-    interpreter lock. A stop leaves those whose turn has not come as errors. `began` is told of each that begins,
-    from several threads. What is inconclusive is run again up to `retries` times.
+    """Run the cases, and yield their outcomes as they end.
+
+    On the free clock, `jobs` of them run at a time, as the loop holds no interpreter lock. After a stop, cases
+    that have not begun are errors. `began` is called with each case that begins, from several threads. An
+    inconclusive case is run again up to `retries` times.
     """
 
     def turn(case: Case) -> Outcome:
@@ -245,7 +262,7 @@ def run_suite(
         return
     with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
         waiting = {pool.submit(turn, case) for case in cases}
-        while waiting:  # in short waits, so that a signal's handler has its turn
+        while waiting:  # in short waits, so that signal handlers can run
             done, waiting = concurrent.futures.wait(
                 waiting, timeout=0.1, return_when=concurrent.futures.FIRST_COMPLETED
             )
@@ -254,17 +271,17 @@ def run_suite(
 
 
 def verdict_of(outcomes: Sequence[Outcome]) -> str:
-    """The worst of all."""
+    """Return the worst verdict of all outcomes."""
     return worst(each.verdict for each in outcomes)
 
 
 def subject_of(outcomes: Sequence[Outcome]) -> str:
-    """What they are outcomes of."""
+    """Return what these are outcomes of, as a word: recording or scenario."""
     return "recording" if any(each.case.recordings for each in outcomes) else "scenario"
 
 
 def counts_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """How many expectations came to which verdict."""
+    """Return how many expectations have which verdict, and the share of inconclusive ones."""
     verdicts = [each.verdict for outcome in outcomes for each in outcome.expectations]
     counts = {name: verdicts.count(name) for name in ("pass", "fail", "inconclusive", "error")}
     share = counts["inconclusive"] / len(verdicts) if verdicts else 0.0
@@ -272,5 +289,5 @@ def counts_of(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def is_alone(template: Job) -> bool:
-    """Whether its scenarios cannot run beside each other: on one bus, or in real time."""
+    """Whether a template's scenarios cannot run beside each other: on one bus, or not on the free clock."""
     return template.ecu == ON_A_BUS or template.wire is not None or template.options.clock != "free"

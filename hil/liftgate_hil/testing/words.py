@@ -6,17 +6,18 @@ import math
 from collections.abc import Mapping
 
 from liftgate_hil.config.fault_kinds import FAULT_KINDS
-from liftgate_hil.config.scenario import Fault, Scenario
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.scenario_tables import Fault
 from liftgate_hil.judging.expectation import Expectation
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
 
-_MOST_POINTS = 8  # of a profile that are written out
+_MOST_POINTS = 8  # points of a profile that are written out
 
 
 def happenings(scenario: Scenario) -> list[str]:
-    """Its stimuli and faults, a sentence each."""
+    """Return a scenario's stimuli and faults, a sentence each."""
     before = scenario.precondition
     return [
         *([f"before time 0: {', '.join(before)}, each gone through to its end"] if before else []),
@@ -28,7 +29,7 @@ def happenings(scenario: Scenario) -> list[str]:
 
 
 def formula(expectation: Expectation) -> str:
-    """The condition with its kind, as the file says it."""
+    """Return an expectation's condition with its kind, as the file states it."""
     if expectation.kind == "dtc":
         return f"dtc  {expectation.condition}  {expectation.state}"
     held = f"  for {expectation.hold:g} s without interruption" if expectation.hold else ""
@@ -36,7 +37,7 @@ def formula(expectation: Expectation) -> str:
 
 
 def window_words(expectation: Expectation, window: tuple[float, float] | None) -> str:
-    """What opens the window and how long it is; from when to when it was open."""
+    """Return in words what opens the window, how long it is, and from when to when it was open."""
     after = expectation.after
     opener = f"once {after}" if isinstance(after, str) else f"from {after:g} s"
     length = (

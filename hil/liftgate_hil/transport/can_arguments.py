@@ -1,4 +1,4 @@
-"""python-can's arguments: from `bus`, from its own words, from its own configuration."""
+"""Arguments for python-can: from `bus`, from its own options, or from its own configuration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MISSING = (
 
 
 class WireChoice(NamedTuple):
-    """What the user said of the wire: a bus by one text or by python-can's own words, or a serial port."""
+    """The wire that the user chose: a bus by one text or by python-can's own options, or a serial port."""
 
     bus: str | None = None  # INTERFACE:CHANNEL[@BITRATE]
     serial: str | None = None  # PORT[@BAUD]
@@ -30,7 +30,7 @@ class WireChoice(NamedTuple):
 
 
 def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
-    """python-can's arguments for INTERFACE:CHANNEL[@BITRATE]; the channel may hold colons.
+    """Return python-can's arguments for INTERFACE:CHANNEL[@BITRATE]; the channel may contain colons.
 
     Raises ConfigError.
     """
@@ -40,13 +40,13 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
             f"`bus` {text}: allowed: INTERFACE:CHANNEL[@BITRATE], e.g. socketcan:vcan0, "
             "virtual:bench, udp_multicast:239.74.163.2, pcan:PCAN_USBBUS1@500000"
         )
-    from liftgate_hil.python_can import can
+    from liftgate_hil.config.can_libraries import can
 
     if interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise ConfigError(f"`bus` {text}: no interface {interface!r}; allowed: {known}")
     arguments: dict[str, Any] = {"interface": interface, "channel": channel}
-    if interface == "slcan":  # its own channels end in the serial port's speed
+    if interface == "slcan":  # in its channels an @ precedes the serial port's baud rate
         arguments["bitrate"] = int(default_bitrate)
         return arguments
     name, at, rate = channel.rpartition("@")
@@ -62,7 +62,7 @@ def parse_bus(text: str, default_bitrate: float) -> dict[str, Any]:
 
 
 def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
-    """python-can's arguments, from `bus`, from its own words, or from its own configuration.
+    """Return python-can's arguments, from `bus`, from its own options, or from its own configuration.
 
     Raises ConfigError.
     """
@@ -85,8 +85,8 @@ def bus_arguments(choice: WireChoice, rig: Rig) -> dict[str, Any]:
 
 
 def _with_configuration(given: dict[str, Any]) -> dict[str, Any]:
-    """What python-can makes of these arguments with can.conf and CAN_*. Raises ConfigError."""
-    from liftgate_hil.python_can import can
+    """Return these arguments as python-can completes them from can.conf and CAN_*. Raises ConfigError."""
+    from liftgate_hil.config.can_libraries import can
 
     text = os.environ.get("CAN_CONFIG")
     if text is not None and not _is_object(text):
@@ -101,7 +101,7 @@ def _with_configuration(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_configured(given: dict[str, Any]) -> bool:
-    """Whether anything was said of a bus, here or where python-can looks."""
+    """Whether anything about a bus is given, in the arguments or in the environment variables CAN_*."""
     return bool(given) or any(name.startswith("CAN_") for name in os.environ)
 
 

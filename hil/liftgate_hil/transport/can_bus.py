@@ -1,4 +1,4 @@
-"""Every bus that python-can knows."""
+"""Transport over any bus that python-can supports."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.errors import TransportError, words_of
-from liftgate_hil.python_can import can as _can
 from liftgate_hil.transport import multicast
 from liftgate_hil.transport.base import WAIT_S, LinkCounts, age_of, drained
 from liftgate_hil.transport.messages import fields_of, message_of, put
@@ -21,18 +21,20 @@ if TYPE_CHECKING:
     import can
 
 CAPACITY = 256
-# Interfaces whose messages have the wall clock's time of their arrival; others have the time at which they were
-# read (slcan), or one of a clock of their own.
+# Interfaces whose timestamps are times of arrival on the wall clock; those of others are the time at which a
+# message was read (slcan), or of a clock of their own.
 _STAMPING = ("socketcan", "udp_multicast", "virtual")
-_READS = 2 * CAPACITY  # in one call, so that a flood of what does not count cannot keep the loop
-_LOST = 10  # failures in a row
+_READS = (
+    2 * CAPACITY
+)  # reads in one call, so that a flood of frames that do not count cannot hold up the loop
+_LOST = 10  # failures in a row after which a bus is taken for lost
 _RETRY = 0.1  # s between two attempts to open a bus that was lost
 
 
 class CanTransport:
-    """A python-can bus. Raises TransportError where it cannot be opened.
+    """A python-can bus. Raises TransportError if it cannot be opened.
 
-    A bus that fails while receiving is closed, and opened again as soon as it lets itself be opened.
+    A bus that fails while receiving is closed, and reopened as soon as that is possible.
     """
 
     def __init__(self, arguments: dict[str, Any], is_fd: bool = False) -> None:
@@ -45,18 +47,18 @@ class CanTransport:
         # One thread may send while another receives, so each has counts of its own.
         self._sending = LinkCounts()
         self._receiving = LinkCounts()
-        # python-can gives a node of such a bus its own frames back.
+        # On such a bus python-can also returns the frames that a node sent itself.
         self._echoes = multicast.Echoes() if is_multicast else None
         self._retry = 0.0
-        self._failures = 0  # to receive, in a row
+        self._failures = 0  # failures to receive, in a row
         self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
-        self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
+        self._emptied_ns = time.monotonic_ns()  # when all arrived frames were last read
         self._recv: Callable[[float], can.Message | None]
         self._bus = self._open()
         self.is_up = True
 
     def _open(self) -> can.BusABC:
-        """A bus, of which `_recv` takes the messages."""
+        """Return an open bus, and set `_recv`, which receives its messages."""
         try:
             if self._echoes is not None:
                 multicast.check_route(self.name)
@@ -64,19 +66,19 @@ class CanTransport:
             if self._echoes is not None:
                 self._recv = multicast.Receiver(bus, self._arguments).recv
             elif type(bus).recv is _can.BusABC.recv and not bus.filters:
-                # Without its deadline on the wall clock, which a step of that makes wait for long, and without the
-                # filters that some drivers leave to it.
+                # `recv` has a deadline on the wall clock, with which a step of that clock can make it wait for
+                # long, and filters for some drivers; here there are no filters.
                 self._recv = lambda timeout: bus._recv_internal(timeout)[0]
             else:
                 self._recv = bus.recv
-        except Exception as error:  # drivers raise what they like
+        except Exception as error:  # drivers may raise anything
             raise TransportError(
                 f"{self._interface}:{self.name}: cannot be opened: {words_of(error)}"
             ) from error
         return bus
 
     def _reopen(self, timeout: float) -> None:
-        """Try to open a lost bus again, now and then."""
+        """Try to reopen a lost bus once per _RETRY; sleep up to `timeout` [s] while it stays lost."""
         now = time.monotonic()
         if now >= self._retry:
             self._retry = now + _RETRY
@@ -88,13 +90,13 @@ class CanTransport:
         time.sleep(min(timeout, _RETRY))
 
     def _drop_what_waits(self) -> None:
-        """Drop and count what a bus held back that was just opened again."""
+        """Drop and count the frames that a bus had held back when it was reopened."""
         count, _ = drained(self)
         before = self._receiving.before_start
         self._receiving = self._receiving._replace(before_start=before + count)
 
     def _fail(self, error: Exception) -> None:
-        """Count a failure to receive; the system's own error, or many of any kind, means that the bus is lost."""
+        """Count a failure to receive; an OSError, or many errors in a row, means that the bus is lost."""
         counts = self._receiving
         self._receiving = counts._replace(receive_failures=counts.receive_failures + 1)
         self._failures += 1
@@ -103,16 +105,16 @@ class CanTransport:
             return
         self.is_up = False
         self._receiving = self._receiving._replace(losses=counts.losses + 1)
-        with contextlib.suppress(Exception):  # whatever a driver says of hardware that has gone
+        with contextlib.suppress(Exception):  # drivers may raise anything if the hardware is gone
             self._bus.shutdown()
 
     def _count(self, name: str) -> None:
-        """Count what came and is of no use."""
+        """Count a received message that cannot be used, in the field `name` of LinkCounts."""
         counts = self._receiving
         self._receiving = counts._replace(**{name: getattr(counts, name) + 1})
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """See Transport."""
+        """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
         buffer = empty_frames(CAPACITY)
         count = 0
         if not self.is_up:
@@ -133,7 +135,7 @@ class CanTransport:
             except (ValueError, LookupError):  # NotAFrameError, or a driver that cannot read it
                 self._count("unreadable_frames")
                 continue
-            except Exception as error:  # drivers raise what they like
+            except Exception as error:  # drivers may raise anything
                 self._fail(error)
                 break
             self._failures = 0
@@ -153,7 +155,7 @@ class CanTransport:
         return Frames(count, buffer.identifiers, buffer.lengths, buffer.data)
 
     def send(self, frames: Frames) -> None:
-        """See Transport."""
+        """Send frames; failures are counted."""
         for row in range(frames.count):
             message = message_of(frames, row)
             if self._echoes is not None:
@@ -169,14 +171,14 @@ class CanTransport:
                 )
 
     def counts(self) -> LinkCounts:
-        """See Transport."""
+        """Return the counts of errors in both directions so far."""
         sending, receiving = self._sending, self._receiving
         return receiving._replace(
             send_failures=sending.send_failures, send_queue_full=sending.send_queue_full
         )
 
     def close(self) -> None:
-        """See Transport."""
+        """Shut the bus down."""
         if self.is_up:
-            with contextlib.suppress(Exception):  # the run is over, and all that counts is done
+            with contextlib.suppress(Exception):  # the run is over, so that errors no longer matter
                 self._bus.shutdown()

@@ -6,10 +6,10 @@ database has a CAN FD message. CRC: CRC-16/IBM-3740, also known as CRC-16/CCITT-
 
 COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7(2), 1999)
 replaces every zero by the distance to the next one, so that 0x00 only ever ends a frame: whatever was lost or
-garbled before, the frame after the next zero is whole again. Nothing between two zeros is nothing at all.
+garbled before, the frame after the next zero is whole again. Two zeros in a row are no frame.
 
 A frame has at most 68 bytes, so COBS's special code for 254 bytes without a zero never occurs, and each direction
-is a few lines on `bytes.split` and `bytes.join`. `liftgate_serial.h` is the same for the ECU's side, in C.
+is a few lines on `bytes.split` and `bytes.join`. `liftgate_serial.h` is the counterpart in C for the ECU.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ DELIMITER = b"\0"
 
 
 class BadFrames(NamedTuple):
-    """Frames that came in and were no good, by cause. A frame counts under exactly one."""
+    """Numbers of bad frames received, by cause. A frame counts under exactly one."""
 
     cut: int = 0  # ends before its COBS code says
     long: int = 0  # more bytes without a zero than the longest frame has
@@ -35,17 +35,17 @@ class BadFrames(NamedTuple):
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/IBM-3740 (CCITT-FALSE)."""
+    """Return the CRC-16/IBM-3740 (CCITT-FALSE) of data."""
     return crc_hqx(data, 0xFFFF)
 
 
 def stuff(data: bytes) -> bytes:
-    """COBS of up to 253 bytes, without the delimiter."""
+    """Return the COBS encoding of up to 253 bytes, without the delimiter."""
     return b"".join(bytes((len(run) + 1,)) + run for run in data.split(b"\0"))
 
 
 def unstuff(stuffed: bytes) -> bytes | None:
-    """What `stuff` was given; None where the last code points beyond the end. There is no zero in `stuffed`."""
+    """Return the data that `stuff` encoded; None if the last code points beyond the end. `stuffed` has no zero."""
     runs = []
     at = 0
     while at < len(stuffed):
@@ -56,7 +56,7 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 def encode(identifier: int, payload: bytes) -> bytes:
-    """A frame with its delimiter. Raises ValueError for what the line has no room for."""
+    """Return a frame with its delimiter. Raises ValueError if identifier or payload is out of range."""
     if not 0 <= identifier <= MAX_IDENTIFIER:
         raise ValueError(f"identifier {identifier:#x}; allowed: 0 to {MAX_IDENTIFIER:#x}")
     if len(payload) > MAX_PAYLOAD:
@@ -66,20 +66,20 @@ def encode(identifier: int, payload: bytes) -> bytes:
 
 
 class Decoder:
-    """Bytes in, whole frames out, however they are cut into pieces. Keeps at most one unfinished frame."""
+    """Decoder of bytes into whole frames, however they are cut into pieces. Keeps at most one unfinished frame."""
 
     def __init__(self) -> None:
         self._pending = b""
-        self._skipping = False  # until the next zero
+        self._skipping = False  # whether bytes are skipped until the next zero
         self._cut = self._long = self._short = self._crc = self._identifier = 0
 
     @property
     def counts(self) -> BadFrames:
-        """Bad frames so far."""
+        """The numbers of bad frames so far."""
         return BadFrames(self._cut, self._long, self._short, self._crc, self._identifier)
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """The (identifier, payload) of each frame that these bytes complete."""
+        """Return (identifier, payload) of each frame that these bytes complete."""
         *whole, rest = data.split(DELIMITER)
         frames = []
         for piece in whole:
@@ -90,7 +90,7 @@ class Decoder:
         return frames
 
     def reset(self) -> None:
-        """Forget an unfinished frame: its rest will not come."""
+        """Discard an unfinished frame, whose rest will not arrive."""
         self._pending, self._skipping = b"", False
 
     def _gather(self, piece: bytes) -> None:

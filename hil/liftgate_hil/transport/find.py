@@ -1,4 +1,4 @@
-"""Which wire is meant: `bus`, `serial`, python-can's own flags, or its own configuration."""
+"""Find and open the wire of `bus`, `serial`, python-can's own flags, or its own configuration."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from liftgate_hil.transport.serial_open import parse_serial
 
 
 class Way(NamedTuple):
-    """Where a wire is: python-can's arguments, or a serial port and its rate."""
+    """The address of a wire: python-can's arguments, or a serial port and its rate."""
 
     can: dict[str, Any] | None
     serial: tuple[str, int] | None
     is_fd: bool
 
     def is_interface(self, name: str) -> bool:
-        """Whether it is that interface of python-can's."""
+        """Whether the wire is the interface `name` of python-can."""
         return self.can is not None and self.can["interface"] == name
 
     @property
     def interface(self) -> str:
-        """Of python-can's, or serial."""
+        """The name of python-can's interface, or serial."""
         return "serial" if self.can is None else str(self.can["interface"])
 
     @property
     def reach(self) -> str:
-        """In words, who can reach it, where that is not plain."""
+        """In words, who can reach the wire; "" if that is obvious."""
         if not self.is_interface("udp_multicast"):
             return ""
         from liftgate_hil.transport import multicast
@@ -41,7 +41,7 @@ class Way(NamedTuple):
 
     @property
     def apart(self) -> str:
-        """In words, how to keep it apart from another bench's, where benches meet unawares."""
+        """In words, how to separate the wire from that of another bench; "" if they cannot meet by accident."""
         if not self.is_interface("udp_multicast"):
             return ""
         from liftgate_hil.transport import multicast
@@ -50,12 +50,12 @@ class Way(NamedTuple):
         return multicast.apart(self.can)
 
     def bitrate(self, rig: Rig) -> float:
-        """Of the CAN bus [bit/s]; NaN on a serial line, where frames have other sizes."""
+        """Return the bit rate of the CAN bus [bit/s]; NaN for a serial line, where frames have other sizes."""
         return math.nan if self.serial is not None else rig.bitrate
 
 
 def find_way(choice: WireChoice, rig: Rig) -> Way:
-    """The wire that is meant. Raises ConfigError."""
+    """Return the wire that the user chose. Raises ConfigError."""
     if choice.serial is None:
         return Way(bus_arguments(choice, rig), None, rig.is_fd or choice.is_fd)
     if choice._replace(serial=None) != WireChoice():
@@ -65,7 +65,7 @@ def find_way(choice: WireChoice, rig: Rig) -> Way:
 
 
 def open_transport(way: Way) -> Transport:
-    """The wire for a loop in Python. Raises ConfigError, TransportError."""
+    """Open the wire for the Python loop. Raises ConfigError, TransportError."""
     if way.serial is not None:
         from liftgate_hil.transport.serial_port import SerialTransport
 
@@ -81,7 +81,7 @@ def _itself(transport: Transport) -> Transport:
 
 
 def open_line(way: Way, seen_by: Callable[[Transport], Transport] = _itself) -> Line:
-    """The wire for the real-time loop; `seen_by` may stand between it and a transport in Python.
+    """Open the wire for the real-time loop; `seen_by` may wrap a transport in Python.
 
     Raises ConfigError, TransportError.
     """
@@ -95,7 +95,7 @@ def open_line(way: Way, seen_by: Callable[[Transport], Transport] = _itself) -> 
 
 
 def check_serial(rig: Rig) -> None:
-    """Raises ConfigError where a rig has messages that a serial line cannot carry."""
+    """Raise ConfigError if a rig has messages that a serial line cannot carry."""
     names = dict.fromkeys(wire.message for wire in (*rig.inputs, *rig.outputs))
     issues = [
         f"{rig.source}: {name} has the 29-bit identifier {rig.messages[name].frame_id:#x}; allowed on a "

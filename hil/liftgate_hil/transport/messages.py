@@ -1,4 +1,4 @@
-"""Frames as python-can has them: what is one, and both ways between them and ours."""
+"""Messages of python-can: validate them as frames, and convert them to and from ours."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, MAX_BYTES, REMOTE, Frames
+from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.errors import shown
-from liftgate_hil.python_can import can as _can
 
 if TYPE_CHECKING:
     import can
@@ -19,21 +19,23 @@ _CLASSIC_BYTES = 8
 
 
 class NotAFrameError(ValueError):
-    """A message of python-can's that no CAN frame can be; its text says what is allowed."""
+    """A message of python-can that cannot be a CAN frame; its text says what is allowed."""
 
 
 class Fields(NamedTuple):
-    """A frame as `struct liftgate_frame` has it."""
+    """The fields of a frame, as in `struct liftgate_frame`."""
 
     identifier: int  # with SocketCAN's flags
-    length: int  # of the payload; of a remote frame: that it asks for
+    length: int  # of the payload; of a remote frame: the requested length
     flags: int  # 1: CAN FD
     data: bytes
 
 
 def fields_of(message: object) -> Fields:
-    """The fields of a message, each of which may be anything: python-can's own check lets pass what compares
-    false with everything, such as NaN, and numbers with a fraction. Raises NotAFrameError.
+    """Return the fields of a message. Raises NotAFrameError if they are not those of a frame.
+
+    Each of them may be anything: python-can's own check accepts values that compare false with everything, such as
+    NaN, and numbers with a fraction.
     """
     if not isinstance(message, _can.Message):
         raise NotAFrameError(f"{shown(message)}; allowed: a list of can.Message")
@@ -64,14 +66,14 @@ def fields_of(message: object) -> Fields:
 
 
 def put(fields: Fields, frames: Frames, row: int) -> None:
-    """Put a frame into a row."""
+    """Put a frame into a row of `frames`."""
     frames.identifiers[row] = fields.identifier | (FD if fields.flags & _FD_FLAG else 0)
     frames.lengths[row] = fields.length
     frames.data[row, : len(fields.data)] = np.frombuffer(fields.data, dtype=np.uint8)
 
 
 def message_of(frames: Frames, row: int) -> can.Message:
-    """A row as a message."""
+    """Return a row of `frames` as a message."""
     identifier, length = int(frames.identifiers[row]), int(frames.lengths[row])
     flags = _FD_FLAG if identifier & FD and not identifier & REMOTE else 0
     return message_of_fields(identifier, length, flags, frames.data[row, :length].tobytes(), 0.0)
@@ -80,7 +82,7 @@ def message_of(frames: Frames, row: int) -> can.Message:
 def message_of_fields(
     identifier: int, length: int, flags: int, data: bytes | list[int], time_s: float
 ) -> can.Message:
-    """The message of a `struct liftgate_frame`."""
+    """Return the message of a `struct liftgate_frame`."""
     is_remote = bool(identifier & REMOTE)
     return _can.Message(
         timestamp=time_s,

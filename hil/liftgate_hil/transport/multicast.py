@@ -1,7 +1,7 @@
-"""python-can's bus of UDP multicast datagrams: how far it reaches, and which datagrams count.
+"""python-can's bus of UDP multicast datagrams: how far it reaches, and which datagrams are accepted.
 
-Its socket takes what is sent to the group from anywhere, also where its own frames do not leave the machine. So
-unless the network is meant, which python-can's own `hop_limit` says, senders of other machines are refused.
+Its socket receives what is sent to the group from anywhere, even if its own frames do not leave the machine. So
+senders on other machines are refused, unless python-can's own `hop_limit` says that the network is meant.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+from liftgate_hil.config.can_libraries import can as _can
 from liftgate_hil.errors import ConfigError, TransportError
-from liftgate_hil.python_can import can as _can
 from liftgate_hil.transport.messages import NotAFrameError
 
 if TYPE_CHECKING:
@@ -28,18 +28,18 @@ _MAX_HOPS = 255
 # linux/in.h, linux/in6.h; Python has no names for them.
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29
 _ECHOES = 256
-_KNOWN_S = 1.0  # that it is remembered whether an address is this machine's
-_KNOWN = 64  # addresses
+_KNOWN_S = 1.0  # s for which it is remembered whether an address is this machine's
+_KNOWN = 64  # addresses that are remembered at most
 
 
 class RefusedError(Exception):
-    """A datagram of another machine."""
+    """A datagram of another machine, which is refused."""
 
 
 def checked(arguments: dict[str, Any]) -> dict[str, Any]:
-    """python-can's arguments with a hop limit, by default that of this machine: python-can's own leaves it.
+    """Return python-can's arguments with a hop limit, by default 0.
 
-    Raises ConfigError.
+    With 0 the bus stays on this machine; with python-can's own default it leaves it. Raises ConfigError.
     """
     group = arguments["channel"]
     try:
@@ -59,7 +59,7 @@ def checked(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def reach(arguments: dict[str, Any]) -> str:
-    """In words, how far a bus reaches."""
+    """Return in words how far a bus reaches."""
     if arguments["hop_limit"]:
         return "reaches the network: any machine there can command the gate"
     return (
@@ -69,7 +69,7 @@ def reach(arguments: dict[str, Any]) -> str:
 
 
 def apart(arguments: dict[str, Any]) -> str:
-    """In words, how a bus is kept apart from that of another bench on this machine."""
+    """Return in words how a bus is kept separate from that of another bench on this machine."""
     group = ipaddress.ip_address(arguments["channel"])
     other = group + 1 if (group + 1).is_multicast else group - 1
     return (
@@ -79,7 +79,7 @@ def apart(arguments: dict[str, Any]) -> str:
 
 
 def check_route(group: str) -> None:
-    """Raises TransportError where no network leads to a group: python-can would tell it in no words."""
+    """Raise TransportError if there is no route to a group, which python-can would not explain."""
     is_ipv4 = ipaddress.ip_address(group).version == 4
     try:
         with socket.socket(
@@ -98,7 +98,7 @@ def check_route(group: str) -> None:
 
 
 class Receiver:
-    """Takes the messages of a bus. Raises TransportError where this python-can is not as it is known."""
+    """Receives the messages of a bus. Raises TransportError if python-can's internals are not as expected."""
 
     def __init__(self, bus: Any, arguments: dict[str, Any]) -> None:
         wire = getattr(getattr(bus, "_multicast", None), "_socket", None)
@@ -111,7 +111,7 @@ class Receiver:
         _hear_one_group(wire)
 
     def recv(self, timeout: float) -> can.Message | None:
-        """The next message; None: nothing came. Raises RefusedError, NotAFrameError, and what the system does."""
+        """Return the next message; None if nothing arrived. Raises RefusedError, NotAFrameError, system errors."""
         result = self._bus._multicast.recv(timeout)
         if result is None:
             return None
@@ -136,24 +136,26 @@ class Receiver:
 
 
 def unpacked(data: bytes, timestamp: float) -> can.Message:
-    """The message of a datagram, of which nothing is believed. Raises NotAFrameError."""
+    """Return the message of a datagram, none of which is trusted. Raises NotAFrameError."""
     import msgpack
 
     try:
         fields = msgpack.unpackb(data, raw=False)
-        # A number as data would be that many bytes of memory.
+        # For a number as data python-can would allocate that many bytes.
         if not isinstance(fields, dict) or not isinstance(fields.get("data"), bytes | None):
             raise NotAFrameError("no map with data")
         return _can.Message(check=True, **{**fields, "timestamp": timestamp})
-    except Exception as error:  # whatever it says, it is the sender's fault
+    except Exception as error:  # whatever it is, the sender has caused it
         raise NotAFrameError(f"{type(error).__name__}: {error}") from error
 
 
 def _is_of_this_machine(
     sender: tuple[Any, ...], group: ipaddress.IPv4Address | ipaddress.IPv6Address
 ) -> bool:
-    """Asked of the kernel, which reaches an address of its own from that very address; it lets no packet in from
-    outside that pretends to have one.
+    """Whether a sender's address is one of this machine, by asking the kernel.
+
+    The kernel reaches an address of its own from that very address, and accepts no packet from outside that
+    pretends to have one.
     """
     address = ipaddress.ip_address(sender[0])
     if address.is_loopback:
@@ -170,8 +172,10 @@ def _is_of_this_machine(
 
 
 def _hear_one_group(wire: socket.socket) -> None:
-    """Linux hands a socket what is sent to any group that anybody on this machine has joined: two benches on one
-    machine would hear each other.
+    """Restrict a socket to the group that it has joined.
+
+    Linux passes to a socket what is sent to any group that any process on this machine has joined: two benches on
+    one machine would hear each other.
     """
     with contextlib.suppress(OSError):  # another system, which has no such option
         if wire.family == socket.AF_INET6:
@@ -181,10 +185,10 @@ def _hear_one_group(wire: socket.socket) -> None:
 
 
 class Echoes:
-    """Tells a node's own frames, which some buses give back to it, from those of others.
+    """Tells a node's own frames, which some buses return to it, from those of others.
 
-    They come back in the order they were sent; what was sent before one that came back was lost. One thread may
-    send while another receives.
+    They return in the order in which they were sent; those sent before one that has returned are lost. One thread
+    may send while another receives.
     """
 
     def __init__(self) -> None:
@@ -192,7 +196,7 @@ class Echoes:
         self._lock = threading.Lock()
 
     def sending(self, identifier: int, data: bytes) -> None:
-        """Expect this frame to come back; to be told before it is sent."""
+        """Expect this frame to return; to be called before it is sent."""
         with self._lock:
             self._pending.append((identifier, data))
 

@@ -1,4 +1,4 @@
-"""Any transport as a line for the real-time loop: two threads carry its frames to and from a pair of sockets."""
+"""Make a line for the real-time loop of any transport: two threads carry its frames to and from a socket pair."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ from liftgate_hil.transport.base import SO_TIMESTAMPNS, LinkCounts, Transport, d
 # struct canfd_frame (linux/can.h), and the time of arrival [ns] on the monotonic clock.
 _ROW = struct.Struct("<IBBBB64sq")
 _HEAD = struct.Struct("<IBB")
-# struct timespec, by which the kernel tells when the loop has handed a datagram over (CLOCK_REALTIME).
+# struct timespec: the kernel's timestamp of when the loop has sent a datagram (CLOCK_REALTIME).
 _STAMP = struct.Struct("<qq")
 _FDF = 0x04  # CANFD_FDF
 _BUFFER = 1 << 20  # bytes; some thousand frames
-_LEAVE_S = 3.0  # that closing waits for a driver
-_DRAIN_S = 2.0  # that draining may take
+_LEAVE_S = 3.0  # s that closing waits for a driver
+_DRAIN_S = 2.0  # s that draining may take
 _TOLD = socket.CMSG_SPACE(_STAMP.size)
-_MOST_NS = 60_000_000_000  # that a frame can wait here
-_LOOK_S = 0.01  # at most, until a thread that waits for frames sees that it is to end
+_MOST_NS = 60_000_000_000  # longest time that a frame can wait here
+_LOOK_S = 0.01  # s until a thread that waits for frames sees, at the latest, that it shall end
 
 
 class Pump:
-    """A transport behind a socket pair, see Line. Until `drain` is called for the first time, and while that goes
-    on, what comes is dropped, so that nothing queues up while a loop is compiled.
+    """A Line that carries the frames of a transport over a socket pair.
+
+    Until `drain` is called for the first time, and while it runs, arriving frames are dropped, so that nothing
+    queues up while a loop is compiled.
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -42,19 +44,21 @@ class Pump:
         for end in (self._ours, theirs):
             with contextlib.suppress(OSError):  # as much as the kernel allows
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
-        # Where the kernel does not, nobody knows how long what the loop sends waits here.
+        # Without the kernel's timestamps it is unknown how long frames of the loop wait here.
         with contextlib.suppress(OSError):
             self._ours.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._theirs = theirs
         self.descriptor = theirs.fileno()
         self._stopping = False
-        self._is_open = False  # whether frames are handed on
+        self._is_open = False  # whether frames are passed on
         self._wanted, self._drained = threading.Event(), threading.Event()
         self._before_start = 0
         self._was_up = True
-        self._failure: BaseException | None = None  # that ended a thread
-        self._control: Any = None  # of the loop, which is told how late its frames are
-        self._sent_ns = 0  # when the driver had taken the last one, on the monotonic clock
+        self._failure: BaseException | None = None  # exception that ended a thread
+        self._control: Any = (
+            None  # row of the loop's CONTROL, into which the delay of its frames is written
+        )
+        self._sent_ns = 0  # when the driver had accepted the last frame, on the monotonic clock
         self._threads = [
             threading.Thread(target=self._guarded, args=(way,), name=name, daemon=True)
             for name, way in (
@@ -69,7 +73,7 @@ class Pump:
         ]
 
     def watch(self, control: Any) -> str | None:
-        """See Line."""
+        """Return "is lost" or "is back" on a change, else None; raise TransportError if a thread has ended."""
         self._control = control
         if self._failure is not None:
             raise TransportError(
@@ -82,7 +86,7 @@ class Pump:
         return "is back" if is_up else "is lost"
 
     def drain(self) -> None:
-        """Drop all that has come so far, and count it as `before_start`."""
+        """Drop all frames that have arrived so far, and count them as `before_start`."""
         self._is_open = False
         self._drained.clear()
         self._wanted.set()
@@ -94,13 +98,13 @@ class Pump:
                 self._before_start += 1
 
     def counts(self) -> LinkCounts:
-        """See Line."""
+        """Return the counts of the transport, with the frames that were dropped here in `before_start`."""
         counts = self._transport.counts()
         return counts._replace(before_start=counts.before_start + self._before_start)
 
     def close(self) -> None:
-        """See Line."""
-        self._theirs.shutdown(socket.SHUT_WR)  # what is still in it is read before the end is seen
+        """Send what is left, end the threads and close the transport."""
+        self._theirs.shutdown(socket.SHUT_WR)  # frames still in it are read before its end
         self._threads[1].join(_LEAVE_S)
         self._stopping = True
         self._theirs.shutdown(socket.SHUT_RD)  # nobody reads any more: writing must not wait
@@ -110,12 +114,13 @@ class Pump:
         self._transport.close()
 
     def _next(self) -> bytes:
-        """What the loop sends next; nothing at the end. Tells the loop how long that has waited for this thread;
-        what the driver took for the frames before is not this bench's.
+        """Return the next datagram of the loop, empty at the end, and report to the loop how long it has waited.
+
+        The wait is that for this thread, without the time that the driver took for the frames before.
         """
         try:
             datagram, told, _, _ = self._ours.recvmsg(_ROW.size, _TOLD)
-        except OSError:  # closed while the driver held this thread up
+        except OSError:  # closed while the driver blocked this thread
             return b""
         control = self._control
         for level, kind, stamp in told if control is not None else ():
@@ -128,7 +133,7 @@ class Pump:
         return datagram
 
     def _guarded(self, way: Callable[[], None]) -> None:
-        """Carry frames one way; what ends that is told by `watch`, since a run without frames is none."""
+        """Carry frames one way; `watch` reports an exception that ends it: a run without frames is no run."""
         try:
             way()
         except BaseException as error:

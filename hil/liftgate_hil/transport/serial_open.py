@@ -1,6 +1,6 @@
-"""Opening serial ports: which one a flag means, and getting one back that was lost.
+"""Open serial ports: find the one that a flag names, and reopen one that was lost.
 
-Knows pyserial's ports well enough to open any of them so that nothing later waits for the other end.
+Any kind of pyserial's ports is opened so that no later call waits for the other end.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from urllib.parse import urlsplit
 from liftgate_hil.errors import ConfigError
 
 BAUDRATE = 921_600
-_MIN_BAUDRATE, _MAX_BAUDRATE = 1200, 20_000_000  # slower than that no gate can be commanded
+_MIN_BAUDRATE, _MAX_BAUDRATE = 1200, 20_000_000  # below that a gate cannot be commanded
 _REOPEN_S = 0.1
-_LEAVE_S = 1.0  # to wait for the thread when closing
+_LEAVE_S = 1.0  # s that closing waits for the thread
 ALLOWED = (
     "allowed: a device or URL of pyserial and, after an @, its rate in baud, e.g. /dev/ttyUSB0@921600, "
     "socket://192.168.0.7:7000, rfc2217://192.168.0.7:2217@115200"
@@ -30,7 +30,7 @@ ALLOWED = (
 
 
 def parse_serial(text: str) -> tuple[str, int]:
-    """Port or URL and baud rate of PORT[@BAUD]; an @ that no number follows belongs to the port's name.
+    """Return port or URL and baud rate of PORT[@BAUD]; an @ without a number after it belongs to the port's name.
 
     Raises ConfigError.
     """
@@ -45,7 +45,7 @@ def parse_serial(text: str) -> tuple[str, int]:
             f"`serial` {text}: rate {rate}; allowed: {_MIN_BAUDRATE} to {_MAX_BAUDRATE} baud (default: {BAUDRATE})"
         )
     scheme, separator, rest = port.partition("://")
-    if scheme.lower() == "loop" and "@" in rest:  # pyserial would not look at it
+    if scheme.lower() == "loop" and "@" in rest:  # pyserial would ignore it
         raise ConfigError(f"`serial` {text}: rate {rest[1:]!r}; allowed: a whole number of baud")
     if separator and scheme.lower() in ("socket", "rfc2217"):
         try:
@@ -61,7 +61,7 @@ def parse_serial(text: str) -> tuple[str, int]:
 
 
 def check_device(name: str) -> None:
-    """Raises ConfigError for a path that is no device, and OSError for one that is not there."""
+    """Raise ConfigError if a path is no device, and OSError if it does not exist."""
     if "://" in name or os.name != "posix":
         return
     try:
@@ -77,19 +77,21 @@ def check_device(name: str) -> None:
 
 
 def open_port(url: str, baudrate: int) -> Any:
-    """An open port whose reads and writes take what there is, or has room. Raises whatever the driver does."""
+    """Return an open port that reads what is there and writes what has room. Raises whatever the driver raises."""
     import serial
 
     port = serial.serial_for_url(url, baudrate, do_not_open=True, timeout=0, exclusive=True)
     if is_selectable(port):
-        port.write_timeout = 0  # the others know no such thing, or take it for too short
+        port.write_timeout = (
+            0  # the others do not support it, or take 0 for a timeout that is too short
+        )
     try:
         port.open()
     except BaseException:
         close_port(port)
         raise
     if hasattr(port, "set_low_latency_mode"):
-        # A hint; drivers and pseudo-terminals without it refuse.
+        # Only a hint; drivers and pseudo-terminals that do not support it refuse.
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
             port.set_low_latency_mode(True)
     if is_selectable(port) and stat.S_ISSOCK(os.fstat(port.fileno()).st_mode):
@@ -99,7 +101,7 @@ def open_port(url: str, baudrate: int) -> Any:
 
 
 def close_port(port: Any) -> None:
-    """Close, whatever state it is in."""
+    """Close a port, whatever state it is in."""
     # pyserial leaves a socket that the other end has reset to the garbage collector.
     line = getattr(port, "_socket", None)
     with contextlib.suppress(Exception):
@@ -110,13 +112,13 @@ def close_port(port: Any) -> None:
 
 
 def is_selectable(port: Any) -> bool:
-    """Whether `select` tells when there is something to read: not where pyserial reads ahead in a thread."""
+    """Whether `select` reports when there is something to read; not if pyserial reads ahead in a thread."""
     return type(port).fileno is not io.RawIOBase.fileno
 
 
 def has_room(port: Any, size: int) -> bool:
-    """Whether a write will take something now. Raises OSError or ValueError where the port is gone."""
-    # pyserial's own non-blocking write spins until a full port has room again, and the others' writes wait.
+    """Whether the port has room to write now. Raises OSError or ValueError if the port is gone."""
+    # pyserial's own non-blocking write spins until a full port has room again, and writes of other ports wait.
     line = port if is_selectable(port) else getattr(port, "_socket", None)
     if line is not None:
         return bool(select.select([], [line], [], 0.0)[1])
@@ -125,7 +127,7 @@ def has_room(port: Any, size: int) -> bool:
 
 
 class Reopener:
-    """Closes a lost port and tries to open it until it is there again, in a thread of its own."""
+    """Closes a lost port and tries to open it until that succeeds, in a thread of its own."""
 
     def __init__(self, url: str, baudrate: int, lost: Any) -> None:
         self._url = url
@@ -138,7 +140,7 @@ class Reopener:
         self._thread.start()
 
     def take(self) -> Any:
-        """The port, once it is open; else None."""
+        """Return the port once it is open; else None."""
         with self._lock:
             port, self._port = self._port, None
         if port is not None:
@@ -146,7 +148,7 @@ class Reopener:
         return port
 
     def stop(self) -> None:
-        """Give up; an open that is under way ends later, and closes what it opened."""
+        """Give up; an attempt that is under way ends later, and closes what it opened."""
         with self._lock:
             self._stopped.set()
             port, self._port = self._port, None
@@ -160,7 +162,7 @@ class Reopener:
         while not self._stopped.wait(_REOPEN_S):
             try:
                 port = open_port(self._url, self._baudrate)
-            except Exception:  # it is not there yet, whatever the driver calls that
+            except Exception:  # it is not there yet, whatever the driver raises
                 continue
             with self._lock:
                 if not self._stopped.is_set():

@@ -1,9 +1,9 @@
-"""Frames over a serial line: every port that pyserial's serial_for_url takes.
+"""Frames over a serial line: any port that pyserial's serial_for_url accepts.
 
 One thread may send while another receives; nothing here waits for the other end. Reading takes what is there.
-Writing gives the port what it has room for; the frames beyond that are dropped whole, and the one that was cut
-is ended by the zero that the next write begins with. A port that vanishes is closed and opened again by a thread,
-because both can take seconds over a network.
+Writing passes to the port what it has room for; frames beyond that are dropped whole, and the one that was cut is
+ended by the zero that the next write begins with. A port that vanishes is closed and reopened by a thread, because
+both can take seconds over a network.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from liftgate_hil.transport.serial_open import (
 
 CAPACITY = 256
 _CHUNK = 4096  # bytes; as much as a Linux terminal holds
-_READ_LIMIT = 2 * _CHUNK  # bytes in one call, so that a flood cannot keep the loop
-_DROP_S = 0.2  # that dropping what an opened port has held back may take
-_POLL_S = 0.0005  # where a port cannot be waited for
+_READ_LIMIT = 2 * _CHUNK  # bytes in one call, so that a flood cannot hold up the loop
+_DROP_S = 0.2  # s that dropping what a reopened port has held back may take
+_POLL_S = 0.0005  # s between polls of a port that cannot be waited for
 _CLASSIC_BYTES = 8
 
 
 class SerialTransport:
-    """A serial line. Raises ConfigError for a URL that is none, TransportError where it cannot be opened."""
+    """A serial line. Raises ConfigError if the URL is invalid, TransportError if it cannot be opened."""
 
     def __init__(self, url: str, baudrate: int = BAUDRATE) -> None:
         self.name = url
@@ -50,7 +50,7 @@ class SerialTransport:
             self._port: Any = open_port(url, baudrate)
         except ConfigError:
             raise
-        except Exception as error:  # pyserial and its drivers raise what they like
+        except Exception as error:  # pyserial and its drivers may raise anything
             detail = words_of(error)
             if "(25, " in detail:  # ENOTTY
                 detail = "no serial device"
@@ -61,9 +61,9 @@ class SerialTransport:
         self._read_last = self._port
         self._arrived: deque[tuple[int, bytes]] = deque()
         self.came_ns = np.zeros(CAPACITY, dtype=np.int64)
-        self._emptied_ns = time.monotonic_ns()  # when all that had come was last read
+        self._emptied_ns = time.monotonic_ns()  # when all arrived frames were last read
         self._before_start = 0
-        self._between = False  # the line's last byte was a zero; not known at first
+        self._between = False  # whether the last byte written was a zero; not known at first
         self._send_failures = 0
         self._losses = 0
         self._reopener: Reopener | None = None
@@ -75,7 +75,7 @@ class SerialTransport:
         return self._port is not None
 
     def receive(self, timeout: float = 0.0) -> Frames:
-        """See Transport."""
+        """Return the frames that have arrived, up to CAPACITY; wait up to `timeout` [s] for the first."""
         deadline = time.monotonic() + timeout
         emptied_ns = self._emptied_ns
         self._read()
@@ -92,18 +92,18 @@ class SerialTransport:
         self.came_ns[:count] = now - age_of(None, now - emptied_ns)
         for row in range(count):
             identifier, payload = self._arrived.popleft()
-            # The line has no flag for it, but only CAN FD has so many bytes.
+            # The line has no flag for CAN FD, but only CAN FD frames have so many bytes.
             frames.identifiers[row] = identifier | (FD if len(payload) > _CLASSIC_BYTES else 0)
             frames.lengths[row] = len(payload)
             frames.data[row, : len(payload)] = np.frombuffer(payload, dtype=np.uint8)
         return frames._replace(count=count)
 
     def send(self, frames: Frames) -> None:
-        """See Transport."""
+        """Send the frames that the port has room for; count the others as failures."""
         coded = []
         for row in range(frames.count):
             identifier, length = int(frames.identifiers[row]) & ~FD, int(frames.lengths[row])
-            # Neither 29-bit identifiers nor remote and error frames exist here.
+            # A serial line has neither 29-bit identifiers nor remote and error frames.
             if identifier > MAX_IDENTIFIER or length > MAX_PAYLOAD:
                 self._send_failures += 1
             else:
@@ -115,7 +115,7 @@ class SerialTransport:
         end = lead
         for number, frame in enumerate(coded):
             end += len(frame)
-            # A frame that lacks nothing but its zero gets that with the next write.
+            # A frame that lacks only its zero gets that with the next write.
             if written < end - 1:
                 self._send_failures += len(coded) - number
                 break
@@ -123,7 +123,7 @@ class SerialTransport:
             self._between = written == end
 
     def counts(self) -> LinkCounts:
-        """See Transport."""
+        """Return the counts of errors so far."""
         bad = self._decoder.counts
         return LinkCounts(
             send_failures=self._send_failures,
@@ -137,7 +137,7 @@ class SerialTransport:
         )
 
     def close(self) -> None:
-        """See Transport."""
+        """Close the port, and stop reopening it."""
         if self._reopener is not None:
             self._reopener.stop()
             self._reopener = None
@@ -146,9 +146,9 @@ class SerialTransport:
             self._port = None
 
     def _read(self) -> None:
-        """Take what is there."""
+        """Read and decode what is there."""
         port = self._open_port()
-        if port is not self._read_last:  # what was cut off before does not go on
+        if port is not self._read_last:  # the rest of a frame that was cut off will not arrive
             self._read_last = port
             self._decoder.reset()
             if port is not None:
@@ -157,7 +157,7 @@ class SerialTransport:
         while port is not None and taken < _READ_LIMIT and len(self._arrived) < CAPACITY:
             try:
                 data = port.read(_CHUNK)
-            except Exception:  # of a device that has gone drivers raise what they like
+            except Exception:  # drivers may raise anything if a device is gone
                 self._lose(port)
                 return
             if not data:
@@ -167,21 +167,21 @@ class SerialTransport:
             self._arrived.extend(self._decoder.feed(data))
 
     def _drop_what_waits(self, port: Any) -> None:
-        """Drop and count the frames that a port held back which was just opened again."""
+        """Drop and count the frames that a port had held back when it was reopened."""
         until = time.monotonic() + _DROP_S
         self._before_start += len(self._arrived)
         self._arrived.clear()
         while time.monotonic() < until:
             try:
                 data = port.read(_CHUNK)
-            except Exception:  # the next read tells
+            except Exception:  # the next read reports it
                 return
             if not data:
                 return
             self._before_start += len(self._decoder.feed(data))
 
     def _write(self, data: bytes) -> int:
-        """Give the port what it has room for; how many bytes that were."""
+        """Write what the port has room for; return how many bytes that were."""
         port = self._open_port()
         if port is None:
             return 0
@@ -194,7 +194,7 @@ class SerialTransport:
             return 0
 
     def _wait(self, timeout: float) -> None:
-        """Wait until there is something to read, or a little."""
+        """Wait until there is something to read; just briefly if the port cannot be waited for."""
         port = self._port
         if port is None or not is_selectable(port):
             time.sleep(min(timeout, _POLL_S))
@@ -205,7 +205,7 @@ class SerialTransport:
             self._lose(port)
 
     def _lose(self, port: Any) -> None:
-        """Begin to open it again; only one of the threads that see it fail does."""
+        """Start to reopen a lost port; only one of the threads that see it fail does so."""
         with self._lock:
             if self._port is not port:
                 return
@@ -215,7 +215,7 @@ class SerialTransport:
             self._reopener = Reopener(self.name, self._baudrate, port)
 
     def _open_port(self) -> Any:
-        """The port, perhaps a new one; None while it is not there."""
+        """Return the port, perhaps a reopened one; None while it is lost."""
         with self._lock:
             if self._reopener is not None:
                 self._port = self._reopener.take()

@@ -1,8 +1,8 @@
 """SocketCAN: a raw socket for the real-time loop, which outlives its interface.
 
 A raw socket whose interface was taken down works again once that is up; one whose interface was deleted never
-does. So the kernel is listened to (rtnetlink), and a new socket is put under the old descriptor when there is a
-new interface.
+does. So the kernel's link events (rtnetlink) are followed, and a new socket is put under the old descriptor when
+there is a new interface.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from liftgate_hil.transport.base import DRAIN_S, SO_TIMESTAMPNS, LinkCounts
 _SIOCGIFFLAGS, _SIOCGIFMTU = 0x8913, 0x8921  # linux/sockios.h
 _IFF_UP, _IFF_RUNNING = 0x1, 0x40
 _CANFD_MTU = 72
-_LONGEST = 72  # bytes of a frame
+_LONGEST = 72  # bytes of the longest frame
 # linux/rtnetlink.h
 _NETLINK_ROUTE, _RTMGRP_LINK = 0, 1
 _NEWLINK, _DELLINK, _IFLA_IFNAME = 16, 17, 3
@@ -40,7 +40,7 @@ BRIEFLY = "was lost for a moment and is back"
 
 
 def interface_state(name: str) -> str:
-    """ABSENT, DOWN, STOPPED or UP."""
+    """Return the state of an interface: ABSENT, DOWN, STOPPED or UP."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             flags = _ask(probe, _SIOCGIFFLAGS, name)
@@ -50,7 +50,7 @@ def interface_state(name: str) -> str:
 
 
 def state_of(flags: int) -> str:
-    """What the flags of an interface mean."""
+    """Return the state that the flags of an interface mean: DOWN, STOPPED or UP."""
     if not flags & _IFF_UP:
         return DOWN
     return UP if flags & _IFF_RUNNING else STOPPED
@@ -62,7 +62,7 @@ def _ask(probe: socket.socket, request: int, name: str) -> int:
 
 
 def open_socket(name: str, is_fd: bool) -> socket.socket:
-    """A raw CAN socket on an interface. Raises OSError."""
+    """Return a raw CAN socket on an interface. Raises OSError."""
     raw = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     try:
         if is_fd:
@@ -79,7 +79,9 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
         except OSError:  # not permitted; as much as the kernel allows
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         raw.bind((name,))
-        raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # "is down" is known: not felt again
+        raw.getsockopt(
+            socket.SOL_SOCKET, socket.SO_ERROR
+        )  # clears the error "is down", which is known already
     except OSError:
         raw.close()
         raise
@@ -87,8 +89,9 @@ def open_socket(name: str, is_fd: bool) -> socket.socket:
 
 
 class LinkEvents:
-    """What happened to an interface, in order, as the kernel tells it (rtnetlink(7)): also what was over before
-    anybody looked.
+    """The changes of state of an interface, in order, as the kernel reports them (rtnetlink(7)).
+
+    They include states that had ended before they were read.
     """
 
     def __init__(self, name: str) -> None:
@@ -98,7 +101,7 @@ class LinkEvents:
         self._socket.setblocking(False)
 
     def take(self) -> list[str]:
-        """The states since the last call."""
+        """Return the states since the last call."""
         states: list[str] = []
         try:
             while data := self._socket.recv(1 << 16):
@@ -110,7 +113,7 @@ class LinkEvents:
         return states
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._socket.close()
 
     def _states_in(self, data: bytes) -> list[str]:
@@ -136,7 +139,7 @@ class LinkEvents:
 
 
 class SocketCan:
-    """See Line. Raises TransportError where the interface cannot be opened."""
+    """A Line over a SocketCAN interface. Raises TransportError if the interface cannot be opened."""
 
     def __init__(self, name: str, is_fd: bool = False) -> None:
         self.name = name
@@ -161,18 +164,18 @@ class SocketCan:
         self.descriptor = self._socket.fileno()
 
     def drain(self) -> None:
-        """Drop all that has come so far, and count it as `before_start`."""
+        """Drop all frames that have arrived so far, and count them as `before_start`."""
         until = time.monotonic() + DRAIN_S
         while time.monotonic() < until:
             try:
                 self._before_start += bool(self._socket.recv(_LONGEST, socket.MSG_DONTWAIT))
             except BlockingIOError:
                 return
-            except OSError:  # of the interface, once for each time that it went down
+            except OSError:  # reported once for each time that the interface went down
                 continue
 
     def watch(self, control: Any) -> str | None:
-        """See Line."""
+        """Return a change of the interface's state or a short loss, else None; renew the socket if needed."""
         before, losses = self._state, self._losses
         for state in self._events.take():
             self._enter(state)
@@ -193,18 +196,21 @@ class SocketCan:
         return self._state
 
     def counts(self) -> LinkCounts:
-        """See Line."""
+        """Return the counts of losses, bus-offs and frames before the start."""
         return LinkCounts(
             losses=self._losses, bus_offs=self._bus_offs, before_start=self._before_start
         )
 
     def close(self) -> None:
-        """See Line."""
+        """Close the socket, and stop listening to link events."""
         self._events.close()
         self._socket.close()
 
     def _enter(self, state: str) -> None:
-        """A state of the interface. A controller that is off the bus may lose its carrier, too, or still be up."""
+        """Enter a state of the interface.
+
+        A controller that is bus-off stays so here, whether it loses its carrier, too, or is still up.
+        """
         if self._state == BUS_OFF and state in (UP, STOPPED):
             return
         if self._state == UP and state != UP:
@@ -212,8 +218,8 @@ class SocketCan:
         self._state = state
 
     def _renew(self) -> None:
-        """Put a new socket under the descriptor, if the interface is another one than the socket's."""
-        with contextlib.suppress(OSError):  # gone again: the next look will tell
+        """Put a new socket under the descriptor if the interface is another one than the socket's."""
+        with contextlib.suppress(OSError):  # gone again: the next call will report it
             index = socket.if_nametoindex(self.name)
             if index != self._index:
                 with open_socket(self.name, self._is_fd) as new:

@@ -1,17 +1,18 @@
-"""The one place that knows the compiler (numba).
+"""The only place that depends on the compiler (numba).
 
-A function marked `compilable` stays a plain Python function: called from Python it runs as such, so that
-it can be debugged, covered and tested without a compiler. An entry point handed to `compiled` becomes
-machine code that holds no interpreter lock, together with all compilable functions it calls.
+A function marked `compilable` stays a plain Python function: called from Python it runs as such, so that it can be
+debugged, covered and tested without a compiler. An entry point passed to `compiled` becomes machine code that
+holds no interpreter lock, together with all compilable functions it calls.
 
     sources     what an entry point is made from, and a hash over it        ┐
-    building    from the disk, or compiled and kept there                   ├ without numba
+    obtaining   machine code from the disk, or compiled and stored there    │
+    building    keys and files of machine code, compilation in this process ├ without numba
     storage, child, kinds, packing, loading                                 ┘
-    making, linking, extensions, hastening     numba, in a process of its own
+    making, linking, extensions, compile_patches     numba, in a process of its own
 
 `LIFTGATE_COMPILE=0` in the environment switches the compiler off: `compiled` then returns its argument.
 
-A `System` is a function of the C library that both can call.
+A `System` is a function of the C library that both plain Python and compiled code can call.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from liftgate_plant.compiler import building, packing, storage
+from liftgate_plant.compiler import building, obtaining, packing, storage
 from liftgate_plant.compiler.calls import (
     INT_OF_LONG_INT,
     INT_OF_STEP,
@@ -57,15 +58,16 @@ def compilable(function: F) -> F:
 
 
 def outlined(function: F) -> F:
-    """The same for one of few arguments where a call costs less than another copy of its code: machine code calls
-    it, where it has others inlined at each place.
+    """Mark a compilable function that machine code calls instead of inlining it at each call.
+
+    This suits a function of few arguments, where a call costs less than another copy of its code.
     """
     building.outlined_functions.add(function)
     return compilable(function)
 
 
 def compiled(function: F) -> F:
-    """The machine code of `function`, compiled at its first call (or read from the disk)."""
+    """Return the machine code of `function`, compiled at its first call (or read from the disk)."""
     if not enabled():
         return function
     return _entry(function)  # type: ignore[return-value]
@@ -80,28 +82,28 @@ def is_cached(function: Callable[..., Any]) -> bool:
         storage.check_ours(folder.parent)
         storage.check_ours(folder)
         return any(folder.glob("*" + storage.SUFFIX))
-    except OSError:  # a folder that this user may not look into
+    except OSError:  # a folder that this user may not access
         return False
 
 
 def processor() -> tuple[str, str]:
-    """The processor's name and features, for which machine code is made."""
+    """Return the processor's name and features, for which machine code is made."""
     return building.processor()
 
 
 def enabled() -> bool:
-    """Whether `compiled` compiles."""
+    """Whether the environment leaves the compiler on."""
     said = os.environ.get("LIFTGATE_COMPILE", "1"), os.environ.get("NUMBA_DISABLE_JIT", "0")
     return said[0] != "0" and said[1] in ("", "0")
 
 
 def cache_folder(function: Callable[..., Any] | None = None) -> Path:
-    """Where machine code is kept, all of it or that of an entry point as its sources are now."""
+    """Return the folder of all machine code, or that of an entry point as its sources are now."""
     return storage.root() if function is None else building.folder_of(function)
 
 
 class Entry:
-    """An entry point in machine code; arguments of other kinds have code of their own."""
+    """Entry point in machine code; each combination of argument kinds has code of its own."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
@@ -111,11 +113,14 @@ class Entry:
 
     @property
     def kinds(self) -> list[tuple[Kind, ...]]:
-        """Those of the arguments that there is machine code for."""
+        """Kinds of the arguments for which there is machine code."""
         return list(self._all)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Raises TypeError for arguments that machine code cannot be given, and what numba raises."""
+        """Call the machine code for these arguments, after obtaining it if necessary.
+
+        Raises TypeError for arguments that machine code does not accept, and what numba raises.
+        """
         code = self._last  # other threads may set it meanwhile
         if code is not None:
             fits, result = code.call(arguments)
@@ -123,7 +128,7 @@ class Entry:
                 return result
         kinds = tuple(kind_of(each) for each in arguments)
         if kinds not in self._all:
-            self._all[kinds] = building.machine_code_of(self._function, kinds)
+            self._all[kinds] = obtaining.machine_code_of(self._function, kinds)
         self._last = code = self._all[kinds]
         fits, result = code.call(arguments)
         if not fits:

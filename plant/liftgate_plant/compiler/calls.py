@@ -1,4 +1,4 @@
-"""Functions of C that compilable code may call: those of the C library by name, others by their address."""
+"""C functions that compilable code may call: those of the C library by name, others by their address."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class System:
         return function  # type: ignore[no-any-return]
 
     def __call__(self, *arguments: int) -> int:
-        """Call it from plain Python."""
+        """Call the function from plain Python."""
         return self._plain(*(int(argument) for argument in arguments))
 
     def __repr__(self) -> str:
@@ -53,5 +53,5 @@ def call_step(address: int, a: int, b: int, c: int, d: int, e: int, f: int) -> i
 
 
 def last_error() -> int:
-    """The error number (errno) of this thread's last System call that failed."""
+    """Return the error number (errno) of this thread's last System call that failed."""
     return ctypes.get_errno()

@@ -1,4 +1,4 @@
-"""Compiling in a process of its own, which can be stopped at any moment: machine code comes back from it.
+"""Compilation in a process of its own, which can be stopped at any moment and returns machine code.
 
 python -P -c ... PATH        the import path as JSON; a pickled Request is on stdin, a pickled Stored on stdout
 """
@@ -27,20 +27,22 @@ _START = (
 
 
 class Request(NamedTuple):
-    """What to compile."""
+    """Request to compile an entry point for certain kinds of arguments."""
 
     function: Callable[..., Any]
     kinds: tuple[Kind, ...]
-    key: str  # as the caller has it: what it was loaded from may differ from what is in the files now
+    key: str  # of the caller: its code may have been loaded from files that have changed since
 
 
 class CompileError(RuntimeError):
-    """The compiler's process did not come to its end."""
+    """Raised when the compiler's process was ended before it had finished."""
 
 
 def compile_apart(request: Request, look: Callable[[], None]) -> Any:
-    """What `building.make_here` gives; None where it can only be compiled in this process. `look` is called all
-    the time, and may raise.
+    """Return what `building.make_here` returns, made in a process of its own.
+
+    Returns None where it can only be compiled in this process. `look` is called every 0.1 s meanwhile, and may
+    raise.
 
     Raises CompileError where the process was ended from outside.
     """
@@ -52,7 +54,7 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # a Ctrl-C is for this process
+            start_new_session=True,  # so that a Ctrl-C reaches this process only
         )
     except (pickle.PicklingError, AttributeError, TypeError, OSError, ValueError):
         return None
@@ -75,11 +77,13 @@ def compile_apart(request: Request, look: Callable[[], None]) -> Any:
 
 
 def main() -> int:
-    """The process; exit code 1: not here."""
-    ctypes.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # nobody is left who waits
+    """Run the compiler's process; exit code 1: the caller has to compile it itself."""
+    ctypes.CDLL(None).prctl(
+        _PDEATHSIG, signal.SIGKILL, 0, 0, 0
+    )  # ends with its parent, as nobody waits then
     try:
         request: Request = pickle.load(sys.stdin.buffer)
-    except Exception:  # what cannot be imported here can still be compiled there
+    except Exception:  # what cannot be imported here, the caller can still compile
         return 1
     from liftgate_plant.compiler import building
 
@@ -88,8 +92,8 @@ def main() -> int:
     try:
         made = building.make_here(request.function, request.kinds)
         answer = pickle.dumps(made)
-    except Exception:  # told where it is asked for, by compiling it there
+    except Exception:  # the caller reports it when it compiles the function itself
         return 1
     sys.stdout.buffer.write(answer)
     sys.stdout.flush()
-    os._exit(0)  # taking everything down takes a while
+    os._exit(0)  # a regular exit would take a while

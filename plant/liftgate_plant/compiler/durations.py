@@ -1,4 +1,4 @@
-"""How long compilations took the last time on this machine, so that a wait can be told in advance."""
+"""Durations of the last compilations on this machine, so that a wait can be announced in advance."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pathlib import Path
 from liftgate_plant.compiler import storage
 
 _NAME = "durations.json"
-_LONGEST = 24 * 3600.0  # s; what is longer is no duration
+_LONGEST = 24 * 3600.0  # s; longer values are ignored as implausible
 
 
 def expected_s(name: str) -> float | None:
-    """How long an entry point took to compile the last time [s]; None: nobody knows."""
+    """Return how long an entry point took to compile the last time [s]; None: unknown."""
     value = _known().get(name)
     return value if value is not None and 0.0 < value < _LONGEST else None
 
 
 def note(name: str, seconds: float) -> None:
-    """Remember how long an entry point took to compile [s]; where that cannot be kept it is forgotten."""
+    """Store how long an entry point took to compile [s]; where that fails it is forgotten."""
     found = {**_known(), name: round(seconds, 1)}
     with contextlib.suppress(OSError):
         storage.check_ours(storage.root())

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls, allow-untyped-decorators
-"""What numba is told about this package's own functions and types; importing it tells it."""
+"""Extensions of numba for this package's own functions and types; importing the module registers them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _type_of_system(value: System, context: Any) -> Any:
 
 
 def _typed(function: Callable[..., Any], signature_of: Callable[..., Any]) -> None:
-    """Tell numba what gives the signature of one of our functions, from the types of its arguments."""
+    """Register `signature_of`, which returns the signature of one of our functions from its argument types."""
 
     def typing(context: Any) -> Any:
         return signature_of
@@ -145,7 +145,7 @@ def _choose_all(context: Any, builder: Any, signature: Any, arguments: Any) -> A
 
 @lower_builtin(all_finite, types.BaseTuple)
 def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    # x − x is 0, or NaN; added up as a tree, as in a chain each sum would wait for the one before.
+    # x − x is 0, or NaN for infinity and NaN; summed as a tree, as in a chain each sum would wait for the last.
     values = _values_of(builder, signature.args[0], arguments[0])
     parts = [builder.fsub(value, value) for value in values]
     while len(parts) > 1:
@@ -156,7 +156,7 @@ def _look_at_all(context: Any, builder: Any, signature: Any, arguments: Any) -> 
 
 @lower_builtin(put_text, types.Array, types.intp, types.Array, types.intp, types.intp)
 def _copy_words(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    # All of ROOM read before any is written, where both arrays have it: what is short costs two moves each way.
+    # Where both arrays have ROOM bytes, all are read before any is written: short text costs two moves each way.
     room = context.get_constant(types.intp, ROOM)
     places, is_near = [], builder.icmp_signed("<=", arguments[4], room)
     for kind, value, first in (

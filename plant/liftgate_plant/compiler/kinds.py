@@ -1,4 +1,4 @@
-"""What the arguments and the result of machine code are: numbers, arrays, tuples of them."""
+"""Kinds of the arguments and the result of machine code: numbers, arrays, tuples of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Number(NamedTuple):
 
 
 class Nothing(NamedTuple):
-    """None."""
+    """The value None."""
 
 
 class Array(NamedTuple):
@@ -28,7 +28,7 @@ class Array(NamedTuple):
 
 
 class Tuple(NamedTuple):
-    """A tuple; `type` is that of a NamedTuple."""
+    """A tuple; `type` is the class of a NamedTuple, None for a plain tuple."""
 
     type: type[Any] | None
     parts: tuple[Kind, ...]
@@ -38,7 +38,7 @@ Kind: TypeAlias = Number | Nothing | Array | Tuple
 
 
 def kind_of(value: Any) -> Kind:
-    """Of a value. Raises TypeError for what machine code cannot be given."""
+    """Return the kind of a value. Raises TypeError for values that machine code does not accept."""
     if isinstance(value, bool | np.bool_):
         return Number("b")
     if isinstance(value, int | np.integer):
@@ -60,9 +60,9 @@ def kind_of(value: Any) -> Kind:
 
 
 def text_of(kind: Kind) -> str:
-    """The same in every process."""
+    """Return a text for a kind, the same in every process."""
     if isinstance(kind, Tuple):
-        # The fields' names, too: of a type that no annotation names nothing else says their order.
+        # The fields' names are included: for a type that no annotation names, nothing else tells their order.
         names = getattr(kind.type, "_fields", ("",) * len(kind.parts))
         parts = (f"{name} {text_of(each)}" for name, each in zip(names, kind.parts, strict=True))
         return f"{_name_of(kind.type)}({','.join(parts)})"
@@ -76,14 +76,20 @@ def _name_of(named: type[Any] | None) -> str:
 
 
 def plain(kind: Kind) -> Any:
-    """A result's kind as JSON has it. Its arrays are the arguments', so that what they are is known."""
+    """Return a result's kind in a form for JSON.
+
+    Its arrays are those of the arguments, so that their kinds are known.
+    """
     if isinstance(kind, Tuple):
         return [_name_of(kind.type), [plain(each) for each in kind.parts]]
     return "a" if isinstance(kind, Array) else text_of(kind)
 
 
 def from_plain(said: Any) -> Kind:
-    """The reverse. Raises LookupError, ImportError, AttributeError where a type is not found."""
+    """Return the kind that `plain` has converted.
+
+    Raises LookupError, ImportError, AttributeError where a type is not found.
+    """
     if isinstance(said, list):
         module, _, name = said[0].partition(":")
         named = importlib.import_module(module) if module else None

@@ -1,9 +1,9 @@
 # mypy: allow-untyped-calls
-"""Helpers are linked into their entry points only; these are optimised and emitted once, with all that they call.
+"""Link helpers into their entry points only, which are optimised and emitted once, with all that they call.
 
 By itself numba optimises each function and emits its machine code, with all functions that it calls inlined into
-it again: for the entry points here most of the time of a compilation, and none of that code is ever run.
-This needs numba's inside; `is_possible` says whether that is as it was when this was written.
+it again: for the entry points here this is most of the time of a compilation, and none of that code is ever run.
+This depends on internals of numba; `is_possible` checks that they are as they were when this was written.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import PassManager
 
 _TRIED = (0, 63), (0, 68)
-# What is used here of numba's inside: what classes have, and what these methods take.
+# Internals of numba that are used here: attributes of its classes.
 _NEEDED: dict[type, tuple[str, ...]] = {
     codegen.JITCodeLibrary: (
         "_ensure_finalized", "_finalize_dynamic_globals", "_get_module_for_linking", "_optimize_functions",
@@ -35,12 +35,12 @@ _SET = {
     "_finalized",
     "_linking_libraries",
     "_reload_init",
-}  # by a library
-_OPTIONS = {"opt", "loop_vectorize", "slp_vectorize", "cost"}  # of the pass managers
+}  # attributes that a library sets
+_OPTIONS = {"opt", "loop_vectorize", "slp_vectorize", "cost"}  # options of the pass managers
 
 
 def is_possible() -> bool:
-    """Whether this version of numba is one of those that were tried, and has what is used here."""
+    """Whether this version of numba is one of those that were tested, and has the internals used here."""
     lowest, highest = _TRIED
     version = tuple(int(part) for part in numba.__version__.split(".")[:2])
     return (
@@ -53,7 +53,7 @@ def is_possible() -> bool:
 
 
 def _names_in(classes: Iterable[type]) -> set[str]:
-    """What the code of these classes calls attributes, and has as texts."""
+    """Return the names of attributes, and the texts, in the code of these classes."""
     codes = [
         each.__code__
         for owner in classes
@@ -70,8 +70,9 @@ def _parameters(function: Callable[..., Any]) -> frozenset[str]:
 
 class _Library(codegen.JITCodeLibrary):
     def _optimize_functions(self, ll_module: Any) -> None:
-        """As numba does, but with one pass manager for all functions of a module, and at -O1: the entry point is
-        optimised as a whole, at -O3.
+        """Optimise as numba does, but with one pass manager for all functions of a module, and at -O1.
+
+        The entry point is optimised as a whole, at -O3.
         """
         ll_module.data_layout = self._codegen._data_layout
         manager, builder = self._codegen._function_pass_manager(opt=1)
@@ -81,21 +82,21 @@ class _Library(codegen.JITCodeLibrary):
 
 
 class HelperLibrary(_Library):
-    """What a helper calls is not linked into it, and it has no machine code."""
+    """Library of a helper: what it calls is not linked into it, and it has no machine code."""
 
-    _whole: Any = None  # its module with all that it calls
-    is_outlined = False  # and not inlined
+    _whole: Any = None  # its module, linked with all that it calls
+    is_outlined = False  # whether it is called, not inlined
 
     @property
     def codegen(self) -> Any:
-        """The code generator, but for addresses."""
+        """The code generator, without addresses."""
         return _WithoutAddresses(self._codegen)
 
     def finalize(self) -> None:
-        """Make it ready for the linker only."""
+        """Prepare the library for the linker only."""
         self._raise_if_finalized()
         for function in self._final_module.functions:
-            # So that the linker takes it where it is called, inlines it and drops it.
+            # So that the linker takes it where it is called, and it can be inlined and dropped.
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
                 if self.is_outlined:
@@ -106,7 +107,7 @@ class HelperLibrary(_Library):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """For others than entry points: with all that it calls."""
+        """Return the module with all that it calls, for libraries other than entry points."""
         self._ensure_finalized()
         if self._whole is None:
             self._whole = self._final_module.clone()
@@ -114,18 +115,18 @@ class HelperLibrary(_Library):
         return self._whole
 
 
-# Numba's two runs over a module, without its vectorisers: a step's sums are no faster for them, while
-# looking for vectors takes a twentieth of a compilation.
+# Numba's two optimisation runs over a module, without its vectorisers: they make a step's sums no faster, while
+# the search for vectors takes a twentieth of a compilation.
 _NO_VECTORS = {"loop_vectorize": False, "slp_vectorize": False}
 _INLINED: dict[str, Any] = {**_NO_VECTORS, "opt": 0, "cost": "cheap"}
 _OPTIMISED: dict[str, Any] = _NO_VECTORS
 
 
 class ExportLibrary(_Library):
-    """The function that is called from outside, with all helpers below it."""
+    """Library of the function that is called from outside, with all helpers below it."""
 
     def emitted(self) -> bytes:
-        """Linked, optimised, as an object file."""
+        """Link and optimise the library, and return its object file."""
         self._raise_if_finalized()
         _link(self, self._final_module)
         for function in self._final_module.functions:
@@ -139,11 +140,11 @@ class ExportLibrary(_Library):
         return bytes(self._codegen._tm.emit_object(self._final_module))
 
     def has_addresses(self) -> bool:
-        """Whether addresses in this process are in it, such as that of a large constant array."""
+        """Whether it contains addresses of this process, such as that of a large constant array."""
         return any(each.has_dynamic_globals for each in _below(self))
 
     def asked_for(self) -> list[str]:
-        """The functions that others are to have."""
+        """Return the names of the functions that others shall provide."""
         return [
             function.name
             for function in self._final_module.functions
@@ -152,7 +153,7 @@ class ExportLibrary(_Library):
 
 
 class _WithoutAddresses:
-    """The code generator for a library in which nothing has an address."""
+    """Code generator for a library in which nothing has an address."""
 
     def __init__(self, whole: Any) -> None:
         self._whole = whole
@@ -161,11 +162,11 @@ class _WithoutAddresses:
         return getattr(self._whole, name)
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Nothing has an address yet, see HelperLibrary."""
+        """Do nothing, as nothing has an address yet (see HelperLibrary)."""
 
 
 def _link(library: Any, module: Any) -> None:
-    """Link all below `library` into `module`, each once."""
+    """Link all libraries below `library` into `module`, each once."""
     for each in _below(library):
         is_helper = isinstance(each, HelperLibrary)
         # preserve: another entry point may want it too
@@ -175,8 +176,9 @@ def _link(library: Any, module: Any) -> None:
 
 
 def _below(library: Any) -> list[Any]:
-    """The libraries that it calls, directly or not; each after all that call it: the linker drops what nothing
-    has called so far.
+    """Return the libraries that `library` calls, directly or not, each after all that call it.
+
+    The linker drops what nothing has called so far.
     """
     seen: set[Any] = set()
     order: list[Any] = []
@@ -194,8 +196,10 @@ def _below(library: Any) -> list[Any]:
 
 
 class _Passes(PassManager):
-    """Runs each pass and no more. Numba's own analyses the function again after each, and describes the pass to
-    listeners, for a fifth of a compilation; the passes below analyse it where they need that.
+    """Pass manager that runs each pass and does nothing else.
+
+    Numba's own analyses the function again after each, and describes the pass to listeners, for a fifth of a
+    compilation; the passes below analyse it where they need that.
     """
 
     def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
@@ -204,8 +208,8 @@ class _Passes(PassManager):
             run(internal_state)
 
 
-# Without deletions (IRLegalization): nothing counts references, and to delete is to fill with zeros what nobody
-# reads. Without a copy to show to people (AnnotateTypes).
+# Without deletions (IRLegalization): nothing counts references, and a deletion only fills with zeros what nobody
+# reads. Without the annotated copy for people (AnnotateTypes).
 _PASSES: tuple[Any, ...] = (
     untyped_passes.TranslateByteCode,
     untyped_passes.FixupArgs,
@@ -222,12 +226,15 @@ _PASSES: tuple[Any, ...] = (
 
 
 class HelperCompiler(Compiler):
-    """Compiles what an entry point calls. No closures, no parallel loops, no array expressions: there are none."""
+    """Compiler of what an entry point calls.
+
+    It supports no closures, parallel loops or array expressions, as there are none.
+    """
 
     is_outlined = False
 
     def define_pipelines(self) -> list[Any]:
-        """See CompilerBase."""
+        """Return the one pipeline with the passes above."""
         manager = _Passes("liftgate")
         for each in _PASSES:
             manager.add_pass(each, each.__name__)
@@ -235,20 +242,22 @@ class HelperCompiler(Compiler):
         return [manager]
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile it, into a library that is linked only."""
+        """Compile a function into a library that is linked only."""
         self.state.library = HelperLibrary(self.state.targetctx.codegen(), func.__qualname__)
         self.state.library.is_outlined = self.is_outlined
         return super().compile_extra(func)
 
 
 class OutliningCompiler(HelperCompiler):
-    """Compiles what an entry point calls and does not inline."""
+    """Compiler of what an entry point calls and does not inline."""
 
     is_outlined = True
 
     def define_pipelines(self) -> list[Any]:
-        """Not inlined itself. Numba compiles a helper once for each set of its callers' flags: those that stand on
-        its stack at this point are the same for all, so that there is one.
+        """Return the pipeline for a function that is not inlined itself.
+
+        Numba compiles a helper once for each set of its callers' flags: those on its stack at this point are the
+        same for all, so that there is one.
         """
         self.state.flags.forceinline = False
         return super().define_pipelines()

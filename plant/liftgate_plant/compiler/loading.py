@@ -1,5 +1,5 @@
 # mypy: allow-untyped-calls
-"""Machine code out of an object file into this process. Of LLVM only; the compiler itself is not needed."""
+"""Load machine code from an object file into this process. It needs LLVM only, not the compiler itself."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from liftgate_plant.compiler.kinds import Kind
 from liftgate_plant.compiler.packing import packer, unpacker
 
 SYMBOL = "liftgate_entry"
-FITS, UNFIT, STRANGE_ARRAY = 0, 10_001, 10_002  # what it returns, beside the compiler's own codes
+FITS, UNFIT, STRANGE_ARRAY = 0, 10_001, 10_002  # return codes, in addition to the compiler's own
 
 _LIBM = "libm.so.6"
 _PROTOTYPE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
 
 
 class MachineCode:
-    """An entry point for arguments of certain kinds."""
+    """Machine code of an entry point for arguments of certain kinds."""
 
     def __init__(self, name: str, code: bytes, arguments: Sequence[Kind], result: Kind) -> None:
         self._name = name
@@ -30,7 +30,10 @@ class MachineCode:
         self._room = ctypes.c_char * size
 
     def call(self, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
-        """(whether it is made for arguments of these kinds, the result). Raises RuntimeError."""
+        """Call the code; return whether it is made for arguments of these kinds, and the result.
+
+        Raises RuntimeError.
+        """
         packed = self._pack(arguments)
         if packed is None:
             return False, None
@@ -53,7 +56,7 @@ def _target() -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    llvm.load_library_permanently(_LIBM)  # LLVM ends the process where it does not find a function
+    llvm.load_library_permanently(_LIBM)  # LLVM ends the process if it does not find a function
     return llvm.Target.from_triple(llvm.get_process_triple())
 
 
@@ -68,6 +71,6 @@ def _engine_with(code: bytes) -> Any:
 
 
 def unresolved(names: Sequence[str]) -> list[str]:
-    """Those of these functions that neither this process nor the C library has."""
+    """Return those of these functions that neither this process nor the C library has."""
     libraries = [ctypes.CDLL(None), ctypes.CDLL(_LIBM)]
     return [name for name in names if not any(hasattr(library, name) for library in libraries)]

@@ -1,8 +1,8 @@
 # mypy: allow-untyped-calls
-"""Machine code of an entry point, by numba: its object file, and what its result is.
+"""Make machine code of an entry point with numba: its object file, and the kind of its result.
 
 The object file exports one function, `int liftgate_entry(const int64_t *arguments, int64_t *result)`, whose memory
-`packing` describes. Nothing in it counts references or allocates: arrays are the caller's.
+`packing` describes. Nothing in it counts references or allocates: arrays belong to the caller.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from numba.np.arrayobj import populate_array
 from numba.np.numpy_support import from_dtype
 
 from liftgate_plant.compiler import extensions, linking, packing  # noqa: F401
-from liftgate_plant.compiler.hastening import hastened
+from liftgate_plant.compiler.compile_patches import patched
 from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Number, Tuple
 from liftgate_plant.compiler.loading import FITS, STRANGE_ARRAY, SYMBOL, UNFIT, unresolved
 from liftgate_plant.compiler.storage import Stored
 
 types: Any = numba.types
 
-# IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check sees.
-# No wrappers for calls from Python and C: what calls an entry point is made here.
+# IEEE results instead of exceptions: a division by zero gives inf, which the loop's divergence check detects.
+# No wrappers for calls from Python and C: the code that calls an entry point is generated here.
 OPTIONS: dict[str, Any] = {
     "error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "_nrt": False,
     # A NamedTuple is passed as its scalars, over a hundred of them, so that a call may cost more than its callee.
@@ -46,16 +46,15 @@ def make(
     helpers: set[Callable[..., Any]],
     outlined: set[Callable[..., Any]],
 ) -> Stored:
-    """Compile an entry point, and the helpers that it calls, for arguments of these kinds; those `outlined` are
-    called, not inlined.
+    """Compile an entry point, and the helpers that it calls, for arguments of these kinds.
 
-    Raises what numba raises.
+    Helpers in `outlined` are called, not inlined. Raises what numba raises.
     """
-    # Little of what is made can be freed before the end; looking for it takes a tenth of the time.
+    # Few objects can be freed before the end; collecting them takes a tenth of the time.
     was_enabled = gc.isenabled()
     gc.disable()
     try:
-        with hastened():
+        with patched():
             for each in helpers - {function} - _known_to_numba:
                 _teach(each, is_outlined=each in outlined)
             arguments = tuple(numba_type(each) for each in kinds)
@@ -74,13 +73,13 @@ def _pipeline(is_outlined: bool = False) -> type[Compiler]:
 
 
 def _teach(helper: Callable[..., Any], is_outlined: bool) -> None:
-    """Tell numba what compiled code may call."""
+    """Register a helper with numba, so that compiled code may call it."""
     register_jitable(pipeline_class=_pipeline(is_outlined), **OPTIONS)(helper)
     _known_to_numba.add(helper)
 
 
 def numba_type(kind: Kind) -> Any:
-    """What numba calls a kind."""
+    """Return numba's type for a kind."""
     if isinstance(kind, Tuple):
         return types.BaseTuple.from_types([numba_type(each) for each in kind.parts], kind.type)
     if isinstance(kind, Array):
@@ -90,14 +89,16 @@ def numba_type(kind: Kind) -> Any:
 
 
 def _kind_of(numba_type: Any) -> Kind:
-    """The reverse, for a result. Raises TypeError."""
+    """Return the kind of a result of this numba type. Raises TypeError."""
     if isinstance(numba_type, types.BaseTuple):
         parts = tuple(_kind_of(each) for each in numba_type)
         return Tuple(getattr(numba_type, "instance_class", None), parts)
     if isinstance(numba_type, types.Array):
-        return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # an argument's
+        return Array(np.dtype("f8"), numba_type.ndim, "A", False)  # one of the arguments
     for letter, kind in {"b": types.Boolean, "i": types.Integer, "f": types.Float}.items():
-        if isinstance(numba_type, kind) and numba_type != types.uint64:  # which may be too large
+        if (
+            isinstance(numba_type, kind) and numba_type != types.uint64
+        ):  # whose values may be too large
             return Number(letter)
     if isinstance(numba_type, types.NoneType):
         return Nothing()
@@ -107,7 +108,7 @@ def _kind_of(numba_type: Any) -> Kind:
 
 
 def _exported(compiled: Any, kinds: Sequence[Kind]) -> Stored:
-    """The object file with the one function that is called from outside."""
+    """Return the object file with the one function that is called from outside."""
     context, signature = compiled.target_context, compiled.signature
     codegen = context.codegen()
     library = linking.ExportLibrary(codegen, SYMBOL)
@@ -146,8 +147,10 @@ def _field(builder: Any, object_: Any, offset: int, kind: Any = _WORD) -> Any:
 
 
 def _array_check(module: Any, memory: Any) -> Any:
-    """A function: whether an object is an array of a type, dimensions, flags, and data of a type and size. Called,
-    not inlined: an entry point has fifty arrays, and looks at them once.
+    """Return a generated function that checks whether an object is an expected array.
+
+    It checks type, dimensions, flags, and the type and size of the data. It is called, not inlined: an entry point
+    has fifty arrays, and checks each once.
     """
     arguments = [memory, _WORD, _INT, _INT, _INT, _WORD]
     function = ir.Function(module, ir.FunctionType(ir.IntType(1), arguments), f"{SYMBOL}_array")
@@ -181,7 +184,7 @@ def _array_check(module: Any, memory: Any) -> Any:
 
 
 class _Reader:
-    """Reads arguments; returns UNFIT where an array is not as it was when this was compiled."""
+    """Generator of code that reads arguments, or returns UNFIT where an array is not as it was at compilation."""
 
     def __init__(self, context: Any, builder: Any, memory: Any) -> None:
         self._context = context
@@ -194,7 +197,7 @@ class _Reader:
         self._fits = _array_check(builder.module, memory.type)
 
     def read(self, kind: Kind, numba_type: Any) -> Any:
-        """A value of that type."""
+        """Return the generated value of an argument of that kind and type."""
         builder, context = self._builder, self._context
         if isinstance(kind, Tuple):
             parts = [self.read(*each) for each in zip(kind.parts, numba_type, strict=True)]
@@ -254,7 +257,10 @@ class _Reader:
 
 
 def _write(context: Any, builder: Any, numba_type: Any, value: Any, memory: Any) -> None:
-    """Write a result; return STRANGE_ARRAY where an array is not one that Python has."""
+    """Generate code that writes a result.
+
+    It returns STRANGE_ARRAY where an array is not one that Python has.
+    """
     places = iter(range(1 << 30))
 
     def write(part: Any, value: Any) -> None:
@@ -279,7 +285,7 @@ def _word_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
 
 
 def _owner_of(context: Any, builder: Any, part: Any, value: Any) -> Any:
-    """The Python object whose array this is."""
+    """Return the address of the Python object to which this array belongs."""
     array = context.make_array(part)(context, builder, value=value)
     owner = builder.ptrtoint(array.parent, _WORD)
     has_none = builder.icmp_unsigned("==", owner, _WORD(0))

@@ -1,8 +1,8 @@
-"""Arguments into the memory that machine code reads, and results out of what it wrote.
+"""Pack arguments into the memory that machine code reads, and unpack results from what it wrote.
 
-A number takes 8 bytes, an array the address of its Python object: machine code reads where its data are, and looks
-whether it is of the kind that the code was made for. Two addresses go first, those of the types of arrays that it
-accepts. What takes a tuple apart, and puts one together, is Python generated for its kind.
+A number takes 8 bytes, an array the address of its Python object: machine code reads where its data are, and
+checks whether it is of the kind that the code was made for. The first two slots hold the addresses of the array
+types that it accepts. The code that takes a tuple apart, or builds one, is Python generated for its kind.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ import numpy as np
 
 from liftgate_plant.compiler.kinds import Array, Kind, Nothing, Tuple
 
-# Of PyArrayObject_fields (numpy/ndarraytypes.h), in bytes from the object's address; `is_as_expected` looks.
+# Offsets [bytes] in PyArrayObject_fields (numpy/ndarraytypes.h); `is_as_expected` checks them.
 TYPE, DATA, NDIM, SHAPE, STRIDES, DTYPE, FLAGS = 8, 16, 24, 32, 40, 56, 64
-# Of PyArray_Descr of numpy 2.
+# Offsets [bytes] in PyArray_Descr of numpy 2.
 TYPE_NUMBER, ITEM_SIZE = 28, 40
 BYTE_ORDER = 26  # a character
 C_CONTIGUOUS, F_CONTIGUOUS, ALIGNED, WRITABLE = 0x1, 0x2, 0x100, 0x400
 
-SWAPPED = "><"[sys.byteorder == "big"]  # in a dtype: the other order
+SWAPPED = "><"[sys.byteorder == "big"]  # in a dtype: the byte order that is not native
 
-ACCEPTED = (np.ndarray, np.recarray)  # types of arrays
+ACCEPTED = (np.ndarray, np.recarray)  # types of arrays that machine code accepts
 HEAD = len(ACCEPTED)  # slots before the arguments
 
 _FORMATS = {"f": "d", "i": "q", "b": "?7x"}
 
 
 def is_as_expected() -> bool:
-    """Whether numpy lays arrays out as is taken for granted here."""
+    """Whether numpy's memory layout of arrays is the one assumed here."""
     for array in (
         np.arange(6, dtype=np.int32).reshape(2, 3),
         np.zeros(3).view(np.recarray),
@@ -63,7 +63,7 @@ def _word(address: int) -> int:
 
 
 def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
-    """A function that packs arguments of these kinds; it gives None where they are of others."""
+    """Return a function that packs arguments of these kinds; it returns None where they are of others."""
     code = _Packing()
     arguments = "".join(f"{code.name_of(each)}, " for each in kinds)
     lines = [
@@ -88,22 +88,22 @@ def packer(kinds: Sequence[Kind]) -> Callable[[tuple[Any, ...]], bytes | None]:
 
 
 class _Packing:
-    """The parts of the generated function, in the order of the slots.
+    """Parts of the generated function, in the order of the slots.
 
-    A tuple is taken apart only where its type is the one it was: of anything else that can be iterated the items
-    might be gone before machine code reads them.
+    A tuple is taken apart only where its type is the expected one: the items of any other iterable might be gone
+    before machine code reads them.
     """
 
     def __init__(self) -> None:
         self.values: list[str] = []
         self.formats: list[str] = []
-        self.steps: list[str] = []  # that take tuples apart
-        self.checks: list[str] = []  # what then says that a value is of another kind
+        self.steps: list[str] = []  # statements that take tuples apart
+        self.checks: list[str] = []  # conditions under which a value is of another kind
         self.known: dict[str, Any] = {"BOOLS": (bool, np.bool_)}
         self._names = 0
 
     def name_of(self, kind: Kind) -> str:
-        """The name that a value of the kind gets."""
+        """Add a value of this kind to the function, and return the name of its variable."""
         name = f"v{self._names}"
         self._names += 1
         if isinstance(kind, Tuple):
@@ -113,13 +113,13 @@ class _Packing:
         elif isinstance(kind, Array):
             self.values.append(f"id({name})")
             self.formats.append("q")
-            if kind.dtype.names is not None:  # machine code looks at numbers' types only
+            if kind.dtype.names is not None:  # machine code checks the types of numbers only
                 dtype = self._constant(kind.dtype)
                 self.checks.append(f"({name}.dtype is not {dtype} and {name}.dtype != {dtype})")
         else:
             self.values.append(name)
             self.formats.append(_FORMATS[kind.letter])
-            if kind.letter == "b":  # anything has a truth
+            if kind.letter == "b":  # struct would convert any object to a bool
                 self.checks.append(f"type({name}) not in BOOLS")
         return name
 
@@ -128,7 +128,7 @@ class _Packing:
             f"if type({name}) is not {self._constant(kind.type or tuple)}: return None"
         )
         place = len(self.steps)
-        self.steps.append("")  # before those of its parts
+        self.steps.append("")  # placeholder: this step goes before those of its parts
         parts = "".join(f"{self.name_of(each)}, " for each in kind.parts)
         self.steps[place] = f"({parts}) = {name}"
 
@@ -139,7 +139,7 @@ class _Packing:
 
 
 def unpacker(kind: Kind) -> tuple[int, Callable[[bytes], Any]]:
-    """The size [bytes] of a result, and a function that makes it of the bytes."""
+    """Return the size [bytes] of a result, and a function that builds it from the bytes."""
     formats: list[str] = []
     scope: dict[str, Any] = {"object": PyObj_FromPtr, "new": tuple.__new__}
 

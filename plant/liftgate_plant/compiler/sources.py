@@ -1,8 +1,8 @@
-"""What the machine code of an entry point is made from, and a hash over all of it.
+"""Sources of an entry point's machine code, and a hash over all of them.
 
-From the entry on through the globals that its bytecode names: compilable functions and the modules that these
-stand in, types that annotations name or that are called as constructors, constants. Only the functions found here
-are compiled with the entry, so that none can be in its machine code and not in its hash.
+They are found from the entry on through the globals that its bytecode names: compilable functions and the modules
+that hold them, types that annotations name or that are called as constructors, constants. Only the functions found
+here are compiled with the entry, so that none can be in its machine code and not in its hash.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ _NAME = re.compile(r"[^\W\d]\w*")
 
 
 class Sources:
-    """All that `entry` reaches: `functions` among the compilable ones `registered`, and what the hash is made of,
-    which is the text of each source file, the code as it was loaded (the file may have been edited since), the
-    fields of each type, the value of each constant. No paths: it is the same wherever a package is installed.
+    """All that `entry` reaches: `functions` among the compilable ones `registered`, and the parts of the hash.
+
+    The hash covers the text of each source file, the code as it was loaded (the file may have been edited since),
+    the fields of each type, and the value of each constant. It contains no paths: it is the same wherever a
+    package is installed.
     """
 
     def __init__(self, entry: Callable[..., Any], registered: Iterable[Callable[..., Any]]) -> None:
@@ -40,7 +42,7 @@ class Sources:
         self._add_function(entry)
 
     def digest(self, *more: str) -> str:
-        """The hash over all of it, and over `more`."""
+        """Return the hash over all parts, and over `more`."""
         return _hash_of("\0".join((*sorted(self._parts), *more)).encode())[:16]
 
     def _add_function(self, function: Any) -> None:
@@ -66,7 +68,7 @@ class Sources:
             self._add(f"{scope.get('__name__')}.{name}", scope[name], names)
 
     def _add(self, name: str, value: Any, names: Iterable[str]) -> None:
-        """Add what stands under a name; of a module, what stands under `names` in it."""
+        """Add the object under a name; of a module, the objects under `names` in it."""
         if isinstance(value, FunctionType):
             if value in self._registered:
                 self._add_function(value)
@@ -120,12 +122,12 @@ def _hash_of(content: bytes) -> str:
 def _content_of(file: str | None) -> str:
     try:
         return _hash_of(Path(file or "").read_bytes())
-    except OSError:  # not from a file, as what is typed at a prompt: the code says it all
+    except OSError:  # not from a file, as code typed at a prompt: its bytecode is hashed anyway
         return ""
 
 
 def _codes_in(code: CodeType) -> Iterator[CodeType]:
-    """The code of a function and of those inside it."""
+    """Yield the code of a function and of those inside it."""
     yield code
     for each in code.co_consts:
         if isinstance(each, CodeType):
@@ -139,7 +141,7 @@ def _text_of_code(code: CodeType) -> str:
 
 
 def _flat(annotation: Any) -> Iterator[Any]:
-    """The types, and texts with names of types, in an annotation."""
+    """Yield the types, and texts with names of types, in an annotation."""
     if isinstance(annotation, typing.ForwardRef):
         yield annotation.__forward_arg__
     elif typing.get_args(annotation):
@@ -150,7 +152,7 @@ def _flat(annotation: Any) -> Iterator[Any]:
 
 
 def _text_of(value: Any) -> str:
-    """A text that is the same in every process for a constant that compiled code can have."""
+    """Return a text that is the same in every process, for a constant that compiled code can have."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype!r} {value.shape} {_hash_of(value.tobytes())}"
     if isinstance(value, np.generic):
@@ -163,4 +165,4 @@ def _text_of(value: Any) -> str:
         value, int | float | complex | str | bytes | enum.Enum | np.dtype | System | None
     ):
         return f"{type(value).__qualname__} {value!r}"
-    return type(value).__qualname__  # no constant to numba
+    return type(value).__qualname__  # not a constant for numba

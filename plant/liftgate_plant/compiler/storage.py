@@ -1,6 +1,6 @@
 """Machine code on disk: a file for each entry point and kinds of its arguments, in the entry point's own folder.
 
-Nothing is read that another user could have written: it would be run.
+Nothing that another user could have written is read, since it would be executed.
 """
 
 from __future__ import annotations
@@ -23,35 +23,35 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 class NotOursError(OSError):
-    """Others could have written there."""
+    """Raised where other users could have written to a file or folder."""
 
 
 class Stored(NamedTuple):
-    """What a file holds."""
+    """Contents of a file: machine code, and the kind of its result."""
 
     code: bytes
     result: Kind
 
 
 def root() -> Path:
-    """Where machine code of this user is kept."""
+    """Return the folder in which machine code of this user is stored."""
     return Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache") / "liftgate-hil"
 
 
 def _home() -> Path:
     try:
         return Path.home()
-    except RuntimeError:  # a user without one, as in containers: nothing can be kept there
+    except RuntimeError:  # a user without a home, as in containers: nothing can be stored
         return Path(os.devnull)
 
 
 def path_of(folder: Path, kinds: str) -> Path:
-    """The file for arguments of these kinds."""
+    """Return the file for arguments of these kinds."""
     return folder / (hashlib.sha256(kinds.encode()).hexdigest()[:16] + SUFFIX)
 
 
 def read(path: Path) -> Stored | None:
-    """What was kept; None where there is nothing, or nothing whole. Raises OSError, NotOursError among them."""
+    """Return the stored contents; None where no complete file exists. Raises OSError, including NotOursError."""
     try:
         check_ours(path.parent.parent)
         check_ours(path.parent)
@@ -71,7 +71,7 @@ def read(path: Path) -> Stored | None:
 
 
 def keep(path: Path, stored: Stored) -> None:
-    """Keep it, whole or not at all. Raises OSError."""
+    """Store the contents, completely or not at all. Raises OSError."""
     content = json.dumps(plain(stored.result)).encode() + b"\n" + stored.code
     draft = path.with_suffix(f".{os.getpid()}")
     try:
@@ -85,12 +85,15 @@ def keep(path: Path, stored: Stored) -> None:
 
 
 def _digest_of(path: Path, content: bytes) -> bytes:
-    """Over the place too: code of another entry point would be called with what it does not take."""
+    """Return a digest of path and content.
+
+    The path is included because code of another entry point would be called with arguments it does not take.
+    """
     return hashlib.sha256(f"{path.parent.name}/{path.name}\n".encode() + content).digest()
 
 
 def check_ours(folder: Path) -> None:
-    """Raises NotOursError, FileNotFoundError."""
+    """Check that other users cannot write to a folder. Raises NotOursError, FileNotFoundError."""
     _check(folder.stat(), folder)
 
 
@@ -103,7 +106,10 @@ def _check(status: os.stat_result, path: Path) -> None:
 
 @contextlib.contextmanager
 def turn(folder: Path) -> Iterator[Turn]:
-    """One process at a time compiles; others wait, and read what it has kept. Raises OSError."""
+    """Provide a lock with which one process at a time compiles. Raises OSError.
+
+    Others wait, and read what it has stored.
+    """
     root().mkdir(parents=True, exist_ok=True, mode=0o700)
     folder.mkdir(exist_ok=True, mode=0o700)
     check_ours(folder.parent)
@@ -117,13 +123,13 @@ def turn(folder: Path) -> Iterator[Turn]:
 
 
 class Turn:
-    """A process's turn to compile."""
+    """Lock that gives a process its turn to compile."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
 
     def taken(self) -> bool:
-        """Whether it is this process's turn now."""
+        """Whether it is this process's turn now; takes the lock if it is free."""
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What is done with text in arrays of bytes; machine code does it some words at a time."""
+"""Operations on text in arrays of bytes; machine code copies several words at a time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ ROOM = 32  # bytes that machine code copies at once
 def put_text(
     target: NDArray[np.uint8], at: int, source: NDArray[np.uint8], start: int, length: int
 ) -> None:
-    """Copy so many bytes (m,) from `start` to (n,) from `at` on; where they come from may be before it in the same
-    array. The target's ROOM bytes from there on may hold anything behind them.
+    """Copy `length` bytes of `source` (m,) from `start` on to `target` (n,) from `at` on.
+
+    The source may lie before the target in the same array. Of the target's ROOM bytes from `at` on, those behind
+    the copied ones may hold anything afterwards.
     """
     target[at : at + length] = source[start : start + length]

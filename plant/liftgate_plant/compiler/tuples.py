@@ -1,4 +1,4 @@
-"""What is done with all numbers of a NamedTuple at once; machine code does it without a loop."""
+"""Operations on all numbers of a NamedTuple at once; machine code does them without a loop."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 
 def fill(target: Any, at: int, numbers: tuple[float, ...]) -> None:
-    """Write a NamedTuple of floats into an array (n,) from a place on.
+    """Write a NamedTuple of floats into an array (n,) from index `at` on.
 
-    In machine code one store after the other; a loop over a tuple looks each value up in a jump table.
+    Machine code does one store after the other; a loop over a tuple would look each value up in a jump table.
     """
     target[at : at + len(numbers)] = numbers
 
 
 def picked(source: Any, places: T) -> T:
-    """The reverse: what stands in an array (n,) at `places`, as a NamedTuple of their kind."""
+    """Return the values of an array (n,) at `places`, as a NamedTuple of the same type as `places`."""
     kind: Any = type(places)
     return kind(*(source[place] for place in places))  # type: ignore[no-any-return]
 
 
 def unflattened(row: Any, like: T) -> T:
-    """A NamedTuple of floats and of such NamedTuples from an array (n,) of all its numbers in their order; `like`
-    says of which kind, its numbers do not matter.
+    """Return a NamedTuple of floats and of such NamedTuples, built from an array (n,) of all its numbers in order.
+
+    `like` determines the type; its numbers do not matter.
     """
     numbers = iter(row.tolist())
 
@@ -38,7 +39,7 @@ def unflattened(row: Any, like: T) -> T:
 
 
 def with_item(numbers: T, place: int, value: float) -> T:
-    """The same NamedTuple of floats with another value at a place."""
+    """Return the same NamedTuple of floats with another value at a place."""
     kind: Any = type(numbers)
     return kind(  # type: ignore[no-any-return]
         *(value if at == place else each for at, each in enumerate(numbers))
@@ -46,7 +47,7 @@ def with_item(numbers: T, place: int, value: float) -> T:
 
 
 def overlay(upper: T, lower: T) -> T:
-    """A NamedTuple of floats: the upper one's, and where that is NaN the lower one's."""
+    """Return a NamedTuple of floats: the upper one's values, and where these are NaN the lower one's."""
     kind: Any = type(lower)
     return kind(  # type: ignore[no-any-return]
         *(below if math.isnan(above) else above for above, below in zip(upper, lower, strict=True))

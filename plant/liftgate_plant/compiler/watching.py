@@ -1,43 +1,44 @@
-"""Who is told that something is being compiled, which takes seconds."""
+"""Watchers that are informed while something is being compiled, which takes seconds."""
 
 from __future__ import annotations
 
 
 class GivenUpError(Exception):
-    """Nobody waits for the machine code any more."""
+    """Raised when nobody waits for the machine code any more."""
 
 
 class Watcher:
-    """Is told; this one keeps it to itself. What its methods raise (GivenUpError) ends the waiting, and the
-    compilation.
+    """Watcher of compilations; this one does nothing.
+
+    An exception of its methods (GivenUpError) ends the waiting and the compilation.
     """
 
     def compiles(self, name: str, seconds: float) -> None:
-        """Every tenth of a second, from 0 on: `name` is being compiled, for so long already."""
+        """Called every tenth of a second, from 0 on: `name` has been compiling for `seconds`."""
 
     def waits(self, name: str, seconds: float) -> None:
-        """The same: another process is compiling it, and this one waits for that."""
+        """Called likewise while `name` has waited `seconds` for another process or thread to compile."""
 
     def ready(self, name: str, seconds: float) -> None:
-        """That is over."""
+        """Called when compilation, or the wait for another process's, has ended after `seconds`."""
 
     def not_kept(self, why: str) -> None:
-        """Machine code is neither read from the disk nor kept there, for this reason."""
+        """Called with the reason why machine code is neither read from the disk nor stored there."""
 
 
 _told = [Watcher()]
 
 
 def watch(watcher: Watcher) -> None:
-    """Have it told from now on."""
+    """Add a watcher, which is informed from now on."""
     _told.append(watcher)
 
 
 def unwatch(watcher: Watcher) -> None:
-    """Have it told no more; threads that watch need not end in the order in which they began."""
+    """Remove a watcher; threads that watch need not end in the order in which they began."""
     _told.remove(watcher)
 
 
 def watcher() -> Watcher:
-    """Who is told: the last one that watches."""
+    """Return the watcher that is informed: the last one added."""
     return _told[-1]

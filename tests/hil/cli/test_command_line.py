@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import uuid
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
@@ -16,9 +17,8 @@ import pytest
 import liftgate_hil
 import liftgate_hil as lh
 from liftgate_hil.cli.main import COMMANDS, main
-from liftgate_hil.emulator import Emulator
 from liftgate_hil.errors import OverrunError
-from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.realtime_driver import RealtimeDriver
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_hil.version import version
 
@@ -397,11 +397,10 @@ def test_every_subcommand_has_a_help(capsys: pytest.CaptureFixture[str]):
 def test_a_run_that_falls_too_far_behind_says_so_and_is_inconclusive(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, bus: str
 ) -> None:
-    def behind(self: Emulator) -> None:
-        self.summary = Summary(clock="realtime", ticks=371)
+    def behind(self: RealtimeDriver, ticks: int | None, stopped: Callable[[], bool]) -> None:
         raise OverrunError("the loop fell more than `overrun_limit` (1 ms) behind")
 
-    monkeypatch.setattr(Emulator, "run", behind)
+    monkeypatch.setattr(RealtimeDriver, "advance", behind)
     assert call("--bus", bus, "--duration", "60", "--quiet") == 3
     told = capsys.readouterr().err
     assert (

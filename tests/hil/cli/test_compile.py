@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from liftgate_hil.cli.main import main
-from liftgate_hil.compiling import told_of_compiling
 from liftgate_hil.errors import LiftgateError
-from liftgate_hil.listener import Listener
-from liftgate_hil.runs.job import Job
-from liftgate_hil.runs.run import execute
-from liftgate_hil.session import RunOptions
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.running.compilation import told_of_compiling
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.run import execute
 from liftgate_plant import compiler
 
 needs_compiler = pytest.mark.skipif(not compiler.enabled(), reason="needs the compiler")
@@ -44,7 +45,7 @@ def test_a_run_that_is_stopped_while_it_compiles_ends_before_its_first_tick(
     monkeypatch.setattr(compiler, "_entry", compiler.Entry)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     job = Job("demo", "reference", options=RunOptions(clock=clock, duration=1.0), trace=1)
-    result = execute(job, stopped=lambda: True)
+    result = execute(plan_of(job), stopped=lambda: True)
     assert (result.verdict, result.reason, result.summary.ticks) == ("pass", "", 0)
     assert np.isnan(result.maxima["pinch_force_n"])
     assert len(result.trace["time_s"]) == 0

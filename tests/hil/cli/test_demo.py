@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from c_library import build, needs_compiler
 
-from liftgate_hil import session
 from liftgate_hil.cli.demo import busy_with, failures
 from liftgate_hil.cli.main import main
 from liftgate_hil.cli.teller import Teller
@@ -28,7 +27,8 @@ from liftgate_hil.ecu.events import STARTS_OPENING, TRAPPED_CLOSING, Event
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.loop.statistics import Summary
 from liftgate_hil.report.pinch import pinch_event
-from liftgate_hil.runs.result import Result
+from liftgate_hil.running.result import Result
+from liftgate_hil.running.setup import scenario_from
 from liftgate_plant.compiler import GivenUpError
 
 TEXT = """
@@ -393,7 +393,7 @@ def test_one_that_is_stopped_while_it_compiles_has_done_nothing_yet(
         signal.raise_signal(signal.SIGTERM)
         raise GivenUpError
 
-    monkeypatch.setattr("liftgate_hil.runs.in_process._run", given_up)
+    monkeypatch.setattr("liftgate_hil.running.run_plan.sinks_of", given_up)
     assert demo() == 143
     assert "liftgate-hil demo: stopped at 0.000 s of 42 s" in capsys.readouterr().err
     assert not (folder / "demo.png").exists()
@@ -487,7 +487,7 @@ def test_on_the_lockstep_clock_it_shows_the_same(folder: Path) -> None:
 
 
 def test_the_demos_own_length_is_what_makes_it_whole() -> None:
-    assert session.scenario_from("demo").duration == 42.0
+    assert scenario_from("demo").duration == 42.0
 
 
 # The ECU as a process of its own, on a real bus.
@@ -536,7 +536,7 @@ def test_an_ecus_process_may_tell_more_than_a_pipe_holds(
     ("arguments", "said"),
     [
         (["--record-limit", "5MB"], "--record-limit 5000000: allowed: together with --record"),
-        (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .log"),
+        (["--record", "."], "--record .: is a folder; allowed: a file of .csv, .parquet"),
         (["--set", "gate.hinge=3"], "3 is not a point; allowed: [x, y], each of -10 to 10 m"),
         (["--rig", "their.dbc"], "their.dbc: a database, no rig; allowed: a rig in TOML, as "),
         (

@@ -28,7 +28,7 @@ from fitting_files import (
     write_columns,
 )
 
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 
 SIGMAS = 4.0  # six seeds out of ten thousand are further off
 

@@ -14,7 +14,7 @@ from fitting_files import KEPT, call, driven, noisy, settings, simulated, write_
 
 from liftgate_hil.cli import identify as command
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 
 NAMES = "motor.torque_constant,motor.speed_constant,motor.resistance"
 

@@ -15,7 +15,7 @@ from liftgate_hil.cli.measurements import (
 )
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.measurement.measurement import Measurement
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.initial import initial_state
 from liftgate_plant.vehicle import plant_of
 

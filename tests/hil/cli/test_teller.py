@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from liftgate_hil.cli.teller import Teller, line_of
-from liftgate_hil.listener import Status
+from liftgate_hil.loop.listener import Status
 
 STATUS = Status(1.25, 12.5, 1.5, -0.25, 0.012, 30, 12, 0, 0, 0)
 

@@ -16,8 +16,7 @@ from liftgate_hil.codec.counter import MOST_VALUES, product
 from liftgate_hil.codec.receive import NO_COUNTS, nothing_received
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.config.messages import message_options
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_plant.compiler import compiled
 
 CYCLE = 10_000_000

@@ -32,10 +32,9 @@ from liftgate_hil.codec.protection import EndToEnd, MessageOptions
 from liftgate_hil.codec.receive import NO_COUNTS, Counts, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 from liftgate_hil.loop.tick import tick
-from liftgate_hil.session import rig_from
+from liftgate_hil.running.setup import rig_from
 from liftgate_plant.compiler import compiled
 from liftgate_plant.compiler.kinds import kind_of, text_of
 

@@ -23,7 +23,7 @@ from liftgate_hil.codec.receive import NO_COUNTS, nothing_received, receive
 from liftgate_hil.codec.tables import BusConfig
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.messages import message_options
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 from liftgate_plant.compiler import compiled
 
 CATALOGUE = Path(__file__).with_name("crc_catalogue.csv")

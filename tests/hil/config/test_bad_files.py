@@ -16,8 +16,7 @@ from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.config.toml import DEEPEST, MOST_BYTES, read_toml
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.errors import ConfigError, TransportError, printable
-from liftgate_hil.issues import MOST, ConfigIssues
+from liftgate_hil.errors import MOST, ConfigError, ConfigIssues, TransportError, printable
 
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 

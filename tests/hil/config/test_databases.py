@@ -10,8 +10,7 @@ import pytest
 from liftgate_hil.config.database import load_messages
 from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 
 ROOT = Path(__file__).parents[3]
 OURS = cantools.database.load_file(ROOT / "dbc/liftgate.dbc")

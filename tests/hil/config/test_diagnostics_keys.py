@@ -18,7 +18,7 @@ from liftgate_hil.judging.expectation import Expectation
 
 
 def expect(folder: Path, text: str) -> Path:
-    path = folder / "scene.toml"
+    path = folder / "stimuli.toml"
     path.write_text(f'duration = 1.0\n[[expect]]\nname = "x"\n{text}\n')
     return path
 

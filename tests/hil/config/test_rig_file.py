@@ -9,13 +9,13 @@ import pytest
 from hil_support import EXTENDED, rig_of, write_rig
 
 import liftgate_hil as lh
-from liftgate_hil import session
 from liftgate_hil.codec.frames import FD, Frames
 from liftgate_hil.config.rig import Rig, load_rig
 from liftgate_hil.config.rig_fit import notes_on_fit
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.reference import ecu_config, last_frames, new_ecu, step
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.setup import rig_from, vehicle_from
 
 DATABASE = """VERSION ""
 BS_:
@@ -70,7 +70,7 @@ REST_OF_THE_CAR = ("DriverRequest", "Body")  # the restbus's
 
 
 def test_the_shipped_rig_wires_everything_there_is():
-    rig = session.rig_from("liftgate")
+    rig = rig_from("liftgate")
     wired = {(wire.message, wire.signal) for wire in (*rig.inputs, *rig.outputs)}
     wired |= {(each.message, name) for each in rig.orders for name in each.signals.values()}
     made = ("AliveCounter", "Checksum", "Order")
@@ -402,7 +402,7 @@ def test_an_ecu_may_have_fewer_directions_than_the_reference_ecu_sends(tmp_path:
         'left_hall_count = { signal = "Out.Count", scale = 1 }\n'
     )
     rig = rig_of(tmp_path, DATABASE, text)
-    (note,) = notes_on_fit(rig, session.vehicle_from("compact"), 1000.0)
+    (note,) = notes_on_fit(rig, vehicle_from("compact"), 1000.0)
     assert "inputs.left_direction.values: coast, brake missing" in note
     Adapter(rig, 1)
     with pytest.raises(ConfigError, match="coast, brake missing, and the reference ECU sends it"):

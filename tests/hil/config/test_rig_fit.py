@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from hil_support import rig_of
 
-from liftgate_hil import session
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.rig_fit import check_fit, expected_values, notes_on_fit
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.setup import loop_config_of, rig_from, vehicle_from
 
 VEHICLES = ("suv", "heavy-suv", "compact")
 
@@ -41,12 +41,12 @@ cycle_ms = {cycle}
 
 
 def suv():
-    return session.vehicle_from("suv", ideal=True)
+    return vehicle_from("suv", ideal=True)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_the_shipped_rig_fits_every_shipped_vehicle(name: str):
-    vehicle, rig = session.vehicle_from(name), session.rig_from("liftgate")
+    vehicle, rig = vehicle_from(name), rig_from("liftgate")
     check_fit(rig, vehicle, 1000.0)
     assert notes_on_fit(rig, vehicle, 1000.0) == []
 
@@ -69,9 +69,9 @@ def test_a_signal_that_does_not_hold_what_every_motion_needs_is_refused(
 ):
     rig = rig_for(tmp_path, place, unit, quantity)
     with pytest.raises(ConfigError, match=f"outputs.{quantity}: Out.X holds .* any motion of"):
-        session.loop_config_of(suv(), rig, 1000.0, 0)
+        loop_config_of(suv(), rig, 1000.0, 0)
     meant = rig_for(tmp_path, place, unit, quantity, ", saturates = true")
-    session.loop_config_of(suv(), meant, 1000.0, 0)
+    loop_config_of(suv(), meant, 1000.0, 0)
     assert notes_on_fit(meant, suv(), 1000.0) == []
 
 
@@ -84,7 +84,7 @@ def test_a_signal_that_a_stalled_motor_leaves_is_told(tmp_path: Path):
 
 def test_a_drive_that_the_vehicle_does_not_have_needs_nothing(tmp_path: Path):
     rig = rig_for(tmp_path, "0|8@1+ (1,0) [0|1]", "A", "right_current")
-    check_fit(rig, session.vehicle_from("compact"), 1000.0)
+    check_fit(rig, vehicle_from("compact"), 1000.0)
 
 
 def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
@@ -93,7 +93,7 @@ def test_a_cycle_shorter_than_a_tick_is_refused(tmp_path: Path):
     with pytest.raises(
         ConfigError, match=r"messages\.Out\.cycle_ms: 2\.5; allowed: 5 or more, a tick"
     ):
-        session.loop_config_of(suv(), rig, 200.0, 0)
+        loop_config_of(suv(), rig, 200.0, 0)
 
 
 def test_a_received_cycle_shorter_than_a_tick_is_refused_too(tmp_path: Path):
@@ -133,7 +133,7 @@ def test_the_expected_values_are_the_vehicles():
     # Supply voltage over winding resistance; 4 counts a turn of what the spindle's travel takes.
     assert expected["left_current"].highest == pytest.approx(12.0 / 0.708)
     assert expected["terminal_voltage"].lowest == 12.0
-    weak = session.vehicle_from("suv", ["supply.internal_resistance=0.1"])
+    weak = vehicle_from("suv", ["supply.internal_resistance=0.1"])
     # Both motors stalled draw 33.9 A through it.
     assert expected_values(weak)["terminal_voltage"].lowest == pytest.approx(12.0 - 3.39, abs=0.01)
     assert expected["gate_angle"].high == pytest.approx(80.0)

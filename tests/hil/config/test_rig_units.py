@@ -219,9 +219,9 @@ def test_what_is_sent_stays_off_the_diagnostics(tmp_path: Path, identifier: int)
 
 
 def test_the_shipped_rig_needs_no_conversion():
-    from liftgate_hil import session
+    from liftgate_hil.running.setup import rig_from
 
-    shipped = session.rig_from("liftgate")
+    shipped = rig_from("liftgate")
     for wire in (*shipped.inputs, *shipped.outputs):
         scale = 1e-6 if "Age" in wire.signal else 1.0  # µs, as a timer has it
         assert (wire.scale, wire.offset, wire.values) == (scale, 0.0, None)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario, load_scenario
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.setup import scenario_from, setup_of
 from liftgate_hil.signals import PROFILES
 from liftgate_hil.stimuli.moments import no_moments
-from liftgate_hil.stimuli.scene import Stimuli
+from liftgate_hil.stimuli.stimulus_plan import TimedStimuli
 from liftgate_hil.stimuli.timeline import (
     Timeline,
     obstacle_at,
@@ -23,12 +23,12 @@ from liftgate_hil.stimuli.timeline import (
 
 
 def load(tmp_path: Path, text: str) -> Scenario:
-    path = tmp_path / "scene.toml"
+    path = tmp_path / "stimuli.toml"
     path.write_text(text, encoding="utf-8")
     return load_scenario(path)
 
 
-def timeline_in(stimuli: Stimuli) -> Timeline:
+def timeline_in(stimuli: TimedStimuli) -> Timeline:
     return timeline_of(stimuli.profiles, stimuli.obstacles)
 
 
@@ -36,7 +36,7 @@ def faults_of(tmp_path: Path, text: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, text)
     for fault in caught.value.issues:
-        assert fault.startswith(str(tmp_path / "scene.toml"))
+        assert fault.startswith(str(tmp_path / "stimuli.toml"))
     return caught.value.issues
 
 
@@ -45,7 +45,7 @@ def keys_of(issues: list[str]) -> list[str]:
 
 
 def test_the_demo_asks_open_close_open_close_around_an_obstacle():
-    scenario = session.scenario_from("demo")
+    scenario = scenario_from("demo")
     assert [request.action for request in scenario.requests] == ["open", "close"] * 2
     assert len(scenario.stimuli.obstacles) == 1
     assert scenario.duration is not None
@@ -224,7 +224,7 @@ ROD = "[parameters]\nrod = 1000\n[[obstacle]]\nangle_deg = 30\nstiffness = '$rod
 
 @pytest.mark.parametrize("value", ["a", None, True, math.nan, 1e300, [1]])
 def test_a_bad_parameter_is_told_once_and_of_who_gave_it(tmp_path: Path, value: object):
-    path = tmp_path / "scene.toml"
+    path = tmp_path / "stimuli.toml"
     path.write_text(ROD, encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load_scenario(path, {"rod": value})  # type: ignore[dict-item]
@@ -248,9 +248,11 @@ def test_a_parameter_that_does_not_fit_where_it_is_used_is_told_there(tmp_path: 
 def test_what_a_scenario_sets_is_not_said_of_the_vehicle_file(tmp_path: Path, said: str):
     scenario = load(tmp_path, f"[set]\n{said}\n")
     with pytest.raises(ConfigError) as caught:
-        session.setup_of(scenario)
+        setup_of(scenario)
     (issue,) = caught.value.issues
-    assert issue.startswith(f"{tmp_path / 'scene.toml'}: set.motor.resistance: -1 is out of range")
+    assert issue.startswith(
+        f"{tmp_path / 'stimuli.toml'}: set.motor.resistance: -1 is out of range"
+    )
 
 
 def test_a_vehicle_beside_a_scenario_that_cannot_be_read_is_not_called_missing(tmp_path: Path):

@@ -6,7 +6,7 @@ import pytest
 from cantools.database import load_string
 
 from liftgate_hil.config.signal_name import find_signal
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues
 
 DATABASE = """VERSION ""
 BS_:

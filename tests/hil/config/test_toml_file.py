@@ -12,8 +12,7 @@ from liftgate_hil.config.rig import load_rig
 from liftgate_hil.config.scenario import load_scenario
 from liftgate_hil.config.toml import known_keys, number, show, text
 from liftgate_hil.config.vehicle import load_vehicle
-from liftgate_hil.errors import ConfigError
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigError, ConfigIssues
 
 LOADERS: list[Callable[[Path], Any]] = [load_vehicle, load_rig, load_scenario]
 

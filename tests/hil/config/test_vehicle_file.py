@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from liftgate_hil import session
 from liftgate_hil.config.settings import settings_of
 from liftgate_hil.config.vehicle import load_vehicle
 from liftgate_hil.config.vehicle_file import vehicle_text
 from liftgate_hil.config.vehicle_keys import BODY_TABLES, DRIVE_TABLES
 from liftgate_hil.errors import ConfigError
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle, plant_of
 
 SUV = (Path(__file__).parents[3] / "configs/vehicles/suv.toml").read_text(encoding="utf-8")
@@ -42,7 +42,7 @@ def keys_of(issues: list[str]) -> list[str]:
 
 
 def test_the_shipped_vehicle_holds_what_its_file_says():
-    vehicle = session.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     raw = tomllib.loads(SUV)
     assert vehicle.drives == 2
     assert vehicle.left == vehicle.right
@@ -53,7 +53,7 @@ def test_the_shipped_vehicle_holds_what_its_file_says():
 
 
 def test_a_default_is_the_one_that_the_table_itself_has():
-    vehicle = session.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     assert vehicle.environment == BODY_TABLES["environment"]()
     assert vehicle.left.thermal == DRIVE_TABLES["thermal"]()
 
@@ -162,7 +162,7 @@ def test_a_wrong_friction_over_the_travel_names_its_key(
 )
 def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[str]):
     with pytest.raises(ConfigError) as refused:
-        session.vehicle_from("suv", settings)
+        vehicle_from("suv", settings)
     (line,) = str(refused.value).splitlines()
     assert keys[0] in line
     assert "makes energy" in line
@@ -202,13 +202,13 @@ def test_a_motor_that_makes_energy_is_refused(settings: list[str], keys: list[st
 )
 def test_what_bridge_and_shunt_cannot_be_is_told(settings: list[str], said: str):
     with pytest.raises(ConfigError) as refused:
-        session.vehicle_from("suv", settings)
+        vehicle_from("suv", settings)
     assert said in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_constants_that_are_rounded_make_no_energy():
-    session.vehicle_from("suv", ["motor.torque_constant=0.01225"])
+    vehicle_from("suv", ["motor.torque_constant=0.01225"])
 
 
 def test_a_friction_that_changes_too_often_over_the_travel_is_refused(tmp_path: Path):
@@ -399,15 +399,15 @@ def test_a_geometry_that_a_setting_spoilt_names_it(tmp_path: Path):
 
 def test_a_vehicle_that_is_neither_shipped_nor_a_file_is_told_with_what_is():
     with pytest.raises(ConfigError, match=r"`vehicle` nosuch: .*suv"):
-        session.vehicle_from("nosuch")
+        vehicle_from("nosuch")
     with pytest.raises(ConfigError, match=r"nosuch\.toml: no such file; .*heavy-suv, suv"):
-        session.vehicle_from("nosuch.toml")
+        vehicle_from("nosuch.toml")
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "/", "suv/"])
 def test_strange_names_are_no_vehicles(name: str):
     with pytest.raises(ConfigError):
-        session.vehicle_from(name)
+        vehicle_from(name)
 
 
 def test_a_saved_value_reaches_the_drive_that_has_its_own(tmp_path: Path):
@@ -477,7 +477,7 @@ def test_edges_of_an_encoder_must_come_one_after_the_other(
 ):
     settings = [f"sensors.{key}={value}" for key, value in errors_of_the_encoder.items()]
     if is_allowed:
-        assert session.vehicle_from("suv", settings).drives == 2
+        assert vehicle_from("suv", settings).drives == 2
         return
     with pytest.raises(ConfigError, match=r"electrical degrees beside its place .* allowed: 40.5"):
-        session.vehicle_from("suv", settings)
+        vehicle_from("suv", settings)

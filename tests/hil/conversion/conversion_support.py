@@ -9,8 +9,8 @@ import numpy as np
 from hil_support import frames_of
 
 from liftgate_hil.codec.frames import logged
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.signals import columns_of
 
 HEAD = "time_s,left_current_a,gate_angle_deg\n"
@@ -27,7 +27,7 @@ def table(path: Path, rows: list[tuple[float, ...]], head: str = HEAD) -> Path:
 def log(path: Path, rows: list[tuple[int, bytes]], stamps: list[float], epoch_ns: int = 0) -> Path:
     frames = logged(frames_of(rows), 0, True)
     frames["time_ns"] = np.round(np.array(stamps) * 1e9)
-    recorder = open_recorder(path, Content(columns_of(2), "can0"))
+    recorder = open_writer(path, Content(columns_of(2), "can0"))
     recorder.begin(epoch_ns)
     recorder.write_frames(frames)
     recorder.close()

@@ -15,8 +15,8 @@ from liftgate_hil.conversion.compare_frames import compare_frames
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.conversion.table import Window, open_table
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement import recorded_table
-from liftgate_hil.measurement.recorded import open_recorded
+from liftgate_hil.formats import csv_file
+from liftgate_hil.formats.open import open_recording
 
 
 def compared(first: Path, second: Path, **more: object) -> Comparison:
@@ -39,7 +39,7 @@ def test_the_largest_difference_is_told_with_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
     """Also where the files are read in pieces of unlike numbers of rows."""
-    monkeypatch.setattr(recorded_table, "_BLOCK", block)
+    monkeypatch.setattr(csv_file, "_BLOCK", block)
     first = table(tmp_path / "a.csv", ROWS)
     others = [list(row) for row in ROWS]
     others[40][1] -= 0.25
@@ -121,7 +121,7 @@ def test_frames_are_compared_one_by_one(tmp_path: Path) -> None:
         (FRAMES, [*STAMPS[:20], STAMPS[20] - 2e-6, *STAMPS[21:]], 50, 20),
     ):
         second = log(tmp_path / "b.asc", rows, stamps)
-        found = compare_frames(open_recorded(first), open_recorded(second))
+        found = compare_frames(open_recording(first), open_recording(second))
         assert (found.counts, found.first) == ((50, count), unlike)
 
 
@@ -130,7 +130,7 @@ def test_frames_of_a_run_in_real_time_are_the_same_in_every_format(tmp_path: Pat
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     for name in ("b.log", "b.asc", "b.trc"):
         second = log(tmp_path / name, FRAMES, STAMPS, epoch)
-        assert compare_frames(open_recorded(first), open_recorded(second)).first is None
+        assert compare_frames(open_recording(first), open_recording(second)).first is None
 
 
 def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
@@ -139,11 +139,13 @@ def test_a_format_that_says_its_begin_in_milliseconds_may_have_another_origin(
     epoch = 1_700_000_000_123_456_000
     first = log(tmp_path / "a.blf", FRAMES, STAMPS, epoch)
     by_less = log(tmp_path / "b.asc", FRAMES, [each + 456e-6 for each in STAMPS], epoch - 456_000)
-    assert compare_frames(open_recorded(first), open_recorded(by_less)).first is None
+    assert compare_frames(open_recording(first), open_recording(by_less)).first is None
     late = [*STAMPS[:20], *(each + 3e-6 for each in STAMPS[20:])]
     found = compare_frames(
-        open_recorded(first),
-        open_recorded(log(tmp_path / "c.asc", FRAMES, [e + 456e-6 for e in late], epoch - 456_000)),
+        open_recording(first),
+        open_recording(
+            log(tmp_path / "c.asc", FRAMES, [e + 456e-6 for e in late], epoch - 456_000)
+        ),
     )
     assert (found.first, found.what) == (20, "time")
 

@@ -19,9 +19,8 @@ from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged, no_logged
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.recorded import SUFFIXES, open_recorded
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import FORMATS, TABLES, open_recorder
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import FORMATS, READ, TABLES, open_recording, open_writer
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 pytest.importorskip("asammdf")
@@ -62,7 +61,7 @@ def some_frames(kinds: int = 0, count: int = 25_000) -> Any:
 
 
 def recorded(path: Path, rows: np.ndarray | None = None, frames: Any = None) -> Path:
-    recorder = open_recorder(path, Content(columns_of(2), "can3"))
+    recorder = open_writer(path, Content(columns_of(2), "can3"))
     recorder.begin(EPOCH_NS)
     if rows is not None:
         recorder.write_rows(rows)
@@ -74,12 +73,12 @@ def recorded(path: Path, rows: np.ndarray | None = None, frames: Any = None) -> 
 
 
 def rows_in(path: Path) -> np.ndarray:
-    found = open_recorded(path)
+    found = open_recording(path)
     return np.concatenate(list(found.rows(list(found.signals))))
 
 
 def frames_in(path: Path) -> Any:
-    return np.concatenate([no_logged(), *open_recorded(path).frames()])
+    return np.concatenate([no_logged(), *open_recording(path).frames()])
 
 
 def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
@@ -101,7 +100,7 @@ def test_a_table_goes_into_every_other_format_and_back_to_the_last_bit(
         target = tmp_path / f"step{step}{suffix}"
         assert convert(path, target).rows == len(rows)
         path = target
-        found = open_recorded(path)
+        found = open_recording(path)
         assert list(found.signals) == columns_of(2)
         assert same_bits(rows_in(path), rows)
     if first == ".csv":
@@ -126,14 +125,14 @@ def test_a_bus_log_goes_into_every_other_format_and_back(
         assert convert(path, target).frames == len(frames)
         path = target
     found = frames_in(path)
-    clock = open_recorded(path).start_ns + found["time_ns"]
+    clock = open_recording(path).start_ns + found["time_ns"]
     assert np.abs(clock - EPOCH_NS - frames["time_ns"]).max() < 1000  # TRC's beginning is in days
     assert np.diff(found["time_ns"]).tolist() == np.diff(frames["time_ns"]).tolist()
     if ".log" not in (first, second):  # whose text does not say when it began
         assert found["time_ns"].tolist() == frames["time_ns"].tolist()
     for field in ("identifier", "length", "is_sent", "payload"):
         assert np.array_equal(found[field], frames[field]), field
-    assert open_recorded(path).channel == "can3"
+    assert open_recording(path).channel == "can3"
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(BOTH, 2)))
@@ -145,7 +144,7 @@ def test_what_holds_both_goes_into_what_holds_both(tmp_path: Path, first: str, s
     assert (done.rows, done.frames, done.notes) == (21_000, 25_000, ())
     assert same_bits(rows_in(target), rows)
     found = frames_in(target)
-    assert open_recorded(target).start_ns == EPOCH_NS
+    assert open_recording(target).start_ns == EPOCH_NS
     assert np.array_equal(np.sort(found), np.sort(frames))
 
 
@@ -165,7 +164,7 @@ def test_a_table_of_somebody_else_keeps_names_and_values(tmp_path: Path, suffix:
     path = tmp_path / "theirs.csv"
     path.write_text("time_s;Iq [mA];Motor.Speed;n\n0;1.5;-0.0;3\n.5;;2e-3;4\r\n1;7;8;9\n")
     convert(path, tmp_path / f"out{suffix}")
-    found = open_recorded(tmp_path / f"out{suffix}")
+    found = open_recording(tmp_path / f"out{suffix}")
     assert set(found.signals) == {"time_s", "Iq [mA]", "Motor.Speed", "n"}
     rows = np.concatenate(list(found.rows(["time_s", "Iq [mA]", "Motor.Speed", "n"])))
     expected = [[0.0, 1.5, -0.0, 3.0], [0.5, np.nan, 0.002, 4.0], [1.0, 7.0, 8.0, 9.0]]
@@ -247,7 +246,7 @@ def messages_of(*arguments: str, capsys: pytest.CaptureFixture[str]) -> list[str
     return lines
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", READ)
 def test_a_file_that_is_none_is_told_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
@@ -283,7 +282,7 @@ def test_a_binary_file_that_is_cut_off_is_told_in_a_line(
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", READ)
 def test_whatever_a_file_holds_it_is_converted_or_told_in_a_line(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -317,7 +316,7 @@ def test_wrong_arguments_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[
     log = str(recorded(tmp_path / "run.log", frames=some_frames(0, 5)))
     for arguments, said in (
         ((table, table), "it is read; allowed: another file"),
-        ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .log"),
+        ((table, str(tmp_path / "x.xyz")), "format '.xyz'; allowed: .csv, .parquet"),
         ((str(tmp_path / "x.xyz"), table), "format '.xyz'; allowed: .csv, .parquet"),
         ((str(tmp_path), table), "format 'none'"),
         ((table, str(tmp_path / "no" / "x.csv")), "allowed: one that exists"),

@@ -18,7 +18,7 @@ from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged
 from liftgate_hil.conversion.convert import convert
 from liftgate_hil.conversion.decode import Decoder, seen_in
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.recorded import open_recorded
+from liftgate_hil.formats.open import open_recording
 from liftgate_hil.signals import COLUMNS
 
 DBC = Path(__file__).parents[3] / "dbc" / "liftgate.dbc"
@@ -143,7 +143,7 @@ def test_a_run_s_bus_log_is_decoded_as_cantools_does(tmp_path: Path) -> None:
         values = message.decode(bytes.fromhex(payload), decode_choices=False)
         held |= {f"{message.name}.{name}": value for name, value in values.items()}
         expected[float(stamp.strip("()"))] = dict(held)
-    found = open_recorded(tmp_path / "out.csv")
+    found = open_recording(tmp_path / "out.csv")
     rows = np.concatenate(list(found.rows(list(found.signals))))
     assert rows[:, 0].tolist() == list(expected)
     for row, values in zip(rows, expected.values(), strict=True):
@@ -159,7 +159,7 @@ def test_a_rig_s_name_stands_for_its_database(tmp_path: Path) -> None:
     said = f"{len(COLUMNS)} columns are left out: --rig has those of the bus instead"
     assert done.notes == (said,)
     assert done.frames > 100
-    found = open_recorded(tmp_path / "out.mcap")
+    found = open_recording(tmp_path / "out.mcap")
     assert "LeftDrive.MotorCurrent" in found.signals
     assert found.signals["LeftDrive.MotorCurrent"].unit == "A"
     assert {name.partition(".")[0] for name in found.signals} < {"time_s", *shipped_rig().messages}

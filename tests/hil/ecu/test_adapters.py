@@ -12,7 +12,7 @@ import c_ecu
 import pytest
 from c_library import build, needs_compiler
 from echo_ecu import ECHO_REQUEST, ECHO_STEPS, Echo, Opener
-from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, scene, start_of
+from hil_support import LEFT_DRIVE, RIGHT_DRIVE, loop_config, start_of, stimulus_plan
 from run_support import Keeper, Told, episode_of, run_kept
 
 import liftgate_hil as lh
@@ -23,13 +23,13 @@ from liftgate_hil.config.shipped import find_config
 from liftgate_hil.ecu.adapter import Adapter, ReferenceEcu
 from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.peer import Peer
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.loop.python_loop import Loop, run_free
-from liftgate_hil.loop.recorder import RecordingTaker
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 from liftgate_hil.transport.can_bus import CanTransport
 
 HERE = Path(__file__).parent
@@ -71,12 +71,12 @@ def as_a_peer(ecu: Any, scenario: Scenario, log: Path) -> list[Line]:
     channel = str(uuid.uuid4())
     ours, theirs = (CanTransport({"interface": "virtual", "channel": channel}) for _ in range(2))
     config = loop_config()
-    recorder = open_recorder(log, Content((), "bus"))
-    recording = RecordingTaker([recorder])
+    recorder = open_writer(log, Content((), "bus"))
+    recording = RecordingSink([recorder])
     with adapter_for(ecu, lh.load_rig(shipped()), 2) as adapter:
         peer = Peer(adapter, theirs, by_the_clock(scenario.requests))
-        around = scene(config, scenario.stimuli)
-        loop = Loop(config, start_of(config), around, ours, takers=[recording], peers=[peer])
+        around = stimulus_plan(config, scenario.stimuli)
+        loop = Loop(config, start_of(config), around, ours, sinks=[recording], peers=[peer])
         loop.begin()
         run_free(loop, round(1e3 * (scenario.duration or 0.0)), lambda: False)
         loop.finish()

@@ -12,16 +12,18 @@ import pytest
 from c_library import build, needs_compiler
 
 import liftgate_hil as lh
-from liftgate_hil import session
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.ecu.find import is_library
 from liftgate_hil.errors import ConfigError, EcuError
-from liftgate_hil.isolation import run_isolated
-from liftgate_hil.runs.job import Job
+from liftgate_hil.running.isolation import run_isolated
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.setup import rig_from, vehicle_from
 from liftgate_hil.signals import COLUMNS
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 pytestmark = needs_compiler
 
@@ -135,15 +137,15 @@ def test_one_that_cannot_be_made_is_an_error_of_the_run(tmp_path: Path, clock: s
     ],
 )
 def test_one_that_hangs_is_given_up(tmp_path: Path, bodies: dict[str, str], time_s: float) -> None:
-    options = session.RunOptions(clock="free")
+    options = RunOptions(clock="free")
     job = Job(scenario=SCENARIO, ecu=str(library(tmp_path, **bodies)), options=options)
     with pytest.raises(EcuError) as caught:
-        run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, hang_s=1.0)
+        run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, hang_s=1.0)
     assert str(caught.value) == f"the ECU at {time_s:.3f} s: no answer for 1 s"
 
 
 def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
     result = lh.run(SCENARIO, library(tmp_path, step=f"if ({AT}) for (;;) pause();"))
     assert (result.verdict, result.reason) == (
         "error",
@@ -155,7 +157,7 @@ def test_a_hang_is_an_error_of_the_run(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_hang_on_a_bus_is_one_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
 ) -> None:
-    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
     path = library(tmp_path, step="if (now_ns >= 50000000) for (;;) pause();")
     result = lh.run(SCENARIO, path, clock=clock)
     time = r"\d\.\d{3}" if clock == "realtime" else r"0\.050"
@@ -192,7 +194,9 @@ def test_a_file_that_is_no_library_is_a_mistake_of_the_caller(
 def test_what_else_is_wrong_is_told_before_a_process_is_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("liftgate_hil.isolation.run_isolated", lambda *_: pytest.fail("started"))
+    monkeypatch.setattr(
+        "liftgate_hil.running.isolation.run_isolated", lambda *_: pytest.fail("started")
+    )
     with pytest.raises(ConfigError, match="no-such-vehicle"):
         lh.run(SCENARIO, library(tmp_path), vehicle="no-such-vehicle")
     with pytest.raises(ConfigError, match="no such file"):
@@ -215,8 +219,8 @@ def test_libraries_are_known_by_their_names(name: object, expected: bool) -> Non
 
 def test_objects_instead_of_names_reach_the_worker(tmp_path: Path) -> None:
     """Everything that a run may be given can be handed to another process."""
-    rig = session.rig_from("liftgate")
-    vehicle = session.vehicle_from("compact")
+    rig = rig_from("liftgate")
+    vehicle = vehicle_from("compact")
     scenario = dataclasses.replace(SCENARIO, duration=0.05)
     result = lh.run(scenario, library(tmp_path), rig=rig, vehicle=vehicle, trace=True)
     assert result.verdict == "pass", result.reason
@@ -242,13 +246,13 @@ def test_after_a_crash_the_recording_and_the_summary_tell_how_far_it_came(tmp_pa
 
 
 def test_a_slow_library_is_stopped_at_its_next_tick(tmp_path: Path) -> None:
-    options = session.RunOptions(clock="free")
+    options = RunOptions(clock="free")
     scenario = dataclasses.replace(SCENARIO, duration=1000.0)
     touch = f'close(creat("{tmp_path / "flag"}", 0600));'
     path = library(tmp_path, step=f"usleep(20000); if (now_ns == 20000000) {touch}")
     job = Job(scenario=scenario, ecu=str(path), options=options)
     stopped = (tmp_path / "flag").exists
-    answer = run_isolated("liftgate_hil.worker", pickle.dumps(job), 0.001, stopped)
+    answer = run_isolated("liftgate_hil.running.worker", pickle.dumps(plan_of(job)), 0.001, stopped)
     result = pickle.loads(answer.payload)
     assert result.verdict == "pass"
     assert 20 <= result.summary.ticks < 400  # the rings would hold 512

@@ -19,7 +19,7 @@ from liftgate_hil.ecu import wire
 from liftgate_hil.errors import ConfigError
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 SCENARIO = Scenario(NO_STIMULI, (), 0.2)
 GOOD = [

@@ -14,7 +14,7 @@ from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.shipped import find_config
 from liftgate_hil.stimuli.moments import NEVER, START, Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI, Stimuli
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, TimedStimuli
 from liftgate_hil.stimuli.timeline import TimedObstacle
 from liftgate_plant.obstacle import Obstacle
 
@@ -23,9 +23,9 @@ ROD = 10_000.0  # N/m, the softest of the regulators' test rods
 
 def rod(
     angle_deg: float, stiffness: float = ROD, start: Instant = START, end: Instant = NEVER
-) -> Stimuli:
+) -> TimedStimuli:
     body = Obstacle(np.radians(angle_deg), 1.0, stiffness, 0.0, 0.0, 1.0)
-    return Stimuli({}, [TimedObstacle(body, start, end)])
+    return TimedStimuli({}, [TimedObstacle(body, start, end)])
 
 
 class Run:
@@ -36,7 +36,7 @@ class Run:
         vehicle_name: str,
         requests: Sequence[tuple[float, str]],
         seconds: float,
-        stimuli: Stimuli = NO_STIMULI,
+        stimuli: TimedStimuli = NO_STIMULI,
         settings: Sequence[str] = (),
         rig_name: str = "liftgate",
         **more: Any,

@@ -14,10 +14,11 @@ from test_bad_libraries import check_that_the_caller_lives_on, library, needs_co
 import liftgate_hil as lh
 from liftgate_hil.cli.main import main
 from liftgate_hil.config.scenario import Scenario
-from liftgate_hil.runs.job import Job
-from liftgate_hil.runs.run import execute
-from liftgate_hil.session import RunOptions
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.plan import plan_of
+from liftgate_hil.running.run import execute
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 SCENARIO = Scenario(NO_STIMULI, (), 0.1)
 CLOCKS = ("free", "lockstep", "realtime")
@@ -92,15 +93,15 @@ class ClosesEarly(Base):
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("liftgate_hil.isolation.HANG_S", 0.5)
-    monkeypatch.setattr("liftgate_hil.isolation.EXIT_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.HANG_S", 0.5)
+    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 0.5)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hostile.py").write_text(PYTHON)
 
 
 def of_python(name: str, clock: str = "free") -> lh.Result:
     options = RunOptions(clock=clock)
-    return execute(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True))
+    return execute(plan_of(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True)))
 
 
 @pytest.mark.parametrize("clock", CLOCKS)
@@ -159,7 +160,7 @@ def test_a_recording_of_a_hostile_ecu_is_completed_or_its_loss_is_told(
 ) -> None:
     record = tmp_path / "run.csv"
     options = RunOptions(clock=clock, records=(record,))
-    result = execute(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True))
+    result = execute(plan_of(Job(SCENARIO, f"hostile:{name}", options=options, is_isolated=True)))
     rows = record.read_text(errors="replace").count("\n") if record.is_file() else 0
     assert rows > 100 or result.reason
     assert "Traceback" not in capfd.readouterr().err
@@ -227,7 +228,7 @@ def test_a_library_whose_destructor_hangs_has_been_judged(tmp_path: Path) -> Non
 
 
 def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("liftgate_hil.isolation.EXIT_S", 600.0)
+    monkeypatch.setattr("liftgate_hil.running.isolation.EXIT_S", 600.0)
     job = Job(SCENARIO, "hostile:Thread", options=RunOptions(clock="free"), is_isolated=True)
     asked = []
 
@@ -235,5 +236,5 @@ def test_a_stop_is_heeded_while_a_process_does_not_exit(monkeypatch: pytest.Monk
         asked.append(time.monotonic())
         return len(asked) > 20
 
-    result = execute(job, stopped)
+    result = execute(plan_of(job), stopped)
     assert result.verdict in ("pass", "error")

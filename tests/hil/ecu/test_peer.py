@@ -37,7 +37,7 @@ from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import EcuError
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 from liftgate_hil.transport.base import LinkCounts
 
 MS = 1_000_000

@@ -11,7 +11,7 @@ from liftgate_hil.identify.data import Data
 from liftgate_hil.identify.identification import identify
 from liftgate_hil.identify.problem import Problem
 from liftgate_hil.identify.search import past_kinks, search
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.vehicle import Vehicle
 from tests.hil.identify.simulated import measured, scores, sought, true_vehicle
 

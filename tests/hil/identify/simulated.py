@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from liftgate_hil.config.parameters import find_parameter, value_of, with_values
 from liftgate_hil.identify.data import Data, rows_of
 from liftgate_hil.identify.identification import identify
-from liftgate_hil.identify.parameters import find_parameter, value_of, with_values
 from liftgate_hil.identify.problem import Problem, Sought
 from liftgate_hil.identify.result import Identification
 from liftgate_hil.identify.trajectory import MODELS, OUTPUTS, REST, Start, trajectory
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant.sensors import Sensors
 from liftgate_plant.vehicle import Vehicle, load_of, plant_of
 

@@ -20,7 +20,7 @@ from liftgate_hil.identify.data import (
     rows_of,
 )
 from liftgate_hil.measurement.raster import thinned
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate
 from liftgate_plant.rows import INPUT_COLUMNS
 from liftgate_plant.vehicle import Vehicle, plant_of

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, minimize
 
+from liftgate_hil.config.parameters import find_parameter, with_value
 from liftgate_hil.config.vehicle import refusals_of
 from liftgate_hil.identify.identification import NothingToTellError, identify
 from liftgate_hil.identify.limits import step_within_limits
-from liftgate_hil.identify.parameters import find_parameter, with_value
 from liftgate_hil.identify.problem import Problem
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from tests.hil.identify.simulated import measured, sought
 from tests.plant.runs import suv
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from liftgate_hil.identify.parameters import (
+from liftgate_hil.config.parameters import (
     all_parameters,
     find_parameter,
     same_on_both_sides,
@@ -17,7 +17,7 @@ from liftgate_hil.identify.parameters import (
     with_value,
     with_values,
 )
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from tests.plant.runs import suv, tables
 
 

@@ -20,7 +20,7 @@ from liftgate_hil.identify.trajectory import (
     run,
     trajectory,
 )
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_plant import gate, integrate
 from liftgate_plant.bridge import DriveInput
 from liftgate_plant.compiler import compiled, enabled

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.judge import Judge, expected_of
+from liftgate_hil.judging.expected import expected_of
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 

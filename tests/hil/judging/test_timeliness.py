@@ -11,7 +11,8 @@ import pytest
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.judge import Judge, expected_of
+from liftgate_hil.judging.expected import expected_of
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 

@@ -1,4 +1,4 @@
-"""Transports and takers of lists, and loops around them."""
+"""Transports and sinks of lists, and loops around them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from hil_support import OPEN, both, command_frame, frames_of, rows_of, scene, start_of
+from hil_support import OPEN, both, command_frame, frames_of, rows_of, start_of, stimulus_plan
 from numpy.typing import NDArray
 
 from liftgate_hil.codec.frames import Frames, empty_frames
@@ -71,7 +71,7 @@ def never() -> bool:
 def loop_of(
     transport: Any, config: LoopConfig, state: LoopState | None = None, **more: Any
 ) -> Loop:
-    return Loop(config, state or start_of(config), scene(config), transport, **more)
+    return Loop(config, state or start_of(config), stimulus_plan(config), transport, **more)
 
 
 def command(rig: Rig, counter: int) -> tuple[int, bytes]:

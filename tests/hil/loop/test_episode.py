@@ -49,7 +49,7 @@ from liftgate_hil.loop.tick import STOPPED
 from liftgate_hil.signals import COLUMN_PLACE
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
 
 
 @pytest.fixture

@@ -28,9 +28,9 @@ from hil_support import (
     frames_of,
     j1850,
     loop_config,
-    scene,
     shipped_rig,
     start_of,
+    stimulus_plan,
 )
 from run_support import (
     CYCLE,
@@ -45,7 +45,6 @@ from run_support import (
 )
 
 import liftgate_hil as lh
-from liftgate_hil import session
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, bits_of
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
@@ -56,11 +55,12 @@ from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.python_object import PythonEcu
 from liftgate_hil.errors import PlantDivergedError
 from liftgate_hil.loop.closed_loop import Episode, Extremes, Trace
-from liftgate_hil.loop.recorder import RecordingTaker
+from liftgate_hil.running.recording_sink import RecordingSink
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request
-from liftgate_hil.stimuli.scene import NO_STIMULI, Stimuli
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, TimedStimuli
 from liftgate_hil.stimuli.timeline import Profile
 
 
@@ -219,7 +219,7 @@ def test_a_plant_that_diverges_is_an_error_of_the_run_and_no_crash(
     quantity: str, value: float, clock: str
 ) -> None:
     profile = Profile([(0.0, 0.0), (0.3, value)], is_linear=False)
-    scenario = Scenario(Stimuli({quantity: profile}), (Request(Instant(0.0), "open"),), 5.0)
+    scenario = Scenario(TimedStimuli({quantity: profile}), (Request(Instant(0.0), "open"),), 5.0)
     result = lh.run(scenario, clock=clock, trace=True)
     assert result.verdict == "error"
     assert result.reason.startswith("the plant diverged at 0.30")
@@ -232,7 +232,7 @@ def test_a_plant_that_diverges_is_an_error_of_the_run_and_no_crash(
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_vehicle_that_is_none_diverges_in_its_first_tick(value: float) -> None:
-    vehicle = session.vehicle_from("suv")
+    vehicle = vehicle_from("suv")
     vehicle = vehicle._replace(gate=vehicle.gate._replace(mass=value))
     result = lh.run("demo", vehicle=vehicle, initial=40.0, trace=True)
     assert result.verdict == "error"
@@ -247,7 +247,7 @@ def test_a_diverged_drive_is_noticed_even_where_the_gate_stands(rig: Rig) -> Non
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
         broken = state._replace(plant=state.plant._replace(right=right))
-        episode = Episode(config, broken, scene(config), adapter, takers=[keeper])
+        episode = Episode(config, broken, stimulus_plan(config), adapter, sinks=[keeper])
         with pytest.raises(PlantDivergedError, match=r"0\.001 s"):
             episode.run(100)
         episode.close()
@@ -265,9 +265,9 @@ def test_extremes_and_trace_agree_however_the_rows_come() -> None:
     for size in (1, 7, 333, 1000):
         extremes, trace = Extremes(), Trace(10)
         for start in range(0, 1000, size):
-            for taker in (extremes, trace):
-                taker.take(rows[start : start + size], ())
-                taker.take(rows[:0], ())
+            for sink in (extremes, trace):
+                sink.take(rows[start : start + size], ())
+                sink.take(rows[:0], ())
         assert extremes.high is not None
         assert extremes.low is not None
         assert extremes.high.tolist() == rows.max(axis=0).tolist()
@@ -303,10 +303,10 @@ def test_a_summary_before_the_first_tick_divides_by_nothing() -> None:
 
 
 def test_frames_beyond_their_count_are_nobodys(rig: Rig) -> None:
-    """Replies are arrays with room for more than was sent; a taker gets just the frames."""
+    """Replies are arrays with room for more than was sent; a sink gets just the frames."""
     seen: list[Any] = []
 
-    class Recorder:
+    class Writer:
         written = 0
 
         def begin(self, epoch_ns: int) -> None:
@@ -326,7 +326,7 @@ def test_frames_beyond_their_count_are_nobodys(rig: Rig) -> None:
 
     keeper = Keeper()
     with ReferenceEcu(rig, 2) as adapter:
-        recording = RecordingTaker([Recorder()])
+        recording = RecordingSink([Writer()])
         episode = episode_of([recording, keeper], adapter)
         episode.run(100)
         recording.flush()

@@ -9,13 +9,13 @@ import pytest
 from hil_support import COMMAND, GATE, frames_of, loop_config, panel_frame, rows_of
 from loop_fakes import Memory, Notes, Rows, command, loop_of, never
 
-from liftgate_hil import session
 from liftgate_hil.codec.frames import FD, REMOTE, Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError
 from liftgate_hil.loop.lockstep import Lockstep, Waiting, run_lockstep
 from liftgate_hil.loop.python_loop import Loop
+from liftgate_hil.running.setup import rig_from
 from liftgate_hil.transport.base import LinkCounts
 
 PERIOD = Lockstep(COMMAND, 10)
@@ -37,7 +37,7 @@ def lockstep(rig: Rig, batches: Sequence[Rows], ticks: int | None = None) -> tup
     """Run until all batches are used up, the first of which is there at the start."""
     first, *later = batches
     transport, notes = Memory([first, [], *later]), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
     run_lockstep(loop, PERIOD, ticks, used_up(loop, transport))
     return loop, notes
 
@@ -96,7 +96,7 @@ def test_what_came_before_the_start_is_dropped_and_counted(rig: Rig):
         [(0x57, b"c"), command(rig, 301)],
     ]
     transport, notes = Memory(batches), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes], command=COMMAND)
+    loop = loop_of(transport, loop_config(rig=rig), sinks=[notes], command=COMMAND)
     loop.begin(is_first=True)
     run_lockstep(loop, PERIOD, None, used_up(loop, transport))
     assert loop.state.tick == 20  # a period without a command, for an ECU that waits for an answer
@@ -245,7 +245,7 @@ def test_lockstep_is_the_same_however_the_frames_are_read(rig: Rig):
 
 
 def test_lockstep_goes_on_can_fd_commands_too():
-    rig = session.rig_from(str(Path(__file__).parents[2] / "system/foreign/foreign.toml"))
+    rig = rig_from(str(Path(__file__).parents[2] / "system/foreign/foreign.toml"))
     message = rig.messages["KlappeSoll"]
     payload = message.encode(
         {"SpannungLinks": 0.5, "SpannungRechts": 0.5, "BrueckeLinks": 5, "BrueckeRechts": 5,

@@ -48,13 +48,13 @@ from liftgate_hil.config.rig import Rig
 from liftgate_hil.ecu.adapter import ReferenceEcu
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import OverrunError, PlantDivergedError
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.loop.clock import RealtimeClock
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
-from liftgate_hil.loop.recorder import RecordingTaker
 from liftgate_hil.loop.tick import STOPPED, LoopState
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.running.recording_sink import RecordingSink
 from liftgate_hil.signals import columns_of
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
@@ -66,7 +66,7 @@ from liftgate_hil.transport.can_bus import CanTransport
 @pytest.mark.parametrize("ticks", [1, 7, 100])
 def test_a_free_run_makes_just_so_many_ticks(rig: Rig, ticks: int):
     notes = Notes()
-    loop = loop_of(Memory(), loop_config(rig=rig), takers=[notes])
+    loop = loop_of(Memory(), loop_config(rig=rig), sinks=[notes])
     run_free(loop, ticks, never)
     assert loop.state.tick == ticks
     assert notes.times == pytest.approx([0.001 * (1 + number) for number in range(ticks)])
@@ -112,7 +112,7 @@ def test_frames_of_a_skipped_time_are_received_and_nothing_is_sent_twice(rig: Ri
         transport,
         loop_config(rig=rig),
         peers=[Slow()],
-        takers=[shown],
+        sinks=[shown],
     )
     run_clocked(loop, clock, 100, never)
     assert loop.state.tick == 100
@@ -137,7 +137,7 @@ def test_an_overrun_past_the_limit_ends_the_run(rig: Rig):
         def take(self, rows: NDArray[np.float64], frames: Any) -> None:
             now[0] += 7_000_000
 
-    loop = loop_of(Memory(), loop_config(rig=rig), takers=[Slow()])
+    loop = loop_of(Memory(), loop_config(rig=rig), sinks=[Slow()])
     with pytest.raises(OverrunError):
         run_clocked(loop, clock, 100, never)
 
@@ -153,7 +153,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
     notes = Notes()
     transport = Memory([[command(rig, 0)]])
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes], peers=[Peer()])
+    loop = loop_of(transport, loop_config(rig=rig), sinks=[notes], peers=[Peer()])
     loop.begin()
     run_free(loop, 10, never)
     loop.finish()
@@ -169,7 +169,7 @@ def test_finishing_sends_everything_with_the_motors_off_and_silences_the_peers(r
 
 def test_beginning_leaves_no_trace(rig: Rig):
     transport, notes = Memory(), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
     loop.begin()
     assert (loop.state.tick, transport.sent, notes.times) == (0, [], [])
     assert loop.summary("free").frames_sent == 0
@@ -180,7 +180,7 @@ def test_a_recorder_gets_every_frame_of_either_way_once(rig: Rig):
         [command(rig, n), (0x55, b"x")] if n % 10 == 0 else [] for n in range(100)
     ]
     transport, notes = Memory([list(batch) for batch in batches]), Notes()
-    loop = loop_of(transport, loop_config(rig=rig), takers=[notes])
+    loop = loop_of(transport, loop_config(rig=rig), sinks=[notes])
     run_free(loop, 100, never)
     assert notes.received == batches
     assert [row for rows in notes.sent for row in rows] == transport.sent
@@ -228,11 +228,11 @@ def closed_loop(rig: Rig, folder: Path, ticks: int) -> tuple[Loop, ReferenceEcu,
     requests = [Request(Instant(0.3), "open"), Request(Instant(2.0), "close")]
     peer = Peer(ecu, theirs, by_the_clock(requests))
     paths = [folder / "plant.csv", folder / "bus.log"]
-    recorders = [open_recorder(path, Content(columns_of(2), "bench")) for path in paths]
-    recording = RecordingTaker(recorders)
+    recorders = [open_writer(path, Content(columns_of(2), "bench")) for path in paths]
+    recording = RecordingSink(recorders)
     noise = ["sensors.current_noise=0.05"]
     loop = loop_of(
-        ours, loop_config(rig=rig, settings=noise, seed=5), takers=[recording], peers=[peer]
+        ours, loop_config(rig=rig, settings=noise, seed=5), sinks=[recording], peers=[peer]
     )
     try:
         loop.begin()

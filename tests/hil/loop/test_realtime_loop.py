@@ -28,14 +28,14 @@ from hil_support import (
     frames_of,
     loop_config,
     rows_of,
-    scene,
     start_of,
+    stimulus_plan,
 )
 
 from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.errors import OverrunError, PlantDivergedError
-from liftgate_hil.loop import datagrams, realtime_loop
+from liftgate_hil.loop import advance, datagrams, realtime_loop
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.datagrams import (
     CAPACITY,
@@ -151,7 +151,7 @@ class Rehearsal:
 
         monkeypatch.setattr(realtime_loop, "clock_ns", clock_ns)
         monkeypatch.setattr(realtime_loop, "wait_until", wait_until)
-        monkeypatch.setattr(realtime_loop, "tick", tick)
+        monkeypatch.setattr(advance, "tick", tick)
         monkeypatch.setattr(realtime_loop, "write_frames", write)
         really_sendmmsg = datagrams._sendmmsg
         monkeypatch.setattr(datagrams, "_sendmmsg", sendmmsg)
@@ -167,7 +167,7 @@ class Rehearsal:
             limit_ns=limit_ns,
             command=COMMAND,
             feedback=feedback,
-            scene=scene(self.config),
+            stimuli=stimulus_plan(self.config),
             is_last=1,
         )
         begin = state or start_of(self.config)
@@ -283,7 +283,9 @@ def test_it_does_what_the_portable_loop_does_bit_for_bit(
     assert outcome == ENDED
 
     transport, shown = Given(), Trace()
-    loop = Loop(play.config, start_of(play.config), scene(play.config), transport, takers=[shown])
+    loop = Loop(
+        play.config, start_of(play.config), stimulus_plan(play.config), transport, sinks=[shown]
+    )
     assert play.steps[:-1].count(1) == len(play.steps) - 3
     assert sorted(play.steps)[-2:] == [2, 4]
     sent: list[Rows] = []
@@ -852,7 +854,7 @@ def ready(rig: Rig) -> Iterator[Callable[..., RealtimeRun]]:
         return RealtimeRun(
             config=config,
             state=state,
-            scene=scene(config),
+            stimuli=stimulus_plan(config),
             line=line,
             memory=memory,
             rig=rig,
@@ -884,7 +886,7 @@ def test_a_run_in_real_time_does_its_ticks_and_tells_the_figures(
     ready: Callable[..., RealtimeRun], rig: Rig
 ):
     shown = Trace()
-    run = ready(takers=[shown])
+    run = ready(sinks=[shown])
     run.begin()
     control = run.memory.shared.control[0]
     assert all(int(control[name]) == 0 for name in control.dtype.names)
@@ -994,11 +996,11 @@ def test_rows_that_were_overwritten_before_they_were_judged_are_counted(
     ready: Callable[..., RealtimeRun],
 ):
     """As where an ECU in this process does not answer for longer than the ring holds."""
-    run = ready(takers=[SlowTaker(0.0)])
+    run = ready(sinks=[SlowTaker(0.0)])
     run.begin()
     run.run(100, never)
     assert run.summary().unseen_rows == 0
-    run = ready(takers=[SlowTaker(1.0)], rows=1200, limit_ns=10**12)
+    run = ready(sinks=[SlowTaker(1.0)], rows=1200, limit_ns=10**12)
     run.begin()
     run.run(1200, never)
     assert run.summary().unseen_rows > 500
@@ -1017,7 +1019,7 @@ def test_an_ecu_in_this_process_that_waits_for_its_turn_is_the_benchs_delay_its_
     ready: Callable[..., RealtimeRun], is_ours: bool, takes: float, waits: float, is_the_bench: bool
 ):
     peer = Slow(is_ours, takes)
-    run = ready(peers=[peer], takers=[SlowTaker(waits)], limit_ns=10**12)
+    run = ready(peers=[peer], sinks=[SlowTaker(waits)], limit_ns=10**12)
     run.begin()
     run.run(None, lambda: peer.turns > 60)
     assert (longest_delay(run) > 0.25) == is_the_bench

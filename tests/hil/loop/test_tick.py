@@ -35,8 +35,8 @@ from hil_support import (
     plain_tick,
     rig_of,
     rows_of,
-    scene_alone,
     start_of,
+    stimuli_alone,
 )
 
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
@@ -54,7 +54,7 @@ from liftgate_hil.loop.tick import (
 )
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.moments import no_moments
-from liftgate_hil.stimuli.scene import Scene
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
 from liftgate_hil.stimuli.timeline import obstacle_at
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
@@ -89,7 +89,7 @@ def run(
     state: LoopState,
     ticks: int,
     frames_at: Callable[[int], list[tuple[int, bytes]]] = lambda number: [],
-    around: Scene | None = None,
+    around: StimulusPlan | None = None,
 ) -> tuple[LoopState, list[Truth], list[Frames], list[Sensed]]:
     """So many ticks; `frames_at` gives what comes before tick number n (from 0)."""
     truths, replies, sensed = [], [], []
@@ -314,7 +314,9 @@ def test_so_many_steps_at_once_are_single_ticks_to_the_plant_and_to_the_rows(
     assert [each[1].count for each in ticked[:-1]] == [0] * (steps - 1)
 
 
-def test_a_catch_up_follows_the_timeline_tick_by_tick(rig: Rig, fast_tick: Tick, around: Scene):
+def test_a_catch_up_follows_the_timeline_tick_by_tick(
+    rig: Rig, fast_tick: Tick, around: StimulusPlan
+):
     config = loop_config(rig=rig)
     ticked = catch_up(fast_tick, config, rest(config), NOTHING, 401, around=around)
     _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
@@ -519,13 +521,13 @@ stiffness = 5000
 
 
 @pytest.fixture
-def around(tmp_path: Path) -> Scene:
+def around(tmp_path: Path) -> StimulusPlan:
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO)
-    return scene_alone(load_scenario(path).stimuli)
+    return stimuli_alone(load_scenario(path).stimuli)
 
 
-def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, around: Scene):
+def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, around: StimulusPlan):
     config = loop_config(rig=rig)
     _, truths, _, _ = run(fast_tick, config, rest(config), 401, around=around)
     volts = [truth.supply_voltage_v for truth in truths]
@@ -537,7 +539,7 @@ def test_profiles_move_the_surroundings_over_time(rig: Rig, fast_tick: Tick, aro
 
 
 def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
-    rig: Rig, fast_tick: Tick, around: Scene
+    rig: Rig, fast_tick: Tick, around: StimulusPlan
 ):
     config = loop_config(rig=rig)
 
@@ -554,7 +556,7 @@ def test_a_panel_replaces_the_scenario_from_its_first_frame_on(
 
 
 def test_a_panels_rate_of_zero_takes_the_scenarios_obstacle_away(
-    rig: Rig, fast_tick: Tick, around: Scene
+    rig: Rig, fast_tick: Tick, around: StimulusPlan
 ):
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 41.0)
@@ -651,7 +653,7 @@ def test_an_obstacle_that_follows_another_behind_the_gate_is_not_met(
     )
     config = loop_config(rig=rig)
     start = open_at(rig, fast_tick, config, 45.0)
-    around = scene_alone(load_scenario(path).stimuli)
+    around = stimuli_alone(load_scenario(path).stimuli)
     close = driving(rig, **both(80.0, CLOSE))
     _, truths, _, _ = run(fast_tick, config, start, 300, close, around)
     assert max(truth.pinch_force_n for truth in truths) == 0.0
@@ -733,7 +735,7 @@ def test_the_first_of_several_obstacles_in_a_file_is_there(tmp_path: Path):
         "lateral = 0.3\n"
         "[[obstacle]]\nangle_deg = 20\nstiffness = 5\ndamping = 6\ndistance = 0.5\n"
     )
-    timeline, moments = scene_alone(load_scenario(path).stimuli).timeline, no_moments()
+    timeline, moments = stimuli_alone(load_scenario(path).stimuli).timeline, no_moments()
     before, during, after = (obstacle_at(timeline, moments, time) for time in (0.9, 1.0, 2.0))
     assert before == after == (math.radians(20.0), 0.5, 5.0, 6.0, 0.0, 1.0, 0.0)
     assert during == (math.radians(10.0), 1.0, 10_000.0, 0.0, 0.1, -1.0, 0.3)

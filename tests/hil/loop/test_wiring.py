@@ -16,9 +16,9 @@ from hil_support import (
     frames_of,
     loop_config,
     outside,
-    scene,
-    scene_alone,
     start_of,
+    stimuli_alone,
+    stimulus_plan,
     transmitted,
 )
 
@@ -26,11 +26,12 @@ from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.codec.transmit import transmit
 from liftgate_hil.config.rig import Rig
-from liftgate_hil.loop import python_loop
+from liftgate_hil.loop import advance
 from liftgate_hil.loop import tick as tick_module
 from liftgate_hil.loop.closed_loop import Trace
 from liftgate_hil.loop.python_loop import Loop, scheduled_tick
-from liftgate_hil.loop.rings import Memory, RingReader, note_row
+from liftgate_hil.loop.rings import Memory, RingReader, next_row
+from liftgate_hil.loop.row import write_row
 from liftgate_hil.loop.tick import STOPPED, edge_times, line_up, tick
 from liftgate_hil.signals import (
     BUS_INPUTS,
@@ -46,7 +47,7 @@ from liftgate_hil.signals import (
 )
 from liftgate_hil.stimuli.mailbox import HELD
 from liftgate_hil.stimuli.outside import outside_at
-from liftgate_hil.stimuli.scene import NO_STIMULI, Scene, Stimuli
+from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI, StimulusPlan, TimedStimuli
 from liftgate_hil.stimuli.timeline import Profile
 from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant import integrate, sensors
@@ -237,14 +238,14 @@ def test_what_is_said_of_one_quantity_moves_no_other(
     assert before.items() >= COASTING.items()
     value, said, stimuli = SURROUNDINGS[column], {}, NO_STIMULI
     if way == "profile":
-        stimuli = Stimuli({column: Profile([(0.0, value)])})
-    scene = scene_alone(stimuli)
+        stimuli = TimedStimuli({column: Profile([(0.0, value)])})
+    stimuli = stimuli_alone(stimuli)
     if way == "panel":
         name = bus_name(column, signals_of(Surroundings)[column])
         said = {name: value}
     elif way == "posted":
-        scene.held[getattr(HELD, column)] = value
-    around = outside_at(scene, 0.0, 0.001, 0, False, False)
+        stimuli.held[getattr(HELD, column)] = value
+    around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
     assert before[column] != value
     assert shown(fast_tick, config, said, around) == pytest.approx({**before, column: value})
 
@@ -261,14 +262,16 @@ def test_what_is_posted_counts_before_the_panel_and_that_before_the_profile(
         }
         for k, way in enumerate(("profile", "panel", "posted"))
     }
-    stimuli = Stimuli({name: Profile([(0.0, value)]) for name, value in levels["profile"].items()})
-    unposted, posted = scene_alone(stimuli), scene_alone(stimuli)
+    stimuli = TimedStimuli(
+        {name: Profile([(0.0, value)]) for name, value in levels["profile"].items()}
+    )
+    unposted, posted = stimuli_alone(stimuli), stimuli_alone(stimuli)
     panel = {bus_name(name, ranges[name]): value for name, value in levels["panel"].items()}
     for name, value in levels["posted"].items():
         posted.held[getattr(HELD, name)] = value
 
-    def found(said: dict[str, float], scene: Scene) -> dict[str, float]:
-        around = outside_at(scene, 0.0, 0.001, 0, False, False)
+    def found(said: dict[str, float], stimuli: StimulusPlan) -> dict[str, float]:
+        around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
         return shown(fast_tick, config, said, around)
 
     assert found({}, unposted) == pytest.approx({**COASTING, **levels["profile"]})
@@ -293,16 +296,21 @@ def check_row(row: Any, truth: Truth, sensed: Sensed, bench: Bench = ON_TIME) ->
 def test_every_column_of_the_rings_row_is_the_field_of_its_name(which: str) -> None:
     rows, bench = distinct(Rows), Bench(1.5, 2.5, 3.5, 4.5)
     memory = Memory(4, 4)
-    call = note_row if which == "plain" else compiled(note_row)
-    for place in range(3):
-        assert call(memory.shared, rows.truth, rows.sensed, bench) == place
+    write = write_row if which == "plain" else compiled(write_row)
+
+    def put(bench: Bench) -> None:
+        write(memory.shared.rows[next_row(memory.shared)], rows.truth, rows.sensed, bench)
+        memory.shared.control[0].rows += 1
+
+    for _ in range(3):
+        put(bench)
     reader = RingReader(memory.shared.rows, memory.shared.control, "rows")
     taken = reader.take()
     assert len(taken) == 3
     for row in taken:
         check_row(row, rows.truth, rows.sensed, bench)
-    for place in (3, 0):
-        assert call(memory.shared, rows.truth, rows.sensed, ON_TIME) == place
+    for _ in range(2):  # once around
+        put(ON_TIME)
     assert len(reader.take()) == 2
     memory.close()
 
@@ -341,12 +349,12 @@ def test_every_column_of_the_python_loops_row_is_the_field_of_its_name(
 ) -> None:
     rows, watched, notes = distinct(Rows), Trace(), Notes()
     config = loop_config(rig=rig)
-    loop = Loop(config, start_of(config), scene(config), Silence(), takers=[notes, watched])
+    loop = Loop(config, start_of(config), stimulus_plan(config), Silence(), sinks=[notes, watched])
 
     def tick(config: Any, state: Any, frames: Frames, given: Any) -> Any:
         return state, frames, rows.truth, rows.sensed
 
-    monkeypatch.setattr(python_loop, "tick", tick)
+    monkeypatch.setattr(advance, "tick", tick)
     loop._tick = scheduled_tick
     loop.advance(empty_frames(0), 1)
     assert len(watched.rows()) == len(notes.rows) == 1

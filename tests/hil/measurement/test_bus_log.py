@@ -57,7 +57,7 @@ def left(duty: float, direction: int, release: int = 0) -> dict[str, float]:
     return {"LeftDuty": duty, "LeftDirection": direction, "LatchRelease": release}
 
 
-def scene(rig: Rig) -> list[Frame]:
+def stimulus_plan(rig: Rig) -> list[Frame]:
     """A sensor frame, then commands each 10 ms with sensor frames each 5 ms, the panel once."""
     frames: list[Frame] = [(0.0, LEFT_DRIVE, drive(rig, 0, 0.0, 0))]
     orders = [left(50, OPEN, 1), left(25, CLOSE), left(80, BRAKE), left(80, COAST)]
@@ -75,7 +75,7 @@ def scene(rig: Rig) -> list[Frame]:
 
 
 def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> None:
-    frames = scene(rig)
+    frames = stimulus_plan(rig)
     read = [
         read_measurement(write_log(tmp_path / f"m.{suffix}", frames), {}, rig) for suffix in FORMATS
     ]
@@ -89,7 +89,7 @@ def test_every_format_gives_the_same_measurement(tmp_path: Path, rig: Rig) -> No
 
 
 def test_commands_are_signed_duties_that_hold(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", scene(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     duty, coast, latch = (m.columns[n] for n in ("left_duty", "left_coast", "latch_released"))
     assert m.times[0] == 0.0
     assert (duty[0], coast[0], latch[0]) == (0.0, 1.0, 0.0)  # before the first command: coast
@@ -104,7 +104,7 @@ def test_commands_are_signed_duties_that_hold(tmp_path: Path, rig: Rig) -> None:
 
 
 def test_sensor_frames_are_samples_where_they_came(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", scene(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     current, count = m.columns["left_current_a"], m.columns["left_hall_count"]
     there = np.isfinite(current)
     assert np.array_equal(there, np.isfinite(count))
@@ -118,14 +118,14 @@ def test_sensor_frames_are_samples_where_they_came(tmp_path: Path, rig: Rig) -> 
 
 
 def test_frames_of_one_microsecond_are_one_row(tmp_path: Path, rig: Rig) -> None:
-    m = read_measurement(write_log(tmp_path / "m.log", scene(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "m.log", stimulus_plan(rig)), {}, rig)
     assert np.all(np.diff(m.times) > 0.0)
     # Command and sensor frame together, gate, second sensor frame; the first sensor frame, the panel.
     assert len(m.times) == 40 * 3 + 1 + 1
 
 
 def test_the_panel_holds_from_its_frame_on(tmp_path: Path, rig: Rig) -> None:
-    path = write_log(tmp_path / "m.log", scene(rig))
+    path = write_log(tmp_path / "m.log", stimulus_plan(rig))
     known = {"supply_voltage_v": 12.0, "road_slope_deg": 0.0, "hand_force_n": 0.0}
     m = read_measurement(path, {}, rig, known)
     late = m.times >= 0.2023 - 1e-9
@@ -139,13 +139,13 @@ def test_the_panel_holds_from_its_frame_on(tmp_path: Path, rig: Rig) -> None:
 
 
 def test_without_a_panel_its_columns_are_not_there(tmp_path: Path, rig: Rig) -> None:
-    frames = [frame for frame in scene(rig) if frame[1] != BENCH_CONTROL]
+    frames = [frame for frame in stimulus_plan(rig) if frame[1] != BENCH_CONTROL]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig, {"supply_voltage_v": 12.0})
     assert not {"supply_voltage_v", "road_slope_deg", "hand_force_n"} & set(m.columns)
 
 
 def test_a_stale_command_coasts_from_its_time_out_on(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in scene(rig) if f[1] != COMMAND or not 0.05 < f[0] < 0.1]
+    frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or not 0.05 < f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     # The last command before the hole comes at 0.045 s and is good for 3 cycles of 10 ms.
     coast = m.columns["left_coast"]
@@ -156,7 +156,7 @@ def test_a_stale_command_coasts_from_its_time_out_on(tmp_path: Path, rig: Rig) -
 
 
 def test_a_command_that_ends_before_the_log_goes_stale(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in scene(rig) if f[1] != COMMAND or f[0] < 0.1]
+    frames = [f for f in stimulus_plan(rig) if f[1] != COMMAND or f[0] < 0.1]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     after = m.times >= 0.125 - 1e-9
     assert np.array_equal(m.columns["left_coast"][m.times > 0.004] == 1.0, after[m.times > 0.004])
@@ -191,8 +191,8 @@ def spoiled(frames: list[Frame], rig: Rig) -> list[Frame]:
 
 
 def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, rig: Rig) -> None:
-    clean = read_measurement(write_log(tmp_path / "a.log", scene(rig)), {}, rig)
-    m = read_measurement(write_log(tmp_path / "b.log", spoiled(scene(rig), rig)), {}, rig)
+    clean = read_measurement(write_log(tmp_path / "a.log", stimulus_plan(rig)), {}, rig)
+    m = read_measurement(write_log(tmp_path / "b.log", spoiled(stimulus_plan(rig), rig)), {}, rig)
     for name, values in clean.columns.items():
         assert np.array_equal(m.columns[name], values, equal_nan=True), name
     assert any(
@@ -202,7 +202,7 @@ def test_what_the_emulator_would_refuse_is_refused_and_counted(tmp_path: Path, r
 
 
 def test_lost_frames_are_told(tmp_path: Path, rig: Rig) -> None:
-    frames = [f for f in scene(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
+    frames = [f for f in stimulus_plan(rig) if f[1] != LEFT_DRIVE or not 0.0201 < f[0] < 0.0251]
     m = read_measurement(write_log(tmp_path / "m.log", frames), {}, rig)
     assert "1 frames missing between two alive counters" in m.notes
 
@@ -243,7 +243,7 @@ def test_a_clock_that_is_set_back_is_a_fault(tmp_path: Path, rig: Rig) -> None:
 
 def test_a_log_that_ends_within_a_line_is_read_without_it(tmp_path: Path, rig: Rig) -> None:
     """As a full disk or a kill leaves it, wherever in the line; half a payload would be another frame."""
-    path = write_log(tmp_path / "bus.log", scene(rig))
+    path = write_log(tmp_path / "bus.log", stimulus_plan(rig))
     text = path.read_bytes()
     start = text[:-1].rfind(b"\n") + 1
     path.write_bytes(text[:start])

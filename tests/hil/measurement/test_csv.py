@@ -13,8 +13,8 @@ from hypothesis.extra import numpy as arrays
 from measurement_files import csv_text, read, write_csv
 
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement import csv_file
-from liftgate_hil.measurement.csv_file import open_csv
+from liftgate_hil.formats import csv_file
+from liftgate_hil.formats.csv_file import open_csv
 from liftgate_hil.measurement.measurement import INPUTS
 
 TIMES = np.arange(30) * 0.01

@@ -15,9 +15,9 @@ from liftgate_hil.loop.simulation import Offline, simulate
 from liftgate_hil.loop.tick import no_frames
 from liftgate_hil.measurement.input_file import read_samples
 from liftgate_hil.measurement.mapping import parse_maps
-from liftgate_hil.session import vehicle_from
+from liftgate_hil.running.setup import vehicle_from
 from liftgate_hil.signals import COLUMN_PLACE, INPUT_SIGNALS, ROW_WIDTH
-from liftgate_hil.stimuli.scene import scene_of
+from liftgate_hil.stimuli.stimulus_plan import stimulus_plan_of
 from liftgate_plant.constants import constants_of
 from liftgate_plant.friction_profile import friction_profile
 from liftgate_plant.initial import initial_state
@@ -98,7 +98,7 @@ def test_what_is_simulated_shows_every_input_in_its_column(tmp_path: Path) -> No
     def offline() -> Offline:
         return Offline(
             constants=constants,
-            scene=scene_of(constants),
+            stimuli=stimulus_plan_of(constants),
             friction=friction_profile(vehicle, plant, 0),
             row=np.full((1, ROW_WIDTH), np.nan),
             nothing=no_frames(),

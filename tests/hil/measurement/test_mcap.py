@@ -15,9 +15,10 @@ from measurement_files import read
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, REMOTE, logged
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.measurement.mcap_file import McapFile, open_mcap, read_mcap_frames
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.mcap_file import McapFile, open_mcap
+from liftgate_hil.formats.open import open_writer
+from liftgate_hil.measurement.log_frames import read_mcap_frames
 from liftgate_hil.signals import COLUMN_PLACE, COLUMNS, ROW_WIDTH, columns_of
 
 writer = pytest.importorskip("mcap.writer")
@@ -37,7 +38,7 @@ def rows_of(count: int) -> np.ndarray:
 
 
 def recorded(path: Path, rows: np.ndarray, frames: Any = None, drives: int = 2) -> McapFile:
-    recorder = open_recorder(path, Content(columns_of(drives), "can3"))
+    recorder = open_writer(path, Content(columns_of(drives), "can3"))
     recorder.begin(EPOCH_NS)
     for first in range(0, len(rows), 999):
         recorder.write_rows(rows[first : first + 999])

@@ -23,9 +23,9 @@ from measurement_files import read
 from liftgate_hil.cli.main import main
 from liftgate_hil.codec.frames import empty_frames, logged
 from liftgate_hil.config.rig import Rig
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
 from liftgate_hil.measurement.read import read_measurement
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
 from liftgate_hil.signals import ON_TIME, columns_of
 
 
@@ -34,7 +34,7 @@ def run(rig: Rig, fast_tick: Callable[..., Any], folder: Path) -> tuple[Path, Pa
     config = loop_config(rig=rig)
     state = start_of(config)
     table, log = (
-        open_recorder(folder / name, Content(columns_of(2))) for name in ("run.csv", "bus.log")
+        open_writer(folder / name, Content(columns_of(2))) for name in ("run.csv", "bus.log")
     )
     log.begin(10**18)
     orders = [both(60, OPEN, 1), both(30, CLOSE), both(0, COAST)]

@@ -13,9 +13,9 @@ from hil_support import frames_of
 
 from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames, logged
 from liftgate_hil.errors import ConfigError
-from liftgate_hil.listener import Listener
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
+from liftgate_hil.loop.listener import Listener
 from liftgate_hil.replay import player
 from liftgate_hil.replay.player import Played, Player, Replay
 from liftgate_hil.replay.selection import Selection
@@ -34,7 +34,7 @@ def write(
     rows = logged(frames_of(frames), 0, True)
     rows["time_ns"] = (np.arange(len(frames)) * step * 1e9).astype(np.int64) + 5_000_000
     rows["is_sent"] = is_sent
-    recorder = open_recorder(path, Content(columns_of(2), "can0"), is_salvaged=False)
+    recorder = open_writer(path, Content(columns_of(2), "can0"), is_salvaged=False)
     recorder.begin(0)
     recorder.write_frames(rows)
     recorder.close()

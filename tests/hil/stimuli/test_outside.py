@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hil_support import scene_alone
+from hil_support import stimuli_alone
 
 from liftgate_hil.signals import Timing
 from liftgate_hil.stimuli.mailbox import BOX, HELD, LETTERS, nothing_held, post, take_letters
 from liftgate_hil.stimuli.moments import Instant, no_moments
 from liftgate_hil.stimuli.outside import Outside, outside_at
-from liftgate_hil.stimuli.scene import Stimuli
+from liftgate_hil.stimuli.stimulus_plan import TimedStimuli
 from liftgate_hil.stimuli.timeline import (
     Profile,
     TimedObstacle,
@@ -58,17 +58,19 @@ def same(first: dict[str, float], second: dict[str, float]) -> bool:
 def test_every_profile_moves_the_quantity_of_its_name(which: str) -> None:
     said = distinct(Surroundings)._asdict()
     # In another order than the catalogue's.
-    scene = scene_alone(
-        Stimuli({name: Profile([(0.0, said[name]), (1.0, said[name])]) for name in reversed(said)})
+    stimuli = stimuli_alone(
+        TimedStimuli(
+            {name: Profile([(0.0, said[name]), (1.0, said[name])]) for name in reversed(said)}
+        )
     )
-    assert called(profiles_over, which)(scene.timeline, 0.5, 0.001)._asdict() == said
-    around = called(outside_at, which)(scene, 0.5, 0.001, 0, False, False)
+    assert called(profiles_over, which)(stimuli.timeline, 0.5, 0.001)._asdict() == said
+    around = called(outside_at, which)(stimuli, 0.5, 0.001, 0, False, False)
     assert around.profiles._asdict() == said
 
 
 @BOTH
 def test_a_timeline_without_profiles_says_nothing(which: str) -> None:
-    around = called(outside_at, which)(scene_alone(), 1.0, 0.001, 0, False, False)
+    around = called(outside_at, which)(stimuli_alone(), 1.0, 0.001, 0, False, False)
     assert all(math.isnan(value) for value in around.profiles)
     assert all(math.isnan(value) for value in by_name(around).values())
     assert around.obstacle == NO_OBSTACLE
@@ -77,36 +79,36 @@ def test_a_timeline_without_profiles_says_nothing(which: str) -> None:
 @BOTH
 def test_every_field_of_a_timelines_obstacle_is_its_own(which: str) -> None:
     obstacle = distinct(Obstacle)
-    scene = scene_alone(Stimuli({}, [TimedObstacle(obstacle, Instant(1.0), Instant(2.0))]))
-    assert called(obstacle_at, which)(scene.timeline, no_moments(), 1.5) == obstacle
-    around = called(outside_at, which)(scene, 1.5, 0.001, 0, False, False)
+    stimuli = stimuli_alone(TimedStimuli({}, [TimedObstacle(obstacle, Instant(1.0), Instant(2.0))]))
+    assert called(obstacle_at, which)(stimuli.timeline, no_moments(), 1.5) == obstacle
+    around = called(outside_at, which)(stimuli, 1.5, 0.001, 0, False, False)
     assert around.obstacle == obstacle
 
 
 @BOTH
 def test_every_letter_is_held_under_the_name_it_was_posted_to(which: str) -> None:
     numbers = count(1.5)
-    box, scene = new_box(), scene_alone()
+    box, stimuli = new_box(), stimuli_alone()
     expected = dict.fromkeys(HELD._fields, math.nan)
     for name in reversed(HELD._fields):
         expected[name] = next(numbers)
         assert post(box[0], {name: expected[name]})
-        called(take_letters, which)(box, scene.held)
-        around = called(outside_at, which)(scene, 0.0, 0.001, 0, False, False)
+        called(take_letters, which)(box, stimuli.held)
+        around = called(outside_at, which)(stimuli, 0.0, 0.001, 0, False, False)
         assert same(by_name(around), expected), name
     assert box[0].posted == box[0].taken == len(HELD._fields)
 
 
 def test_a_letter_of_several_values_fills_them_all() -> None:
-    box, scene = new_box(), scene_alone()
+    box, stimuli = new_box(), stimuli_alone()
     obstacle, timing = distinct(Obstacle), distinct(Timing)
     body = {f"obstacle_{name}": value for name, value in obstacle._asdict().items()}
     assert post(box[0], body)
     assert post(box[0], timing._asdict())
     with pytest.raises(ValueError, match=r"obstacle_angle, hand_force_n: allowed"):
         post(box[0], {"obstacle_angle": 1.0, "hand_force_n": 2.0})
-    take_letters(box, scene.held)
-    around = outside_at(scene, 0.0, 0.001, 0, False, False)
+    take_letters(box, stimuli.held)
+    around = outside_at(stimuli, 0.0, 0.001, 0, False, False)
     assert around.posted_obstacle == obstacle
     assert around.timing == timing
     assert all(math.isnan(value) for value in around.posted)
@@ -115,7 +117,7 @@ def test_a_letter_of_several_values_fills_them_all() -> None:
 def test_flags_and_missed_ticks_are_told_apart() -> None:
     for silent in (False, True):
         for stop in (False, True):
-            around = compiled(outside_at)(scene_alone(), 0.0, 0.001, 17, silent, stop)
+            around = compiled(outside_at)(stimuli_alone(), 0.0, 0.001, 17, silent, stop)
             assert (around.ticks_missed, around.is_silent, around.is_stop) == (17, silent, stop)
 
 

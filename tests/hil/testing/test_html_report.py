@@ -12,8 +12,8 @@ import pytest
 from html_page import Page
 
 from liftgate_hil.report.provenance import Provenance
-from liftgate_hil.runs.job import Job
-from liftgate_hil.session import RunOptions
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import html_report
 from liftgate_hil.testing.html_report import SuiteReport
 from liftgate_hil.testing.suite import Outcome, cases_of, not_run, run_case
@@ -71,7 +71,7 @@ def outcomes_of(folder: Path, **files: str) -> list[Outcome]:
         scenario=None,
         ecu="reference",
         options=RunOptions(clock="free"),
-        is_sketched=True,
+        is_summarized=True,
     )
     paths = [folder / f"{name}.toml" for name in files]
     return [run_case(case) for case in cases_of(paths, template)]
@@ -148,7 +148,7 @@ def test_included_files_are_sources_too(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text("[parameters]\nmost = 1\n")
     including = 'include = ["bench.toml"]\n' + RESTS
     (outcome,) = outcomes_of(tmp_path, including=including)
-    sources = outcome.case.parts.sources
+    sources = outcome.case.plan.sources
     assert sources["included 1"].path.endswith("bench.toml")
     assert sources["included 1"].sha256 in Page(html_of([outcome])).text
 
@@ -286,7 +286,7 @@ def test_pictures_take_no_more_than_their_share(
 def test_nothing_is_kept_of_what_was_drawn(outcomes: list[Outcome]) -> None:
     result = outcomes[0].result
     assert result is not None
-    assert result.sketches
+    assert result.trace_summaries
     kept = SuiteReport().take(outcomes[0]).result
     assert kept is not None
-    assert not kept.sketches
+    assert not kept.trace_summaries

@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 import pytest
 
 from liftgate_hil.config.shipped import data_root
-from liftgate_hil.runs.job import Job
-from liftgate_hil.session import RunOptions
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.options import RunOptions
 from liftgate_hil.testing import suite
 from liftgate_hil.testing.junit import as_junit, class_names
 

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from liftgate_hil.codec.frames import no_logged
 from liftgate_hil.judging.expectation import Expectation
-from liftgate_hil.judging.judge import Judge, expected_of
-from liftgate_hil.judging.sketch import Sketcher
+from liftgate_hil.judging.expected import expected_of
+from liftgate_hil.judging.judge import Judge
+from liftgate_hil.judging.trace_summary import TraceSummarizer
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_hil.testing.picture import expectation_svgs, left_out
 from liftgate_hil.testing.scenario_section import value_names
@@ -73,14 +74,14 @@ def test_whatever_is_expected_of_whatever_happens_has_its_pictures(
     rows[:, COLUMN_PLACE["latched"]] = np.arange(len(values)) % 2
     rig = shipped_rig()
     judge = Judge(expected_of([expectation], {}, rig.messages, 2, "file"), RATE, len(values) / RATE)
-    sketcher = Sketcher(judge, RATE)
+    sketcher = TraceSummarizer(judge, RATE)
     for first in range(0, len(rows), block):
-        for taker in (judge, sketcher):
-            taker.take(rows[first : first + block], no_logged())
+        for sink in (judge, sketcher):
+            sink.take(rows[first : first + block], no_logged())
     (verdict,) = judge.verdicts()
-    (sketch,) = sketcher.sketches().values()
+    (trace_summary,) = sketcher.trace_summaries().values()
     names = value_names(rig)
-    for svg in expectation_svgs(expectation, verdict, sketch, names):
+    for svg in expectation_svgs(expectation, verdict, trace_summary, names):
         Page(svg)
         assert "nan" not in svg.replace("aria-label", "")
-    assert left_out(sketch, names) >= 0
+    assert left_out(trace_summary, names) >= 0

@@ -12,12 +12,13 @@ from hil_support import shipped_rig
 import liftgate_hil as lh
 from liftgate_hil.codec.frames import LOGGED, no_logged
 from liftgate_hil.config.scenario import load_scenario
-from liftgate_hil.judging.judge import Judge, expected_of
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import open_writer
+from liftgate_hil.judging.expected import expected_of
+from liftgate_hil.judging.judge import Judge
 from liftgate_hil.judging.verdict import Verdict
-from liftgate_hil.loop.recorder import RecordingTaker
-from liftgate_hil.recording.content import Content
-from liftgate_hil.recording.open import open_recorder
-from liftgate_hil.runs.result import silence_of, tolerance_of
+from liftgate_hil.running.recording_sink import RecordingSink
+from liftgate_hil.running.result import silence_of, tolerance_of
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH, columns_of
 
 FORMATS = [
@@ -123,10 +124,10 @@ def late(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     folder = tmp_path_factory.mktemp("late")
     (folder / "s.toml").write_text(SCENARIO)
     rows, frames = late_run(request.param)
-    recorders = [open_recorder(folder / name, Content(columns_of(2))) for name in FILES]
-    taker = RecordingTaker(recorders, EPOCH_NS)
-    taker.take(rows, frames[np.argsort(frames["time_ns"], kind="stable")])
-    taker.flush()
+    recorders = [open_writer(folder / name, Content(columns_of(2))) for name in FILES]
+    sink = RecordingSink(recorders, EPOCH_NS)
+    sink.take(rows, frames[np.argsort(frames["time_ns"], kind="stable")])
+    sink.flush()
     for each in recorders:
         each.close()
     return folder, judged_live(folder / "s.toml", rows, frames)

@@ -18,8 +18,8 @@ from hil_support import (
     loop_config,
     rig_of,
     rows_of,
-    scene,
     start_of,
+    stimulus_plan,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -387,7 +387,9 @@ def test_each_message_leaves_in_the_frame_format_of_its_database(tmp_path: Path)
     config = loop_config(rig=rig)
     formats = {}
     with can.Bus(interface="virtual", channel=channel) as other:
-        run_free(Loop(config, start_of(config), scene(config), transport), 10, lambda: False)
+        run_free(
+            Loop(config, start_of(config), stimulus_plan(config), transport), 10, lambda: False
+        )
         while (message := other.recv(0)) is not None:
             formats[message.arbitration_id] = (message.is_fd, len(message.data))
     transport.close()

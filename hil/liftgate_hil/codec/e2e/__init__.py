@@ -1,1 +1,1 @@
-"""End-to-end protection."""
+"""AUTOSAR end-to-end (E2E) protection."""

@@ -1,9 +1,9 @@
-"""Is the frame the next one? Alive counters, and the state machine of AUTOSAR E2E.
+"""Checks whether a frame is the next one: alive counters, and the state machine of AUTOSAR E2E.
 
-A simple counter must move. An E2E profile (AUTOSAR_PRS_E2EProtocol, R21-11: E2E_PxxCheck) tells repetition, loss
-up to a tolerated number and wrong sequence apart; each cycle in which no frame came tolerates one more (delay).
-Its state machine (E2E_SMCheck) looks at the last frames in a window, and lets data through only while VALID. A
-message that times out starts again from NODATA.
+A simple counter must change. An E2E profile (AUTOSAR_PRS_E2EProtocol, R21-11: E2E_PxxCheck) distinguishes
+repetition, loss up to a tolerated number and wrong sequence; each cycle in which no frame came raises the
+tolerance by one (delay). Its state machine (E2E_SMCheck) evaluates the last frames in a window, and lets data
+through only while VALID. A message that times out starts again from NODATA.
 """
 
 from __future__ import annotations
@@ -15,33 +15,35 @@ from numpy.typing import NDArray
 
 from liftgate_plant.compiler import compilable, outlined
 
-# What a frame is in the sequence.
+# Status of a frame.
 NEXT, SOME_LOST, FIRST, SYNCHRONISING, REPEATED, WRONG, BAD_SUM = range(7)
 
-# States of the machine. The rows of `min_ok` and `max_error` are those from INIT on.
+# States of the machine. `min_ok` and `max_error` have one row per state from INIT on.
 NODATA, INIT, VALID, INVALID = range(4)
 
 MAX_WINDOW = 32
 
-# What is remembered of a message: the machine's state, frames still to come in synchronisation, how many
-# statuses the window holds, where its next one goes; then the window.
+# E2E check state of a message: state of the machine, frames left in synchronisation, number of statuses in the
+# window, index of the next one; then the window.
 STATE, SYNC, HELD, AT, WINDOW = range(5)
 MEMORY = WINDOW + MAX_WINDOW
 
-# What the machine makes of a frame's status.
+# Kinds of status that the machine distinguishes.
 _OTHER, _OK, _ERROR = range(3)
 
 
 @compilable
 def missing(last: int, counter: int, modulus: int) -> int:
-    """Frames between two counters."""
+    """Return the number of frames missing between two counters."""
     return (counter - last - 1) % modulus
 
 
 @compilable
 def place_of_simple(last: int, turn: int) -> int:
-    """Place in the sequence of a frame with a simple counter: `turn` is its own (-1: a value that the counter
-    never has), `last` the one before (-1: none).
+    """Return the status in the sequence of a frame with a simple counter.
+
+    `turn` is that of its counter (-1: a value that the counter never has), `last` that of the frame before (-1:
+    none).
     """
     if turn < 0:
         return WRONG
@@ -54,9 +56,11 @@ def place_of_simple(last: int, turn: int) -> int:
 def place_in_sequence(
     modulus: int, profile: Any, memory: NDArray[np.int64], last: int, turn: int, late: int
 ) -> int:
-    """Place in the sequence of a profile's frame with a sound checksum: `turn` is that of its counter, which
-    begins anew after `modulus` turns, `last` the one before (-1: none), `late` the cycles in which no frame came.
-    `profile` is the message's record of tables.END_TO_END, `memory` its row.
+    """Return the status in the sequence of a profile's frame with a correct checksum.
+
+    `turn` is that of its counter, which repeats after `modulus` turns, `last` that of the frame before (-1: none),
+    `late` the number of cycles in which no frame came. `profile` is the message's row of tables.END_TO_END,
+    `memory` its E2E check state.
     """
     if last < 0:
         memory[SYNC] = 0
@@ -83,9 +87,11 @@ def checked(
     turn: int,
     late: int,
 ) -> int:
-    """Status of a profile's frame, by its checksum (`is_sound`) and its place in the sequence, with which the
-    state machine of its message goes on. A counter value that the profile does not have (`turn` -1: 15 in profile
-    1) is an error as a bad checksum is, but leaves the machine as it is.
+    """Return the status of a profile's frame and advance the state machine of its message.
+
+    The status results from the checksum (`is_sound`) and the place in the sequence. A counter value that the
+    profile does not have (`turn` -1: 15 in profile 1) is an error like a bad checksum, but leaves the machine as
+    it is.
     """
     if is_sound and turn < 0:
         return BAD_SUM
@@ -98,13 +104,13 @@ def checked(
 
 @compilable
 def is_qualified(memory: NDArray[np.int64], status: int) -> bool:
-    """Whether the data of a frame of a profile may be used, after `checked`."""
+    """Whether the data of a profile's frame may be used, after `checked`."""
     return bool(memory[STATE] == VALID and status != SYNCHRONISING)
 
 
 @compilable
 def note_status(profile: Any, memory: NDArray[np.int64], status: int) -> None:
-    """Go on to the state of a profile's machine after one more frame (E2E_SMCheck)."""
+    """Advance a profile's state machine by one frame (E2E_SMCheck)."""
     state = int(memory[STATE])
     if state == NODATA:
         if status != BAD_SUM:
@@ -131,5 +137,5 @@ def note_status(profile: Any, memory: NDArray[np.int64], status: int) -> None:
 
 @compilable
 def forget(memory: NDArray[np.int64]) -> None:
-    """As before the first frame."""
+    """Reset the E2E check state to that before the first frame."""
     memory[:] = 0

@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 from liftgate_hil.codec.crc import crc8_byte
 from liftgate_plant.compiler import compilable
 
-# How profile 1 takes the data ID into its CRC: both bytes, alternating, the low one, or the low one while the
-# high one's low nibble is sent.
+# How profile 1 includes the data ID in its CRC: both bytes, alternating bytes, the low byte, or the low byte while
+# the low nibble of the high byte is transmitted.
 BOTH, ALTERNATING, LOW, NIBBLE = range(4)
 DATA_ID_MODES = {"both": BOTH, "alternating": ALTERNATING, "low": LOW, "nibble": NIBBLE}
 
 
 @compilable
 def crc(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """E2E profile 1: CRC-8 with SAE J1850's polynomial, initial value and final XOR 0, over data ID and data."""
+    """Return the CRC-8 of E2E profile 1 over data ID and data.
+
+    It has SAE J1850's polynomial, and initial value and final XOR 0.
+    """
     low, high = profile.data_ids[0] & 0xFF, profile.data_ids[0] >> 8
     crc = 0
     if profile.data_id_mode == BOTH:

@@ -13,7 +13,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def crc(table: Any, profile: Any, counter: int, data: NDArray[np.uint8], row: int) -> int:
-    """E2E profile 2: CRC8H2F over the data and then the counter's entry of the data ID list."""
+    """Return E2E profile 2's CRC8H2F over the data and then the counter's entry of the data ID list."""
     crc = 0xFF
     for i in range(table.length):
         if i != table.checksum_byte:

@@ -13,7 +13,7 @@ from liftgate_plant.compiler import compilable
 
 @compilable
 def crc(table: Any, profile: Any, data: NDArray[np.uint8], row: int) -> int:
-    """E2E profile 5: CRC-16/CCITT-FALSE over the data without the CRC's two bytes, and then the data ID."""
+    """Return E2E profile 5's CRC-16/CCITT-FALSE over the data without the CRC's two bytes, then the data ID."""
     crc = 0xFFFF
     for i in range(table.length):
         if i - table.checksum_byte not in (0, 1):

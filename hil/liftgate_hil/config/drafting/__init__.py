@@ -1,1 +1,1 @@
-"""A first rig for a foreign database, by the names, units, ranges, labels and senders of its signals."""
+"""Draft a rig for an unknown database by the names, units, ranges, labels and senders of its signals."""

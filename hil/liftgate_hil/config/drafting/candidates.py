@@ -1,4 +1,4 @@
-"""Which signals of a database may carry which quantity: by their names, units, sides and senders."""
+"""Find the signals of a database that may carry a quantity, by their names, units, sides and senders."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
 
 
 class Kind(NamedTuple):
-    """What a signal for a quantity is called; without sides the quantity is of the whole gate."""
+    """How a signal for a quantity is named; without sides the quantity is one of the whole gate."""
 
-    section: str  # of a rig
-    quantity: str  # "{side}_current": of a drive
-    needs: tuple[frozenset[str], ...]  # concepts, all of one of them
+    section: str  # section of a rig
+    quantity: str  # with "{side}" in it, e.g. "{side}_current", one of a drive
+    needs: tuple[
+        frozenset[str], ...
+    ]  # sets of concepts, of which a name must contain all of one set
     avoids: frozenset[str] = frozenset()
-    dimensions: tuple[str, ...] = ()  # that its unit may have; (): no unit needed
+    dimensions: tuple[str, ...] = ()  # dimensions that its unit may have; (): any
     is_flag: bool = False  # one bit
 
 
@@ -30,7 +32,7 @@ def _needs(*spelled: str) -> tuple[frozenset[str], ...]:
 
 
 _SENSORS = frozenset({"current", "voltage", "temperature", "hall", "angle"})
-_NOBODY = {"XXX", "Vector__XXX"}  # how databases say that they don't know the sender
+_NOBODY = {"XXX", "Vector__XXX"}  # what databases name an unknown sender
 _NO_LIMIT = frozenset({"limit"})
 _NO_DRIVE = _NO_LIMIT | {"motor", "left", "right"}
 KINDS = (
@@ -69,18 +71,18 @@ class Candidate:
     quantity: str
     message: Message
     signal: Signal
-    fits: bool  # its unit, as far as it is known, is one of the quantity's
-    is_named: bool  # it has the very name that the quantity has
-    sender: str = ""  # where it is neither the ECU nor the gate
+    fits: bool  # its unit, if known, is one of the quantity's
+    is_named: bool  # its name is exactly that of the quantity
+    sender: str = ""  # the sender if it is neither the ECU nor the gate
 
     @property
     def name(self) -> str:
-        """MESSAGE.SIGNAL."""
+        """The name as MESSAGE.SIGNAL."""
         return f"{self.message.name}.{self.signal.name}"
 
     @property
     def unit(self) -> str:
-        """In the database."""
+        """The unit in the database."""
         return (self.signal.unit or "").strip()
 
 
@@ -88,7 +90,7 @@ Found = dict[str, dict[str, list[Candidate]]]  # section: quantity: candidates
 
 
 def find_candidates(messages: Mapping[str, Message]) -> Found:
-    """All candidates; several for a quantity where nothing tells them apart."""
+    """Return all candidates; several for a quantity if nothing tells them apart."""
     found: Found = {"inputs": {}, "outputs": {}}
     speaks_of_gate = any(map(_speaks_of_gate, messages.values()))
     for message, section, sender in _roles(messages):
@@ -99,7 +101,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Found:
             if is_protection(message, signal):
                 continue
             several = list(_of(message, signal, section))
-            # What fits nowhere is told; what fits elsewhere is no candidate here.
+            # A signal whose unit fits no quantity is still reported; one that fits some is no candidate elsewhere.
             fitting = [each for each in several if each.fits] or several
             for candidate in fitting:
                 each = replace(candidate, sender=sender)
@@ -113,7 +115,7 @@ def find_candidates(messages: Mapping[str, Message]) -> Found:
 
 
 def _panel(message: Message) -> dict[str, Candidate]:
-    """What a test bench's panel moves, by the very names, where it moves the obstacle too; nothing of others."""
+    """Return what a test bench's panel moves, by the exact names; empty if it does not move the obstacle."""
     names = {"".join(words_of(signal.name)): signal for signal in message.signals}
     found = {
         quantity: Candidate(quantity, message, names[_joined(quantity)], True, True)
@@ -124,8 +126,9 @@ def _panel(message: Message) -> dict[str, Candidate]:
 
 
 def _roles(messages: Mapping[str, Message]) -> Iterator[tuple[Message, str, str]]:
-    """The messages of use: what the ECU says of the motors is an input, what anybody else says may be an output.
-    With the sender, where it is neither ECU nor gate.
+    """Yield the relevant messages with their section of a rig, and the sender if it is neither ECU nor gate.
+
+    The ECU's commands to the motors are inputs; messages of all other senders may be outputs.
     """
     commands, sensors = _commands(messages), _sensors(messages)
     nodes = {sender for message in messages.values() for sender in message.senders} - _NOBODY
@@ -145,7 +148,7 @@ def _senders(messages: Mapping[str, Message], names: Iterable[str]) -> set[str]:
 
 
 def _sensors(messages: Mapping[str, Message]) -> list[str]:
-    """The messages with what the drives' sensors say: the gate's, where some speak of one."""
+    """Return the messages with readings of the drives' sensors; only those that name a gate, if some do."""
     found = [
         name
         for name, message in messages.items()
@@ -169,7 +172,7 @@ def _all_of(message: Message, section: str) -> Iterator[Candidate]:
 
 
 def _commands(messages: Mapping[str, Message]) -> list[str]:
-    """The messages with what drives the motors, the ECU's: of a gate, where some speak of one."""
+    """Return the messages of the ECU that command the motors; only those that name a gate, if some do."""
     found = [
         name
         for name, message in messages.items()
@@ -183,8 +186,8 @@ def _commands(messages: Mapping[str, Message]) -> list[str]:
 
 
 def is_protection(message: Message, signal: Signal) -> str:
-    """Whether a signal is one by name and length: "counter", "checksum", or ""."""
-    # The message's own name at its beginning says nothing of the signal.
+    """Return "counter" or "checksum" if a signal is one by name and length; else ""."""
+    # Words of the message's own name say nothing about the signal.
     own = [word for word in words_of(signal.name) if word not in words_of(message.name)]
     said = concepts_in("_".join(own))
     if signal.is_float or signal.is_signed or signal.multiplexer_signal is not None:
@@ -198,10 +201,10 @@ def is_protection(message: Message, signal: Signal) -> str:
 
 
 def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
-    """What one signal may be."""
+    """Yield the candidates of one signal."""
     quantities = BUS_INPUTS if section == "inputs" else BUS_OUTPUTS
     own = concepts_in(signal.name)
-    # What the message is about counts where the signal's own name leaves it open.
+    # The message's name counts where the signal's own name leaves it open.
     all_said = own | (
         concepts_in(message.name) & {"gate", "motor", "hall", "latch", "left", "right"}
     )
@@ -218,14 +221,14 @@ def _of(message: Message, signal: Signal, section: str) -> Iterator[Candidate]:
             continue
         is_found = is_found or _is_of(kind, signal)
         yield Candidate(quantity, message, signal, _is_of(kind, signal), is_named)
-    # The others of the catalogue, by their very names.
+    # Other quantities of the catalogue match by their exact names only.
     for quantity in quantities:
         if plain in (_joined(quantity), _joined(_plain(quantity))) and not is_found:
             yield Candidate(quantity, message, signal, True, True)
 
 
 def _plain(quantity: str) -> str:
-    """The name of a quantity that databases may have: of the truth's as well, where no sensor gives it."""
+    """Return the name of a quantity in databases: that of a true value has no prefix if no sensor measures it."""
     plain = quantity.removeprefix(TRUE_PREFIX)
     return quantity if plain in BUS_OUTPUTS else plain
 
@@ -235,20 +238,20 @@ def _joined(quantity: str) -> str:
 
 
 def _fits(kind: Kind, own: frozenset[str], said: frozenset[str], signal: Signal) -> bool:
-    """Whether name and length may be those of a kind."""
+    """Whether the name and the length of a signal may be those of a kind."""
     if own & kind.avoids or not any(need <= said and need & own for need in kind.needs):
         return False
     return not kind.is_flag or signal.length == 1
 
 
 def _is_of(kind: Kind, signal: Signal) -> bool:
-    """Whether a signal's unit, as far as it is known, is one of a kind's."""
+    """Whether a signal's unit, if known, is one of a kind's."""
     dimensions = dimensions_named((signal.unit or "").strip())
     return not kind.dimensions or not dimensions or bool({*dimensions} & {*kind.dimensions})
 
 
 def _best(candidates: Sequence[Candidate], speaks_of_gate: bool) -> list[Candidate]:
-    """Those that say most: the quantity's very name, or that they are of a gate where there are such."""
+    """Return the best candidates: those that fit, have the exact name and name a gate, if there are such."""
     tests = (
         lambda each: each.fits,
         lambda each: each.is_named,

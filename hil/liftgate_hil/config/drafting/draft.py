@@ -1,4 +1,4 @@
-"""A first rig: what is sure is mapped, what is not stands there as a candidate with the reason, to be chosen."""
+"""Draft a rig: what is certain is mapped, the rest is listed as candidates with the reason, to be chosen."""
 
 from __future__ import annotations
 
@@ -14,20 +14,19 @@ from liftgate_hil.config.drafting.candidates import Candidate, find_candidates
 from liftgate_hil.config.drafting.lines import Line, line_for, quoted
 from liftgate_hil.config.drafting.protections import protection_lines
 from liftgate_hil.config.rig import rig_of_content
-from liftgate_hil.errors import printable
-from liftgate_hil.issues import ConfigIssues
+from liftgate_hil.errors import ConfigIssues, printable
 from liftgate_hil.signals import PANEL
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
 
 _MOST = 12  # candidates of a quantity that are shown
-_WANTED = ("left_duty", "left_current", "gate_angle")  # without which an ECU hardly runs
+_WANTED = ("left_duty", "left_current", "gate_angle")  # an ECU hardly runs without these
 
 
 @dataclass
 class Draft:
-    """The text of a rig, and what is to be filled in by hand: key, and why."""
+    """The text of a rig, the mapped keys, and what has to be filled in by hand: key and reason."""
 
     text: str
     mapped: list[str] = field(default_factory=list)
@@ -35,7 +34,7 @@ class Draft:
 
 
 def draft_rig(database: Path, target: Path) -> Draft:
-    """The rig of a database for a file `target`, which is not written. Raises ConfigError."""
+    """Return the draft of a rig for a database and a file `target`, which is not written. Raises ConfigError."""
     issues = ConfigIssues("draft")
     messages = load_messages(issues, database)
     issues.raise_if_any()
@@ -54,7 +53,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
         f"dbc = {quoted(dbc)}",
         "bitrate = 500000                         # the bus's",
     ]
-    # What the rig's own checks refuse becomes a candidate with their reason.
+    # A line that the rig's own checks refuse becomes a candidate with their reason.
     while True:
         text, faults = _text(head, lines, messages, target)
         if not _withdraw(lines, faults):
@@ -68,7 +67,7 @@ def draft_rig(database: Path, target: Path) -> Draft:
 
 
 def _unused(text: str, messages: Mapping[str, Message], used: set[str]) -> Iterator[str]:
-    """Comments with the signals that stand nowhere above, of the messages that do."""
+    """Yield comments with the signals that are not in `text`, of the messages that are used."""
     left = [
         f"{name}.{signal.name}"
         for name in used
@@ -89,8 +88,10 @@ def _all(lines: Mapping[str, list[Line]]) -> list[Line]:
 
 
 def _by_side(found: Mapping[str, list[Candidate]], tells_sides: bool) -> dict[str, list[Candidate]]:
-    """Candidates of no side go to the drives: one to the left, which a one-drive gate has, several to either, and
-    so does one of a database that tells sides.
+    """Return the candidates with those of no side assigned to the drives.
+
+    A single one goes to the left drive, which a gate with one drive has. Several go to either drive, and so does a
+    single one of a database that distinguishes sides.
     """
     result: dict[str, list[Candidate]] = {}
     for quantity, candidates in found.items():
@@ -121,7 +122,7 @@ def _lines_of(section: str, found: Mapping[str, list[Candidate]]) -> Iterator[Li
 
 
 def _only(found: Mapping[str, list[Candidate]], quantity: str) -> Candidate | None:
-    """The candidate, where the other drive does not have the same."""
+    """Return the candidate of a quantity; None if the other drive has the same candidates."""
     other = (
         quantity.replace("left_", "right_")
         if "left_" in quantity
@@ -131,7 +132,7 @@ def _only(found: Mapping[str, list[Candidate]], quantity: str) -> Candidate | No
 
 
 def _one_quantity_a_signal(lines: dict[str, list[Line]]) -> None:
-    """A signal that may be two quantities is neither for sure."""
+    """Withdraw the lines of a signal that may be two quantities, as neither is certain."""
     for section, each in lines.items():
         for i, line in enumerate(each):
             others = [other.quantity for other in each if other.signal == line.signal]
@@ -146,7 +147,7 @@ def _text(
     messages: Mapping[str, Message],
     target: Path,
 ) -> tuple[str, dict[str, str]]:
-    """The file's text, and what a rig of it is refused for: key and reason."""
+    """Return the file's text, and why a rig made of it is refused: reasons by key."""
     parts = list(head)
     for section, each in lines.items():
         parts += ["", f"[{section}]"]
@@ -169,7 +170,7 @@ def _text(
 
 
 def _withdraw(lines: dict[str, list[Line]], faults: Mapping[str, str]) -> bool:
-    """Comment out what is refused; whether anything was."""
+    """Comment out lines that are refused; return whether there were any."""
     is_changed = False
     for each in lines.values():
         for i, line in enumerate(each):
@@ -194,7 +195,7 @@ def _withdraw(lines: dict[str, list[Line]], faults: Mapping[str, str]) -> bool:
 def _missing(
     faults: Mapping[str, str], waiting: Mapping[str, str], mapped: list[str]
 ) -> Iterator[tuple[str, str]]:
-    """What the rig is refused for, and what it hardly does without."""
+    """Yield key and reason of what the rig is still refused for, and of quantities it hardly works without."""
     for key, reason in faults.items():
         if key not in waiting:
             yield key, reason

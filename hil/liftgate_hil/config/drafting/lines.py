@@ -1,4 +1,4 @@
-"""A quantity's line in a drafted rig: mapped where its signal's unit, labels and range leave no doubt."""
+"""The line of a quantity in a drafted rig: mapped if its signal's unit, labels and range leave no doubt."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from liftgate_hil.signals import BUS_INPUTS, BUS_OUTPUTS
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
-# A step of the signal, in our unit, that no database of a gate has: the unit is another.
+# Step of a signal, in our unit, that no database of a gate has: the unit must be another one.
 _COARSE = {"A": 0.9, "V": 0.9, "deg": 4.0, "°C": 10.0, "rev/s": 20.0}
 _NO_VALUE = {
     "sna", "invalid", "error", "fehler", "reserved", "reserviert", "unknown", "unbekannt", "init", "default", "na",
@@ -27,27 +27,27 @@ _NO_VALUE = {
 
 @dataclass(frozen=True)
 class Line:
-    """`quantity = …`; with a reason it is commented out."""
+    """A line `quantity = …`; with a reason it is commented out."""
 
     section: str
     quantity: str
     message: Message
     signal: str  # MESSAGE.SIGNAL
-    keys: Mapping[str, str]  # beside the signal, in TOML
+    keys: Mapping[str, str]  # keys besides the signal, with values in TOML
     reason: str = ""
     remark: str = ""
 
     @property
     def is_sure(self) -> bool:
-        """Whether it is mapped."""
+        """Whether the quantity is mapped."""
         return not self.reason
 
     def withdrawn(self, reason: str) -> Line:
-        """The same, not sure."""
+        """Return the line with a reason added, which comments it out."""
         return replace(self, reason="; ".join(filter(None, (self.reason, reason))))
 
     def text(self) -> list[str]:
-        """As it stands in the file."""
+        """Return the lines as they are written to the file."""
         value = quoted(self.signal)
         if self.keys:
             rest = "".join(f", {key} = {said}" for key, said in self.keys.items())
@@ -59,12 +59,12 @@ class Line:
 
 
 def quoted(text: str) -> str:
-    """A text in TOML."""
+    """Return a text as a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
-    """The line of a quantity's candidate."""
+    """Return the line of a quantity's candidate."""
     ours = (BUS_INPUTS if section == "inputs" else BUS_OUTPUTS)[quantity]
     line = Line(section, quantity, candidate.message, candidate.name, {})
     if ours.values:
@@ -97,14 +97,14 @@ def line_for(section: str, quantity: str, candidate: Candidate) -> Line:
         and not 20.0 <= factors[0] * high <= 500.0
     ):
         return line.withdrawn(f"{low:g} to {high:g} in {candidate.unit!r}: is that its unit?")
-    if quantity.endswith("_edge_age"):  # of a motor that stands it goes on for ever
+    if quantity.endswith("_edge_age"):  # it grows without limit while the motor stands
         line = replace(line, keys={"saturates": "true"})
     is_same = factors == (1.0, 0.0)
     return line if is_same else replace(line, remark=f"from {candidate.unit}")
 
 
 def _share_by_range(line: Line, signal: Signal) -> Line:
-    """A duty without a unit: 0 to 100 are per cent, 0 to 1 are shares, else nobody knows."""
+    """Return the line of a duty without a unit: 0 to 100 is per cent, 0 to 1 a share, another range is unclear."""
     low, high = physical_range(signal)
     for top, unit in ((100.0, "%"), (1.0, "1")):
         is_fine = signal.is_float or abs(float(signal.scale)) <= 0.1 * top
@@ -118,7 +118,7 @@ def _share_by_range(line: Line, signal: Signal) -> Line:
 
 
 def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
-    """Labels that name our values, or the one bit that its name explains."""
+    """Return the line of an enumeration: by labels that name our values, or by one bit that its name explains."""
     kind = next(
         (
             kind
@@ -149,7 +149,7 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
     pairs = [f"{name} = {quoted(named.get(name, '?'))}" for name in ours]
     known = [pair for pair, name in zip(pairs, ours, strict=True) if name in named]
     needed = ("open", "close") if kind == "direction" else ours
-    # What is sent has all of our values; labels that are never sent do not matter.
+    # An output needs all of our values; its labels that are never sent do not matter.
     is_sure = all(name in named for name in needed) and not (left and line.section == "inputs")
     if not is_sure:
         said = ", ".join(f"{raw} {label!r}" for raw, label in sorted(choices.items())[:16])
@@ -160,7 +160,7 @@ def _enumeration(line: Line, signal: Signal, ours: tuple[str, ...]) -> Line:
 
 
 def _flag(line: Line, signal: Signal, kind: str) -> str:
-    """The values of one bit whose name says what 1 means; "" where it does not."""
+    """Return the values of one bit whose name says what 1 means; "" if it does not."""
     said = concepts_in(signal.name)
     words = {*words_of(signal.name)}
     if signal.length != 1:

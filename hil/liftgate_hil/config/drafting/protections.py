@@ -1,4 +1,4 @@
-"""The tables [messages.*] of a drafted rig: counters by their names; what a checksum covers no database says."""
+"""The tables [messages.*] of a drafted rig: counters by their names; no database says what a checksum covers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[str]:
-    """The table of a message; commented out where nothing of the message is mapped yet."""
+    """Return the table of a message; commented out if nothing of the message is mapped yet."""
     parts: dict[str, list[Signal]] = {"counter": [], "checksum": []}
     for signal in message.signals:
         kind = is_protection(message, signal)
@@ -46,7 +46,7 @@ def protection_lines(message: Message, is_cyclic: bool, is_used: bool) -> list[s
 
 
 def _checksum_lines(signal: Signal) -> list[str]:
-    """Lines with each kind of checksum that has the length of a signal, for the user to choose from."""
+    """Return lines with each kind of checksum that has the length of a signal, for the user to choose from."""
     name = quoted(signal.name)
     kinds = ", ".join(kind for kind in KINDS if kind != "none")
     own = (

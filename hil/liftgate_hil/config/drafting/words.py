@@ -1,4 +1,4 @@
-"""What names of signals, messages and labels say, in English and German, abbreviated as databases do."""
+"""The meaning of names of signals, messages and labels, in English and German, abbreviated as databases do."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import functools
 import re
 from collections.abc import Collection, Iterable, Mapping
 
-# Concept: how names say it. Words of four letters and more may be parts of longer ones; shorter ones, and those
-# after "=" (there is a gate in gateway, and a lock in clock), stand alone.
+# Concept: words for it in names. Words of four or more letters may be parts of longer ones; shorter ones, and
+# those after "=" (there is a gate in gateway, and a lock in clock), must stand alone.
 WORDS: Mapping[str, tuple[str, ...]] = {
     "left": ("left", "links", "l", "le", "li", "lh", "lt", "lhs", "hl", "lft", "lnks"),
     "right": ("right", "rechts", "r", "re", "ri", "rh", "rt", "rhs", "hr", "rgt", "rght"),
@@ -45,7 +45,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "channel b": ("b", "hallb"),
 }  # fmt: skip
 
-# Labels of an enumeration by our value's name; what may mean two of them is in none.
+# Labels of an enumeration by the name of our value; ambiguous labels are left out.
 _OPEN = (
     "open",
     "opening",
@@ -111,20 +111,20 @@ _UMLAUTS = str.maketrans(
 )
 _PREFIX = re.compile(
     r"(?<![A-Za-z])[lr](?=[A-Z])"
-)  # of a ratio or a length, neither left nor right
+)  # prefix of a ratio or a length, not of right or left
 _PART = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
 @functools.lru_cache(100_000)
 def words_of(name: str) -> tuple[str, ...]:
-    """The words of a name, in small letters: MotCurrLH_1 is mot, curr, lh, 1; rPwmLe, a ratio, is pwm, le."""
+    """Return the words of a name in lower case: MotCurrLH_1 is mot, curr, lh, 1; rPwmLe, a ratio, is pwm, le."""
     plain = _PREFIX.sub("", name.translate(_UMLAUTS))
     return tuple(part.lower() for part in _PART.findall(plain))
 
 
 @functools.lru_cache(100_000)
 def concepts_in(name: str) -> frozenset[str]:
-    """What a name speaks of."""
+    """Return the concepts that a name contains."""
     words = words_of(name)
     whole = "".join(words)
     return frozenset(
@@ -140,7 +140,7 @@ def _speaks(spelled: Iterable[str], words: Collection[str], whole: str) -> bool:
 
 
 def side_of(*names: str) -> str:
-    """The drive that names speak of: the first of them that says left or right; "" where none does."""
+    """Return the side, left or right, from the first of the names that says it; "" if none does."""
     for name in names:
         sides = concepts_in(name) & {"left", "right"}
         if len(sides) == 1:
@@ -149,7 +149,7 @@ def side_of(*names: str) -> str:
 
 
 def named_values(kind: str, choices: Mapping[int, str]) -> dict[str, str]:
-    """Our value: label, of those labels that name one of ours and are the only one to do so."""
+    """Return the labels by our value, for each value that exactly one label names."""
     found: dict[str, list[str]] = {}
     for label in choices.values():
         words = words_of(label)

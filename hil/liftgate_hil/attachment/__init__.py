@@ -1,1 +1,0 @@
-"""How other processes attach to a run: they see its loop's memory, and have commands obeyed."""

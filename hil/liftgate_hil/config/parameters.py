@@ -1,0 +1,121 @@
+"""Read and change parameters of a vehicle by their names in the vehicle file.
+
+"motor.resistance" is that of both drives, "left.motor.resistance" that of one, "gate.gravity_point[0]" the x of a
+point, "environment.road_slope_deg" a name with its unit. Values here are in the file's unit.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, get_type_hints
+
+from liftgate_plant.quantity import Points, Quantity
+from liftgate_plant.vehicle import DriveTables, Vehicle
+
+SIDES = ("left", "right")
+_NAME = re.compile(r"(?:(left|right)\.)?(\w+)\.(\w+?)(?:\[([01])\])?")
+
+
+class FreeParameter(NamedTuple):
+    """A free parameter: its name, and where its value is in a vehicle."""
+
+    name: str
+    sides: tuple[str, ...]  # drives that it applies to; empty: a table of the body
+    table: str
+    field: str
+    coordinate: int  # index of a coordinate of a point; -1: a number
+    quantity: Quantity
+
+
+def find_parameter(vehicle: Vehicle, name: str) -> FreeParameter:
+    """Return the parameter of a name. Raises ValueError, which says what is allowed."""
+    match = _NAME.fullmatch(name)
+    known = {each.name: each for each in all_parameters(vehicle.drives)}
+    if match is None or name not in known:
+        field = name.rpartition(".")[2].partition("[")[0]
+        near = [key for key in known if field in key] or list(known)
+        raise ValueError(
+            f"no such parameter; allowed: {', '.join(near[:12])}{' …' * (len(near) > 12)}"
+        )
+    return known[name]
+
+
+# Free parameters of `[friction]`: not those that change over the travel, from run to run or over a drive's life.
+_LAW = ("static_ratio", "stribeck_speed", "viscous", "temperature_coefficient")
+
+
+@functools.cache
+def all_parameters(drives: int) -> tuple[FreeParameter, ...]:
+    """Return all free parameters of a vehicle with `drives` drives."""
+    active = SIDES[:drives]
+    found: list[FreeParameter] = []
+    drive_tables: dict[str, Any] = get_type_hints(DriveTables)
+    for table, kind in drive_tables.items():
+        found += _fields(table, kind, active)
+    if drives > 1:
+        for side in active:
+            for table, kind in drive_tables.items():
+                found += [
+                    each._replace(name=f"{side}.{each.name}")
+                    for each in _fields(table, kind, (side,))
+                ]
+    for table, kind in get_type_hints(Vehicle).items():
+        if hasattr(kind, "_fields") and kind is not DriveTables:
+            found += _fields(table, kind, ())
+    return tuple(found)
+
+
+def _fields(table: str, kind: Any, sides: tuple[str, ...]) -> Iterator[FreeParameter]:
+    for field, hint in get_type_hints(kind, include_extras=True).items():
+        quantity: Quantity = hint.__metadata__[0]
+        if table == "friction" and field not in _LAW:
+            continue
+        key = f"{table}.{field}{quantity.suffix}"
+        if hint.__origin__ is float:
+            yield FreeParameter(key, sides, table, field, -1, quantity)
+        elif hint.__origin__ not in (Points, str):
+            for place in (0, 1):
+                yield FreeParameter(f"{key}[{place}]", sides, table, field, place, quantity)
+
+
+def value_of(vehicle: Vehicle, parameter: FreeParameter) -> float:
+    """Return the value of a parameter in the file's unit; of both drives the left one's."""
+    tables: Any = getattr(vehicle, parameter.sides[0]) if parameter.sides else vehicle
+    value = getattr(getattr(tables, parameter.table), parameter.field)
+    number = value if parameter.coordinate < 0 else value[parameter.coordinate]
+    return float(number) / parameter.quantity.scale
+
+
+def with_value(vehicle: Vehicle, parameter: FreeParameter, value: float) -> Vehicle:
+    """Return the vehicle with another value of a parameter, in the file's unit."""
+    number = value * parameter.quantity.scale
+
+    def changed(tables: Any) -> Any:
+        table = getattr(tables, parameter.table)
+        new: Any = number
+        if parameter.coordinate >= 0:
+            point = list(getattr(table, parameter.field))
+            point[parameter.coordinate] = number
+            new = tuple(point)
+        return tables._replace(**{parameter.table: table._replace(**{parameter.field: new})})
+
+    if not parameter.sides:
+        return changed(vehicle)  # type: ignore[no-any-return]
+    return vehicle._replace(**{side: changed(getattr(vehicle, side)) for side in parameter.sides})
+
+
+def with_values(
+    vehicle: Vehicle, parameters: Sequence[FreeParameter], values: Sequence[float]
+) -> Vehicle:
+    """Return the vehicle with other values of several parameters, in the file's units."""
+    for parameter, value in zip(parameters, values, strict=True):
+        vehicle = with_value(vehicle, parameter, value)
+    return vehicle
+
+
+def same_on_both_sides(vehicle: Vehicle, parameter: FreeParameter) -> bool:
+    """Whether all drives that a parameter applies to have the same value."""
+    values = {value_of(vehicle, parameter._replace(sides=(side,))) for side in parameter.sides}
+    return len(values) <= 1

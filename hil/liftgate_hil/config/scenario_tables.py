@@ -1,0 +1,302 @@
+"""The tables of a scenario file: profiles, obstacles, requests, signals, faults, expectations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.config import scenario_keys as keys
+from liftgate_hil.config.fault_kinds import DRIVE, FAULT_KINDS, WHERE, FaultKind
+from liftgate_hil.config.profile_csv import read_points
+from liftgate_hil.config.restbus import SignalValue
+from liftgate_hil.config.schema import read_table
+from liftgate_hil.config.toml import Table, known_keys, number, show, table
+from liftgate_hil.errors import ConfigError, ConfigIssues
+from liftgate_hil.judging.expectation import KINDS, STATES, Expectation
+from liftgate_hil.signals import PROFILES
+from liftgate_hil.stimuli.moments import Instant, moved
+from liftgate_hil.stimuli.requests import Request
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle
+from liftgate_plant.obstacle import Obstacle
+
+_COMMON = (
+    "seed",
+    "period_s",
+    "share",
+)  # keys of faults that programs name, besides those of the kind
+
+
+_IDENTIFYING = ("key", "direction", "id")  # keys of kinds that tell their faults apart
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault as a file or a program describes it; the keys of its kind are in `values`.
+
+    An injection is made of it for the vehicle of a run.
+    """
+
+    kind: str
+    where: str | None
+    values: Mapping[str, Any]
+    start: Instant
+    end: Instant
+    period: float = 0.0
+    share: float = 1.0
+    key: str = ""  # file and key in it, e.g. fault[0]
+    length: float = math.inf  # s, from its start
+    # How issues name its `value`; "": by `key`.
+    value_key: str = field(default="", compare=False)
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """The identity of the fault: if one with the same identity is ordered again, it gets other values."""
+        own = (self.values.get(name) for name in _IDENTIFYING)
+        return (self.kind, self.where, *own)
+
+
+@dataclass
+class _Found:
+    """The content of the files that have been read so far."""
+
+    profiles: list[tuple[str, Profile]]
+    obstacles: list[TimedObstacle]
+    requests: list[Request]
+    signals: list[SignalValue]
+    faults: list[Fault]
+    expectations: list[Expectation]
+
+
+@dataclass
+class _Reader:
+    """Reads the tables of one file."""
+
+    path: Path
+    issues: ConfigIssues
+    parameters: Mapping[str, float]
+
+    def read(self, raw: Table, found: _Found) -> None:
+        found.profiles += self._tables(raw, "profile", self._profile)
+        found.obstacles += self._tables(raw, "obstacle", self._obstacle)
+        found.requests += self._tables(raw, "request", self._request)
+        found.signals += self._tables(raw, "signal", self._signal)
+        found.faults += self._tables(raw, "fault", self.fault)
+        own = self._tables(raw, "expect", self._expect)
+        _check_once(self.issues, "expect", [each.name for each in own if each.name])
+        names = [each.name for each in found.expectations]
+        for each in own:
+            if each.name in names:
+                found.expectations[names.index(each.name)] = each
+            else:
+                found.expectations.append(each)
+
+    def _tables(self, raw: Table, key: str, read: Callable[[str, Table], Any]) -> list[Any]:
+        given = raw.get(key, [])
+        if not isinstance(given, list):
+            self.issues.add(key, f"{show(given)}; allowed: [[{key}]] tables")
+            return []
+        return [
+            read(f"{key}[{i}]", table(self.issues, f"{key}[{i}]", each))
+            for i, each in enumerate(given)
+        ]
+
+    def _instant(self, instant: Instant, delay: float, key: str) -> Instant:
+        """Return an instant with its delay; its condition is checked."""
+        if not instant.condition:
+            return Instant(instant.time + delay)
+        self._condition(key, instant.condition, "; or a time, 0 to 1e+06 s")
+        return moved(instant, delay)
+
+    def _condition(self, key: str, text: str, also: str = "") -> None:
+        """Check a condition as far as possible without a rig; `also` names what else is allowed."""
+        try:
+            parsed(text, self.parameters)
+        except ValueError as error:
+            self.issues.add(key, f"{error}{also}")
+
+    def _profile(self, key: str, given: Table) -> tuple[str, Profile]:
+        issues = self.issues
+        values = read_table(issues, key, given, keys.PROFILE)
+        name = values["quantity"] or ""
+        is_switch = bool(name and PROFILES[name].values)
+        how = values["interpolation"] or ("hold" if is_switch else "linear")
+        if is_switch and how != "hold":
+            issues.add(f"{key}.interpolation", f"{show(how)}; allowed: one of hold")
+        if ("points" in given) == ("csv" in given):
+            said = "both points and csv" if "csv" in given else show(None)
+            issues.add(f"{key}.points", f"{said}; allowed: [[time, value], …], or a file in csv")
+            return name, Profile([], how == "linear")
+        points = given.get("points")
+        if "csv" in given:
+            key = f"{key}.csv"
+            try:
+                points = (
+                    read_points(self.path.parent / values["csv"], name) if values["csv"] else []
+                )
+            except ConfigError as error:
+                issues.add(key, str(error))
+                return name, Profile([], how == "linear")
+        else:
+            key = f"{key}.points"
+        return name, Profile(self._points(key, points, name, is_switch), how == "linear")
+
+    def _points(
+        self, key: str, points: Any, name: str, is_switch: bool
+    ) -> list[tuple[float, float]]:
+        issues, found = self.issues, []
+        if not isinstance(points, list) or not points:
+            issues.add(key, f"{show(points)}; allowed: [[time, value], …]")
+            return []
+        low, high = (PROFILES[name].low, PROFILES[name].high) if name else (-math.inf, math.inf)
+        for i, point in enumerate(points):
+            if not isinstance(point, list) or len(point) != 2:
+                issues.add(f"{key}[{i}]", f"{show(point)}; allowed: [time, value]")
+                continue
+            time = number(issues, f"{key}[{i}][0]", point[0], 0.0, 1e6, "s")
+            value = number(issues, f"{key}[{i}][1]", point[1], low, high)
+            if is_switch and 0.0 < value < 1.0:
+                issues.add(f"{key}[{i}][1]", f"{value:g}; allowed: 0 (off) or 1 (on)")
+            found.append((time, value))
+            if len(found) > 1 and found[-1][0] <= found[-2][0]:
+                issues.add(f"{key}[{i}][0]", f"{time:g}; allowed: later than the point before")
+        return found
+
+    def _span(self, key: str, values: Mapping[str, Any]) -> tuple[Instant, Instant]:
+        """Return start and end with the delay added; an issue if the end is not later."""
+        delay = values["delay_s"]
+        start = self._instant(values["start"], delay, f"{key}.start")
+        end = self._instant(values["end"], delay, f"{key}.end")
+        if not start.condition and not end.condition and end.time <= start.time:
+            self.issues.add(f"{key}.end", f"{end.time:g}; allowed: later than start")
+        return start, end
+
+    def _obstacle(self, key: str, given: Table) -> TimedObstacle:
+        values = read_table(self.issues, key, given, keys.OBSTACLE)
+        obstacle = Obstacle(
+            angle=math.radians(math.nan if values["angle_deg"] is None else values["angle_deg"]),
+            distance=values["distance"],
+            stiffness=values["stiffness"],
+            damping=values["damping"],
+            gap=values["gap"],
+            direction=1.0 if values["meets"] == "closing" else -1.0,
+            lateral=values["lateral"],
+        )
+        return TimedObstacle(obstacle, *self._span(key, values))
+
+    def _request(self, key: str, given: Table) -> Request:
+        values = read_table(self.issues, key, given, keys.REQUEST)
+        when = values["time"] or Instant()
+        return Request(
+            self._instant(when, values["delay_s"], f"{key}.time"), values["action"] or ""
+        )
+
+    def _signal(self, key: str, given: Table) -> SignalValue:
+        values = read_table(self.issues, key, given, keys.SIGNAL)
+        when = self._instant(values["time"], values["delay_s"], f"{key}.time")
+        return SignalValue(
+            when,
+            values["signal"] or "",
+            values["value"] or 0.0,
+            str(self.path),
+            key,
+            self.issues.called(f"{key}.value"),
+        )
+
+    def fault(self, key: str, given: Table) -> Fault:
+        kind = FAULT_KINDS.get(str(given.get("kind")))
+        own = kind.keys if kind is not None else ()
+        if kind is None:  # the keys of an unknown kind are not known
+            known = {each.name for each in keys.FAULT}
+            given = {name: value for name, value in given.items() if name in known}
+        taken = {each.name for each in own}
+        common = tuple(each for each in keys.FAULT if each.name not in taken)
+        values = {"delay_s": 0.0} | read_table(self.issues, key, given, (*common, *own))
+        if kind is not None and values["where"] is not None:
+            self._where(f"{key}.where".lstrip("."), kind, values["where"])
+        if "for_s" in given and "end" in given:
+            self.issues.add(f"{key}.for_s", "allowed: without end")
+        if "share" in given and "period_s" not in given:
+            self.issues.add(f"{key}.share", "allowed: together with period_s")
+        start, end = self._span(
+            key, values if "delay_s" not in taken else values | {"delay_s": 0.0}
+        )
+        return Fault(
+            kind=values["kind"] or "",
+            where=values["where"],
+            values={"seed": values["seed"]} | {each.name: values[each.name] for each in own},
+            start=start,
+            end=end,
+            period=values["period_s"] or 0.0,
+            share=values["share"],
+            key=f"{self.path}: {key}",
+            length=values["for_s"] or math.inf,
+            value_key=self.issues.called(f"{key}.value"),
+        )
+
+    def _where(self, key: str, kind: FaultKind, where: str) -> None:
+        """Check the place of a fault as far as possible without a vehicle and a rig."""
+        if not kind.has_place:
+            self.issues.add(key, f"{kind.name} is {kind.of}'s as a whole; allowed: no such key")
+        elif kind.of == DRIVE and where not in WHERE:
+            self.issues.add(key, f"{show(where)}; allowed: one of {', '.join(WHERE)}")
+
+    def _expect(self, key: str, given: Table) -> Expectation:
+        issues = self.issues
+        values = read_table(issues, key, given, keys.EXPECT)
+        said = [kind for kind in KINDS if kind in given]
+        if len(said) != 1:
+            issues.add(
+                key, f"{' and '.join(said) or 'nothing'}; allowed: one of {', '.join(KINDS)}"
+            )
+            return Expectation("", "always", "")
+        kind = said[0]
+        if kind == "dtc":
+            if "state" not in given:
+                issues.add(f"{key}.state", f"missing; allowed: one of {', '.join(STATES)}")
+        elif values[kind]:
+            self._condition(f"{key}.{kind}", values[kind])
+        if kind != "dtc" and "state" in given:
+            issues.add(f"{key}.state", f"{show(given['state'])}; allowed: with dtc")
+        after = values["after"]
+        if after.condition:
+            self._condition(f"{key}.after", after.condition, "; or a time, 0 to 1e+06 s")
+        within = math.inf if values["within_s"] is None else values["within_s"]
+        if values["for_s"] and kind != "eventually":
+            issues.add(f"{key}.for_s", f"{values['for_s']:g}; allowed: with eventually")
+        if values["for_s"] > within:
+            issues.add(
+                f"{key}.for_s", f"{values['for_s']:g}; allowed: up to within_s, {within:g} s"
+            )
+        opener = after.condition or after.time
+        name = str(values["name"] or "")
+        state = values["state"] or ""
+        known = (name, kind, values[kind], opener, within, values["for_s"], key, state)
+        return Expectation(*known, source=str(self.path))
+
+
+def fault_of(kind: str, where: str | None, values: Mapping[str, Any]) -> Fault:
+    """Return a fault that a program names; it has no start or end of its own. Raises ConfigError."""
+    issues = ConfigIssues("`fault`")
+    own = FAULT_KINDS[kind].keys if kind in FAULT_KINDS else ()
+    given = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in values.items()
+    }
+    known = {*_COMMON, *(key.name for key in own)}
+    known_keys(issues, "", given, sorted(known))
+    given = {name: value for name, value in given.items() if name in known}
+    given |= {"kind": kind} | ({} if where is None else {"where": where})
+    found = _Reader(Path(), issues, {}).fault("", given)
+    issues.raise_if_any()
+    return replace(found, key="`fault`", value_key="")
+
+
+def _check_once(issues: ConfigIssues, key: str, names: Sequence[str]) -> None:
+    for name in sorted({name for name in names if name and names.count(name) > 1}):
+        issues.add(key, f"{name} comes {names.count(name)} times; allowed: once")

@@ -1,0 +1,1 @@
+"""Recording formats behind the `Writer` protocol; the suffix of a file selects its format."""

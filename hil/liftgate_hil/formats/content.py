@@ -1,0 +1,110 @@
+"""Content of a recording, and batches of rows or frames that are written together."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import printable
+from liftgate_hil.signals import COLUMNS
+from liftgate_plant.signals import Signal
+
+# Keys of the provenance that comments list.
+_TOLD = ("seed", "clock", "rate_hz", "duration_s", "initial_deg")
+_MOST_BUSES = 254  # fits into a byte, also for formats that count from 1
+
+
+def no_remark() -> str:
+    """Return an empty remark, the default of `Content.remark`."""
+    return ""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a recording shall hold, as far as its format can."""
+
+    columns: Sequence[str]  # columns of the row to record, the time first
+    channel: str = "can0"  # name of the frames' bus
+    title: str = "liftgate-hil"
+    remark: Callable[[], str] = no_remark  # remark on the recording, called on closing
+    about: str = ""  # provenance of the run, as JSON; empty: unknown
+    # The columns of a row, in their order.
+    row: Mapping[str, Signal] = field(default_factory=lambda: COLUMNS)
+
+    @cached_property
+    def places(self) -> list[int]:
+        """Indices of the recorded columns in a row."""
+        order = {name: place for place, name in enumerate(self.row)}
+        return [order[name] for name in self.columns]
+
+    def unit_of(self, name: str) -> str:
+        """Return a column's unit: for our columns as in their names (degps), for others as it is."""
+        signal = self.row[name]
+        return signal.suffix.removeprefix("_") if signal is COLUMNS.get(name) else signal.unit
+
+    @cached_property
+    def time_place(self) -> int:
+        """Index of the time in a row."""
+        return list(self.row).index("time_s")
+
+    @property
+    def bus_number(self) -> int:
+        """Bus number for formats without bus names: the one at the end of the name (can1), else 0."""
+        number = re.search(r"\d+$", self.channel)
+        return int(number[0]) if number and int(number[0]) <= _MOST_BUSES else 0
+
+
+def lines_about(about: str) -> list[str]:
+    """Return the provenance of a run as lines for comments, without the text of the files and the vehicle."""
+    if not about:
+        return []
+    told = json.loads(about)
+    lines = [f"liftgate-hil {told['versions']['liftgate-hil']}"]
+    lines += [f"{name} = {told[name]}" for name in _TOLD]
+    lines += [f"{name} = {value}" for name, value in told["parameters"].items()]
+    lines += [f"ecu = {_ecu_in_words(told['ecu'])}"] if "ecu" in told else []
+    if "recorded" in told:
+        when, before, after = (told["recorded"][name] for name in ("when", "before_s", "after_s"))
+        lines.append(
+            f"recorded only from {before:g} s before to {after:g} s after {' or '.join(when)}"
+        )
+    lines += [f"{name} = {x['path']}, SHA-256 {x['sha256']}" for name, x in told["files"].items()]
+    return [printable(line) for line in lines]
+
+
+def _ecu_in_words(ecu: Mapping[str, Any]) -> str:
+    known = [ecu[name] for name in ("version", "mutant", "class", "path") if name in ecu]
+    digest = f", SHA-256 {ecu['sha256']}" if "sha256" in ecu else ""
+    return " ".join([ecu["kind"], *known]) + digest
+
+
+class Batch:
+    """Blocks that are collected and written together: columnar formats need many rows at a time."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._blocks: list[NDArray[Any]] = []
+        self._count = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all blocks that are kept [bytes]."""
+        return sum(block.nbytes for block in self._blocks)
+
+    def add(self, block: NDArray[Any]) -> NDArray[Any] | None:
+        """Keep a copy of this block; return all blocks joined once they reach the size of a batch, else None."""
+        self._blocks.append(block.copy())
+        self._count += len(block)
+        return self.take() if self._count >= self._size else None
+
+    def take(self) -> NDArray[Any] | None:
+        """Return all blocks joined, and forget them; None if there are none."""
+        blocks, self._blocks, self._count = self._blocks, [], 0
+        return np.concatenate(blocks) if blocks else None

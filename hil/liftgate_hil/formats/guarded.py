@@ -1,0 +1,88 @@
+"""A writer whose errors do not end the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import LiftgateError, RecordingError
+from liftgate_hil.formats.rotation import Parts
+from liftgate_hil.formats.target import why
+
+Say = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Ignore a message: the default of `say`."""
+
+
+class GuardedWriter:
+    """Writer that stops at its first error, reports it at once, and keeps it in `failure`."""
+
+    def __init__(self, what: str, parts: Parts, say: Say = silent) -> None:
+        self._what = what
+        self._parts = parts
+        self._say = say
+        self.failure = ""
+
+    @property
+    def files(self) -> list[str]:
+        """Paths of the files of the recording."""
+        return self._parts.files
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far to the open file."""
+        return self._parts.written
+
+    def begin(self, epoch_ns: int) -> None:
+        """Begin with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        self._try(self._parts.begin, epoch_ns)
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows (n, ROW_WIDTH), unless an error came before."""
+        self._try(self._parts.write_rows, rows)
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED, unless an error came before."""
+        self._try(self._parts.write_frames, frames)
+
+    def flush(self) -> None:
+        """Flush the file, unless an error came before."""
+        self._try(self._parts.flush)
+
+    def close(self) -> None:
+        """Complete the file; after an error close it as far as possible."""
+        try:
+            self._parts.close(is_whole=not self.failure)
+        except Exception as error:
+            self.failure = self.failure or self._told(error)
+
+    def _try(self, action: Callable[..., None], *arguments: object) -> None:
+        if not self.failure:
+            try:
+                action(*arguments)
+            except Exception as error:  # the formats' libraries may raise anything
+                self.failure = self._told(error)
+                self._say(self.failure)
+
+    def _told(self, error: Exception) -> str:
+        if isinstance(error, OSError):
+            text = why(error)
+        else:
+            text = str(error) if isinstance(error, LiftgateError) else repr(error)
+        return f"{self._what}: recording ended: {text}"
+
+
+def raise_failures(recorders: Sequence[GuardedWriter]) -> None:
+    """Raise RecordingError with the errors of all writers that failed, if any did."""
+    if failures := failures_of(recorders):
+        raise RecordingError("; ".join(failures))
+
+
+def failures_of(recorders: Sequence[GuardedWriter]) -> list[str]:
+    """Return the errors of the writers that failed."""
+    return [recorder.failure for recorder in recorders if recorder.failure]

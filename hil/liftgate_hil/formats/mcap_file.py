@@ -1,0 +1,409 @@
+"""MCAP files, written and read: rows and frames as JSON messages with schemas, laid out as in `mcap_layout`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import (
+    ERROR,
+    EXTENDED,
+    FD,
+    LOGGED,
+    MAX_BYTES,
+    REMOTE,
+)
+from liftgate_hil.config.files import check_file
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats import mcap_layout as layout
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.mcap_chunks import HEAD, LENGTH_BEFORE, MESSAGE, Block, ChunkWriter
+from liftgate_hil.formats.mcap_text import RowMessages, Topic
+from liftgate_hil.formats.mf4_file import LENGTHS
+from liftgate_hil.formats.reading import foreign_reader
+from liftgate_hil.formats.recording import FRAME, Floats, Series, column_signal
+from liftgate_hil.version import version
+from liftgate_plant.signals import TIME, Signal
+
+if TYPE_CHECKING:
+    from mcap.records import Message
+    from mcap.summary import Summary
+
+
+_ROWS = 1024  # rows that are formatted together
+_WIDTH = 2 * MAX_BYTES
+
+
+class McapWriter:
+    """Writer of MCAP recordings."""
+
+    def __init__(self, stream: BinaryIO, content: Content) -> None:
+        self._stream = stream
+        self._content = content
+        self._writer = ChunkWriter(stream, f"{content.title} {version()}")
+        self._rows: RowMessages | None = None
+        self._row = self._frame = 0  # sequence numbers of the next ones
+        self._frames = 0  # id of the frames' channel; 0: none yet
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far, including those not compressed yet."""
+        return self._stream.tell() + self._writer.held
+
+    def begin(self, epoch_ns: int) -> None:
+        """Write the wall clock at the start of the run [ns since 1970] (0: none applies), and the provenance."""
+        start = datetime.fromtimestamp(epoch_ns * 1e-9, UTC).isoformat() if epoch_ns else ""
+        record = {
+            "title": self._content.title,
+            "version": version(),
+            "times": layout.TIMES,
+            layout.START: str(epoch_ns),
+            "start": start,
+        }
+        self._writer.add_metadata(layout.RECORD, record)
+        if about := self._content.about:
+            self._writer.add_attachment(layout.ABOUT, "application/json", about.encode())
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows as messages, one for each topic and row."""
+        if self._rows is None and len(rows):
+            self._rows = RowMessages(self._register_rows())
+        for first in range(0, len(rows), _ROWS):
+            block = rows[first : first + _ROWS]
+            times = _nanoseconds(block[:, self._content.time_place])
+            assert self._rows is not None
+            self._writer.add(self._rows.block(block, times, self._row))
+            self._row += len(block)
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED as messages, one each."""
+        if not len(frames):
+            return
+        if not self._frames:
+            schema, bus = (
+                layout.frames_schema("CAN frame"),
+                {layout.BUS_NAME: _plain(self._content.channel)},
+            )
+            self._frames = self._register(layout.FRAMES, "frame", schema, bus, layout.BUS)
+        times = np.maximum(frames["time_ns"], 0).astype(np.int64)
+        texts = _frame_texts(frames, self._content.channel)
+        self._writer.add(_block_of(self._frames, times, texts, self._frame))
+        self._frame += len(frames)
+
+    def flush(self) -> None:
+        """Write all chunks but the one that is being filled, and flush the stream."""
+        self._writer.drain()
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Write the remark, the remaining chunks and the summary, and close the file."""
+        try:
+            if remark := self._content.remark():
+                self._writer.add_metadata(layout.REMARK, {"remark": remark})
+            self._writer.finish()
+        finally:
+            self._stream.close()
+
+    def _register_rows(self) -> list[Topic]:
+        content = self._content
+        row = dict(zip(content.columns, content.places, strict=True))
+        topics = []
+        for topic, columns in layout.topics_of(content.columns).items():
+            prefix = next(iter(columns.values()))
+            names = ["time_s", *columns]
+            fields = ["time_s", *(name.removeprefix(prefix) for name in columns)]
+            signals = {
+                field: (content.row[name], content.unit_of(name))
+                for field, name in zip(fields, names, strict=True)
+            }
+            schema = layout.rows_schema(topic, signals)
+            channel = self._register(
+                topic, topic.strip("/"), schema, {layout.PREFIX: prefix}, layout.ROWS
+            )
+            whole = [content.row[name].is_whole for name in names]
+            topics.append(Topic(channel, fields, [row[name] for name in names], whole))
+        return topics
+
+    def _register(
+        self, topic: str, name: str, schema: bytes, metadata: dict[str, str], holds: str
+    ) -> int:
+        number = self._writer.register_schema(
+            f"liftgate_hil/{name}", layout.SCHEMA_ENCODING, schema
+        )
+        return self._writer.register_channel(
+            topic, layout.ENCODING, number, {layout.CONTENT: holds, **metadata}
+        )
+
+
+def _nanoseconds(times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return times [s] in ns; those that MCAP cannot hold, as of a plant that has diverged, are 0."""
+    sound = np.where((times >= 0.0) & (times < 1e9), times, 0.0)
+    return np.round(sound * 1e9).astype(np.int64)
+
+
+def _block_of(channel: int, times: NDArray[np.int64], texts: Sequence[bytes], number: int) -> Block:
+    """Return the messages of one channel as a block; `number` is the sequence number of the first one."""
+    records = [
+        HEAD.pack(MESSAGE, HEAD.size - LENGTH_BEFORE + len(text), channel, number + k, time, time)
+        + text
+        for k, (time, text) in enumerate(zip(times.tolist(), texts, strict=True))
+    ]
+    ends = np.cumsum([len(record) for record in records], dtype=np.uint64)
+    offsets = np.concatenate([np.zeros(1, dtype=np.uint64), ends[:-1]])
+    channels = np.full(len(times), channel, dtype=np.uint16)
+    return Block(b"".join(records), channels, times.astype(np.uint64), offsets)
+
+
+def _plain(text: str) -> str:
+    """Return a name with what UTF-8 cannot hold replaced."""
+    return text.encode(errors="replace").decode()
+
+
+def _frame_texts(frames: Any, channel: str) -> list[bytes]:
+    """Return frames (n,) LOGGED as JSON objects with the fields of `mcap_layout.FRAME_FIELDS`."""
+    text = frames["payload"].tobytes().hex().upper()
+    name = orjson.dumps(_plain(channel)).decode()
+    fields = zip(
+        frames["identifier"].tolist(),
+        frames["length"].tolist(),
+        np.searchsorted(LENGTHS, frames["length"]).tolist(),
+        frames["is_sent"].tolist(),
+        strict=True,
+    )
+    words = ("false", "true")
+    result = []
+    for row, (identifier, length, code, is_sent) in enumerate(fields):
+        first = row * _WIDTH
+        end = first if identifier & REMOTE else first + 2 * length
+        result.append(
+            (
+                f'{{"id":{identifier & 0x1FFFFFFF},'
+                f'"extended":{words[identifier & EXTENDED != 0]},"fd":{words[identifier & FD != 0]},'
+                f'"remote":{words[identifier & REMOTE != 0]},"error":{words[identifier & ERROR != 0]},'
+                f'"dlc":{code},"length":{length},"direction":"{"Tx" if is_sent else "Rx"}",'
+                f'"channel":{name},"data":"{text[first:end]}"}}'
+            ).encode()
+        )
+    return result
+
+
+_MAGIC = b"\x89MCAP0\r\n"
+_LARGEST = 1 << 30  # most bytes of a record or a chunk's content; the recorder's have some MB
+_FLAGS = {"extended": EXTENDED, "fd": FD, "remote": REMOTE, "error": ERROR}
+
+
+class RowTopic(NamedTuple):
+    """Topic of rows: its channel and its fields."""
+
+    channel: int
+    fields: Mapping[str, str]  # field names by column
+
+
+@dataclass(frozen=True)
+class McapFile:
+    """Columns and recording in an MCAP file; one that holds frames only has no columns."""
+
+    path: Path
+    signals: Mapping[str, Signal]  # the columns, the time first
+    topics: Sequence[RowTopic]
+    frame_channels: Mapping[int, str]  # channels of frames, with the name of the bus
+    start_ns: int = 0  # wall clock at the start of the run; 0: none applies
+    records: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # metadata, by name
+    about: str = ""
+    sample: str = "row"
+    notes: Sequence[str] = ()
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the columns, and FRAME if there are frames."""
+        return [*self.signals, *([FRAME] if self.frame_channels else ())]
+
+    @property
+    def channel(self) -> str | None:
+        """Name of the frames' bus; None if there are no frames."""
+        return next(iter(self.frame_channels.values()), None)
+
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
+        """Read these columns; one with a value that is not finite is left out and added to `issues`."""
+        blocks = list(self.rows(wanted)) if wanted else []
+        if not blocks:
+            issues.append(f"{self.path}: no rows; allowed: rows")
+            return {}
+        rows, result = np.concatenate(blocks), {}
+        for name, values in zip(wanted, rows.T, strict=True):
+            bad = np.flatnonzero(~np.isfinite(values))
+            if len(bad):
+                told = f"null in row {bad[0] + 1}; allowed: a finite number"
+                issues.append(f"{self.path}: {name}: {told}")
+            else:
+                result[name] = Series(np.ascontiguousarray(values))
+        return result
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)) of these columns, one block at a time. Raises ConfigError."""
+        asked = {
+            each.channel: [name for name in wanted if name in each.fields] for each in self.topics
+        }
+        asked = {channel: names for channel, names in asked.items() if names} or {
+            each.channel: [] for each in self.topics[:1]
+        }
+        fields = {
+            each.channel: ["time_s", *(each.fields[name] for name in asked[each.channel])]
+            for each in self.topics
+            if each.channel in asked
+        }
+        order = ["time_s", *(name for names in asked.values() for name in names)]
+        places = [order.index(name) for name in wanted]
+        waiting: dict[int, list[list[Any]]] = {channel: [] for channel in fields}
+        for messages in self._messages(fields):
+            for each in messages:
+                told = self._told(each)
+                waiting[each.channel_id].append(
+                    [told.get(name) for name in fields[each.channel_id]]
+                )
+            if count := min(map(len, waiting.values())):
+                yield self._joined([rows[:count] for rows in waiting.values()])[:, places]
+                waiting = {channel: rows[count:] for channel, rows in waiting.items()}
+        if any(waiting.values()):
+            raise ConfigError(f"{self.path}: cannot be read: topics with unlike numbers of rows")
+
+    def frames(self) -> Iterator[NDArray[np.void]]:
+        """Yield the frames (n,) LOGGED, one block at a time. Raises ConfigError."""
+        for messages in self._messages(self.frame_channels):
+            rows = np.zeros(len(messages), dtype=LOGGED)
+            for row, each in enumerate(messages):
+                rows[row] = self._frame(each)
+            yield rows
+
+    def _joined(self, parts: Sequence[list[list[Any]]]) -> Floats:
+        """Join the topics' columns of the same rows, which all begin with the time; null is NaN."""
+        try:
+            tables = [np.array(rows, dtype=np.float64) for rows in parts]
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{self.path}: cannot be read: a field that is no number") from error
+        for table in tables[1:]:
+            if not np.array_equal(table[:, 0], tables[0][:, 0], equal_nan=True):
+                raise ConfigError(f"{self.path}: cannot be read: topics with unlike times")
+        return np.hstack([tables[0], *(table[:, 1:] for table in tables[1:])])
+
+    def _frame(self, message: Message) -> tuple[Any, ...]:
+        """Return a message as a row of LOGGED."""
+        told = self._told(message)
+        try:
+            identifier = int(told["id"])
+            for name, flag in _FLAGS.items():
+                identifier |= flag if told[name] else 0
+            payload = bytes.fromhex(told["data"])
+            if len(payload) > MAX_BYTES:
+                raise ValueError(f"{len(payload)} bytes in a frame")
+            content = np.frombuffer(payload.ljust(MAX_BYTES, b"\0"), dtype=np.uint8)
+            is_sent = told["direction"] == "Tx"
+            return message.log_time, identifier, int(told["length"]), is_sent, content
+        except (KeyError, TypeError, ValueError) as error:
+            said = f"a frame of another form: {error!r}"
+            raise ConfigError(f"{self.path}: cannot be read: {said}") from error
+
+    def _told(self, message: Message) -> dict[str, Any]:
+        """Return the JSON object in a message."""
+        try:
+            told = orjson.loads(message.data)
+        except ValueError as error:
+            raise ConfigError(f"{self.path}: cannot be read: a message: {error}") from error
+        if not isinstance(told, dict):
+            raise ConfigError(f"{self.path}: cannot be read: a message that is no object")
+        return told
+
+    def _messages(self, channels: Collection[int]) -> Iterator[list[Message]]:
+        """Yield the messages of these channels, one chunk at a time, in file order."""
+        from mcap.records import Chunk, Message
+        from mcap.stream_reader import StreamReader, breakup_chunk
+
+        if not channels:
+            return
+        with foreign_reader(self.path, "MCAP", "mcap"), self.path.open("rb") as stream:
+            for record in StreamReader(
+                stream, emit_chunks=True, record_size_limit=_LARGEST
+            ).records:
+                found: Sequence[Any] = (record,)
+                if isinstance(record, Chunk):
+                    if record.uncompressed_size > _LARGEST:
+                        raise ConfigError(
+                            f"{self.path}: cannot be read: a chunk of more than 1 GiB"
+                        )
+                    found = breakup_chunk(record, validate_crc=True)
+                ours = [
+                    each
+                    for each in found
+                    if isinstance(each, Message) and each.channel_id in channels
+                ]
+                if ours:
+                    yield ours
+
+
+def open_mcap(path: Path) -> McapFile:
+    """Open an MCAP recording. Raises ConfigError if it cannot be read or was not written by this program."""
+    check_file(path)
+    with foreign_reader(path, "MCAP", "mcap"):
+        from mcap.reader import make_reader
+
+        with path.open("rb") as stream:
+            _check_ends(path, stream)
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            records = {each.name: each.metadata for each in reader.iter_metadata()}
+            about = next(
+                (
+                    each.data.decode(errors="replace")
+                    for each in reader.iter_attachments()
+                    if each.name == layout.ABOUT
+                ),
+                "",
+            )
+    if summary is None or layout.RECORD not in records:
+        raise ConfigError(f"{path}: no recording of this program; allowed: one that it wrote")
+    with foreign_reader(path, "MCAP", "mcap"):
+        signals, topics = _topics(summary)
+    start = records[layout.RECORD].get(layout.START, "")
+    buses = {
+        each.id: each.metadata.get(layout.BUS_NAME, "")
+        for each in summary.channels.values()
+        if each.metadata.get(layout.CONTENT) == layout.BUS
+    }
+    start_ns = int(start) if start.isdecimal() and len(start) < 20 else 0
+    return McapFile(path, signals, topics, buses, start_ns, records, about)
+
+
+def _topics(summary: Summary) -> tuple[dict[str, Signal], list[RowTopic]]:
+    """Return the columns, and the topics with their fields."""
+    signals, topics = {"time_s": TIME}, []
+    for channel in summary.channels.values():
+        if channel.metadata.get(layout.CONTENT) != layout.ROWS:
+            continue
+        schema = orjson.loads(summary.schemas[channel.schema_id].data)
+        prefix, fields = channel.metadata.get(layout.PREFIX, ""), {}
+        for name, told in schema["properties"].items():
+            if name == "time_s":
+                continue
+            fields[prefix + name] = name
+            unit, is_whole = str(told.get("unit", "")), told.get("type") == "integer"
+            signals[prefix + name] = column_signal(prefix + name, unit, is_whole)
+        topics.append(RowTopic(channel.id, fields))
+    return signals if topics else {}, topics
+
+
+def _check_ends(path: Path, stream: Any) -> None:
+    """Raise ConfigError if a file does not begin and end as MCAP does."""
+    if stream.read(len(_MAGIC)) != _MAGIC:
+        raise ConfigError(f"{path}: cannot be read: no MCAP")
+    size = stream.seek(0, 2)
+    stream.seek(-len(_MAGIC), 2)
+    if size < 2 * len(_MAGIC) or stream.read() != _MAGIC:
+        raise ConfigError(f"{path}: cannot be read: it was not completed, its end is missing")
+    stream.seek(0)

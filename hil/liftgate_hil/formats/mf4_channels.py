@@ -1,0 +1,202 @@
+"""MF4 files by asammdf: channels, each with its own times and unit, or the frames of a bus."""
+
+from __future__ import annotations
+
+import gc
+import io
+import logging
+import struct
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
+from liftgate_hil.config.files import check_file
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.recording import FRAME, Floats, Series
+
+
+@dataclass(frozen=True)
+class Mf4File:
+    """Columns of an MF4 file: its channels."""
+
+    path: Path
+    names: Sequence[str]
+    sample: str = "sample"
+    notes: Sequence[str] = ()
+
+    def read(self, wanted: Sequence[str], issues: list[str]) -> dict[str, Series]:
+        """Read these channels; one without finite numbers at rising times is left out and added to `issues`."""
+        result = {}
+        with opened_mf4(self.path) as measurement:
+            for name in wanted:
+                where = measurement.channels_db[name]
+                if len(where) > 1:
+                    issues.append(f"{self.path}: {name}: in {len(where)} groups; allowed: in one")
+                    continue
+                signal = measurement.get(name).validate()
+                if np.asarray(signal.samples).dtype.kind not in "fiub":  # a conversion to text
+                    signal = measurement.get(name, raw=True).validate()
+                samples = np.asarray(signal.samples)
+                if samples.dtype.kind not in "fiub" or samples.ndim != 1:
+                    issues.append(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+                    continue
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+                values = samples.astype(np.float64)
+                if _is_sound(self.path, name, times, values, issues):
+                    result[name] = Series(values, times, signal.unit or None)
+        return result
+
+
+def open_mf4(path: Path) -> Mf4File:
+    """Open the channels of an MF4 file. Raises ConfigError if it cannot be read."""
+    with opened_mf4(path) as measurement:
+        return Mf4File(path, list(measurement.channels_db))
+
+
+def read_mf4_frames(path: Path) -> tuple[Floats, Frames]:
+    """Return the times [s] and frames of a bus log, in order of time."""
+    parts: list[tuple[Floats, Frames]] = []
+    with opened_mf4(path) as measurement:
+        for group, index in measurement.channels_db.get(FRAME, ()):
+            signal = measurement.get(group=group, index=index, raw=True)
+            if len(signal.samples):
+                times = np.asarray(signal.timestamps, dtype=np.float64)
+                parts.append((times, _frames(signal.samples)))
+    if not parts:
+        return np.zeros(0), empty_frames(0)
+    times = np.concatenate([part for part, _ in parts])
+    order = np.argsort(times, kind="stable")
+    return times[order], Frames(
+        len(times),
+        np.concatenate([frames.identifiers for _, frames in parts])[order],
+        np.concatenate([frames.lengths for _, frames in parts])[order],
+        np.concatenate([frames.data for _, frames in parts])[order],
+    )
+
+
+def _frames(samples: Any) -> Frames:
+    fields = samples.dtype.names
+
+    def field(name: str) -> Any:
+        return samples[f"{FRAME}.{name}"] if f"{FRAME}.{name}" in fields else 0
+
+    frames = empty_frames(len(samples))
+    identifiers = field("ID").astype(np.int64)
+    extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
+    frames.identifiers[:] = (identifiers & 0x1FFFFFFF) + extended * EXTENDED
+    frames.identifiers[:] += (np.asarray(field("EDL")) != 0) * FD
+    frames.lengths[:] = field("DataLength")
+    content = field("DataBytes")
+    frames.data[:, : content.shape[1]] = content
+    beyond = np.arange(frames.data.shape[1]) >= frames.lengths[:, None]
+    frames.data[beyond] = 0
+    return frames._replace(count=len(samples))
+
+
+def _is_sound(path: Path, name: str, times: Floats, values: Floats, issues: list[str]) -> bool:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        more = f" ({len(bad)} such samples)" if len(bad) > 1 else ""
+        said = f"{values[bad[0]]} in sample {bad[0] + 1}{more}"
+        issues.append(f"{path}: {name}: {said}; allowed: a finite number")
+        return False
+    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(late):
+        issues.append(
+            f"{path}: {name}: its time {times[late[0] + 1]:.9g} s in sample {late[0] + 2} does not "
+            "come after the one before; allowed: finite and rising"
+        )
+        return False
+    return True
+
+
+@contextmanager
+def opened_mf4(path: Path, in_blocks: bool = False) -> Iterator[Any]:
+    """Open an MF4 file as asammdf's MDF; errors in the context are raised as ConfigError.
+
+    With `in_blocks` the file shall be read in parts, of which only the current one is loaded.
+    """
+    try:
+        from asammdf import MDF
+    except ImportError as error:
+        raise ConfigError(
+            f"{path}: MF4 needs asammdf; allowed after: pip install 'liftgate-hil[mf4]'"
+        ) from error
+    check_file(path)
+    _check_groups(path)
+    said, logger = "", logging.getLogger("asammdf")
+    level = logger.level
+    # asammdf logs to stderr what it then raises, or can do without.
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        # asammdf loads whole channels of a file that it has opened itself.
+        with path.open("rb") as stream, MDF(stream if in_blocks else path) as measurement:
+            yield measurement
+    except ConfigError:
+        raise
+    except Exception as error:  # asammdf raises what its parsers raise
+        said = " ".join(str(error).split()) or type(error).__name__
+        with _silent_end():
+            error.__traceback__ = None  # deletes objects that are half open
+    finally:
+        logger.setLevel(level)
+    if said:
+        raise ConfigError(f"{path}: cannot be read: {said}")
+
+
+# MDF 4: address of the header block, and length of a block's own header; links follow it.
+_HEADER_BLOCK, _BLOCK_HEAD = 64, 24
+
+
+def _check_groups(path: Path) -> None:
+    """Follow the chains of data groups and channel groups: asammdf never ends if one of them forms a ring.
+
+    Raises ConfigError.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(_HEADER_BLOCK)
+        if file.read(4) != b"##HD":  # MDF 3, or no MDF
+            return
+
+        def links_at(block: int) -> tuple[int, int]:
+            """Return the next block of the chain, and the first one below this block; 0: none."""
+            if not 0 < block <= size - _BLOCK_HEAD - 16:
+                return 0, 0
+            file.seek(block + _BLOCK_HEAD)
+            following, below = struct.unpack("<QQ", file.read(16))
+            return following, below
+
+        seen: set[int] = set()
+
+        def chain(block: int) -> Iterator[int]:
+            """Yield the first block below each block of a chain, from `block` on."""
+            while block:
+                if block in seen:
+                    raise ConfigError(
+                        f"{path}: cannot be read: its blocks form a ring at byte {block}"
+                    )
+                seen.add(block)
+                block, below = links_at(block)
+                yield below
+
+        for channel_groups in chain(links_at(_HEADER_BLOCK)[0]):
+            for _ in chain(channel_groups):
+                pass
+
+
+@contextmanager
+def _silent_end() -> Iterator[None]:
+    """Suppress the unraisable errors of objects that asammdf could not open, when they are deleted."""
+    told, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+        gc.collect()
+    finally:
+        sys.unraisablehook = told

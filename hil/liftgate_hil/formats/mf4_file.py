@@ -1,0 +1,334 @@
+"""MF4 files by asammdf, written and read: a group of signals, and the bus frames as in ASAM MDF bus logging.
+
+What is recorded goes to a temporary file beside the recording, so that memory does not grow; closing creates the
+recording from it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import ERROR, EXTENDED, FD, LOGGED, MAX_BYTES, REMOTE
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.content import Batch, Content
+from liftgate_hil.formats.mcap_layout import ABOUT
+from liftgate_hil.formats.mf4_channels import opened_mf4
+from liftgate_hil.formats.recording import Floats, column_signal
+from liftgate_plant.signals import TIME, Signal
+
+_TOLD = "the run: versions, seed, clock, rate, files, the vehicle"
+_ROWS, _FRAMES = 20_000, 20_000  # in a block
+# Payload lengths of CAN FD, by DLC.
+LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64])
+
+# Fields of a frame in bus logging, and those of a remote frame.
+_FIELDS = {
+    "BusChannel": "u1", "ID": "<u4", "IDE": "u1", "DLC": "u1", "DataLength": "u1",
+    "DataBytes": f"({MAX_BYTES},)u1", "Dir": "u1", "EDL": "u1", "BRS": "u1", "ESI": "u1",
+}  # fmt: skip
+_OF_REMOTE = ("BusChannel", "ID", "IDE", "DLC", "DataLength", "Dir")
+_KINDS = {"CAN_DataFrame": 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
+
+
+class Mf4Writer:
+    """Writer of MF4 recordings."""
+
+    def __init__(self, stream: BinaryIO, content: Content) -> None:
+        from asammdf import MDF
+
+        self._stream = stream
+        self._content = content
+        columns = zip(content.columns, content.places, strict=True)
+        self._places = {name: place for name, place in columns if name != "time_s"}
+        folder = str(Path(stream.name).resolve().parent)
+        self._mdf: Any = MDF(version="4.10", temporary_folder=folder)
+        _make_nameless(self._mdf, folder)
+        self._groups: dict[str, int] = {}
+        self._rows, self._frames = Batch(_ROWS), Batch(_FRAMES)
+        self._extended = 0  # bytes passed to asammdf
+
+    @property
+    def written(self) -> int:
+        """Bytes recorded so far."""
+        return self._extended + self._rows.nbytes + self._frames.nbytes
+
+    def begin(self, epoch_ns: int) -> None:
+        """Set the start time to the wall clock at the start of the run [ns since 1970]."""
+        self._mdf.header.start_time = datetime.fromtimestamp(epoch_ns * 1e-9, UTC)
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows once there are enough for a block."""
+        self._extend_rows(self._rows.add(rows))
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED once there are enough for a block."""
+        self._extend_frames(self._frames.add(frames))
+
+    def flush(self) -> None:
+        """Do nothing: closing creates the recording."""
+
+    def close(self) -> None:
+        """Write the remaining rows and frames, the remark and the provenance, and create the recording."""
+        try:
+            self._extend_rows(self._rows.take())
+            self._extend_frames(self._frames.take())
+            if remark := self._content.remark():
+                self._mdf.header.comment = remark
+            if about := self._content.about:
+                self._mdf.attach(about.encode(), ABOUT, comment=_TOLD, mime="application/json")
+            self._mdf.save(self._stream)
+        finally:
+            self._mdf.close()
+            self._stream.close()
+
+    def _extend_rows(self, rows: NDArray[np.float64] | None) -> None:
+        if rows is None:
+            return
+        times = np.ascontiguousarray(rows[:, self._content.time_place])
+        values = [np.ascontiguousarray(rows[:, place]) for place in self._places.values()]
+        if "rows" not in self._groups:
+            from asammdf import Signal
+
+            nothing = np.zeros(0)
+            signals = [
+                Signal(
+                    samples=nothing,
+                    timestamps=nothing,
+                    name=name,
+                    unit=self._content.unit_of(name),
+                    comment=self._content.row[name].meaning,
+                )
+                for name in self._places
+            ]
+            self._append("rows", signals, self._content.title)
+        self._extend("rows", times, values)
+
+    def _extend_frames(self, frames: Any | None) -> None:
+        if frames is None:
+            return
+        kinds = frames["identifier"] & (ERROR | REMOTE)
+        kinds[kinds & ERROR != 0] = ERROR
+        for name, kind in _KINDS.items():
+            those = frames[kinds == kind]
+            if not len(those):
+                continue
+            samples = _samples(name, those, self._content.bus_number)
+            if name not in self._groups:
+                self._append(name, self._bus_signal(name, samples[:0]), self._content.channel)
+            self._extend(name, those["time_ns"] * 1e-9, [samples])
+
+    def _bus_signal(self, name: str, samples: NDArray[Any]) -> Any:
+        from asammdf import Signal
+        from asammdf.blocks.v4_blocks import SourceInformation
+        from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS
+
+        source = SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN)
+        return Signal(samples=samples, timestamps=np.zeros(0), name=name, source=source)
+
+    def _append(self, group: str, signals: Any, comment: str) -> None:
+        self._groups[group] = len(self._mdf.groups)
+        self._mdf.append(signals, comment=comment, common_timebase=True)
+
+    def _extend(self, group: str, times: NDArray[np.float64], values: list[NDArray[Any]]) -> None:
+        self._mdf.extend(self._groups[group], [(times, None), *((each, None) for each in values)])
+        self._extended += times.nbytes + sum(each.nbytes for each in values)
+
+
+def _make_nameless(mdf: Any, folder: str) -> None:
+    """Give an MDF that is being written a temporary file without a name: one with a name outlives a kill."""
+    inner = mdf._mdf
+    inner._tempfile.close()
+    inner._tempfile = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+    inner._tempfile.write(b"\0")  # as asammdf does: no block has the address 0
+
+
+def _samples(name: str, frames: Any, channel: int) -> NDArray[Any]:
+    """Return frames (n,) LOGGED as samples with the fields of bus logging."""
+    fields = _OF_REMOTE if name == "CAN_RemoteFrame" else tuple(_FIELDS)
+    samples = np.zeros(len(frames), dtype=[(f"{name}.{field}", _FIELDS[field]) for field in fields])
+    identifiers = frames["identifier"]
+    given = {
+        "BusChannel": channel,
+        "ID": identifiers & 0x1FFFFFFF,
+        "IDE": identifiers & EXTENDED != 0,
+        "DLC": np.searchsorted(LENGTHS, frames["length"]),
+        "DataLength": frames["length"],
+        "DataBytes": frames["payload"],
+        "Dir": frames["is_sent"],
+        "EDL": identifiers & FD != 0,
+    }
+    for field, values in given.items():
+        if field in fields:
+            samples[f"{name}.{field}"] = values
+    if name == "CAN_RemoteFrame":
+        samples[f"{name}.DataLength"] = 0
+    return samples
+
+
+_BLOCK = 20_000  # rows or frames that are read at a time
+
+
+@dataclass(frozen=True)
+class Mf4Recording:
+    """Recording read from an MF4 file."""
+
+    path: Path
+    signals: Mapping[str, Signal]
+    columns: Mapping[str, tuple[int, int]]  # group of each column and its place in the group
+    # Groups of frames: their kind, and the channel that holds whole frames.
+    buses: Mapping[int, tuple[str, int]]
+    bus_number: int
+    start_ns: int
+    about: str = ""
+    notes: Sequence[str] = ()
+
+    @property
+    def channel(self) -> str | None:
+        """Name of the frames' bus, made from its number; None if there are no frames."""
+        return f"can{self.bus_number}" if self.buses else None
+
+    def rows(self, wanted: Sequence[str]) -> Iterator[Floats]:
+        """Yield rows (n, len(wanted)) of these columns, one block at a time."""
+        names = [name for name in wanted if name != "time_s"]
+        asked = [(None, *self.columns[name]) for name in names or list(self.columns)[:1]]
+        with opened_mf4(self.path, in_blocks=True) as measured:
+            for signals in _blocks(measured, asked):
+                times = np.asarray(signals[0].timestamps, dtype=np.float64)
+                found = {"time_s": times}
+                for name, signal in zip(names, signals, strict=False):
+                    found[name] = self._numbers(name, signal.samples)
+                yield np.column_stack([found[name] for name in wanted])
+
+    def _numbers(self, name: str, samples: NDArray[Any]) -> Floats:
+        if samples.ndim != 1 or samples.dtype.kind not in "fiub":
+            raise ConfigError(f"{self.path}: {name}: no numbers; allowed: one number a sample")
+        return samples.astype(np.float64)
+
+    def frames(self) -> Iterator[NDArray[np.void]]:
+        """Yield the frames (n,) LOGGED, one block at a time; different kinds are merged in order of time."""
+        with opened_mf4(self.path, in_blocks=True) as measured:
+            parts = [
+                self._frames(measured, kind, (None, group, place))
+                for group, (kind, place) in self.buses.items()
+            ]
+            yield from parts[0] if len(parts) == 1 else merged(parts)
+
+    def _frames(
+        self, measured: Any, kind: str, place: tuple[None, int, int]
+    ) -> Iterator[NDArray[np.void]]:
+        for (signal,) in _blocks(measured, [place]):
+            samples = signal.samples
+
+            def field(name: str, otherwise: Any = 0, samples: Any = samples) -> Any:
+                called = f"{kind}.{name}"
+                return samples[called] if called in (samples.dtype.names or ()) else otherwise
+
+            for flag in ("BRS", "ESI"):
+                if np.any(field(flag)):
+                    raise ConfigError(
+                        f"{self.path}: a frame has {flag} set; allowed: recordings, in which none has"
+                    )
+            if np.any(field("BusChannel") != self.bus_number):
+                raise ConfigError(f"{self.path}: frames of several buses; allowed: of one")
+            yield _logged(_KINDS[kind], signal.timestamps, field)
+
+
+def _logged(kind: int, times: Any, field: Any) -> NDArray[np.void]:
+    """Return frames of one kind as rows (n,) LOGGED."""
+    rows = np.zeros(len(times), dtype=LOGGED)
+    rows["time_ns"] = np.round(np.asarray(times) * 1e9).astype(np.int64)
+    identifiers = np.asarray(field("ID")).astype(np.int64)
+    extended = (np.asarray(field("IDE")) != 0) | (identifiers & EXTENDED != 0)
+    rows["identifier"] = (identifiers & 0x1FFFFFFF) | extended * EXTENDED | kind
+    rows["identifier"] |= (np.asarray(field("EDL")) != 0) * FD
+    of_code = LENGTHS[np.minimum(np.asarray(field("DLC")).astype(int), 15)]
+    rows["length"] = of_code if kind == REMOTE else field("DataLength", of_code)
+    rows["is_sent"] = np.asarray(field("Dir")) != 0
+    content = field("DataBytes", None)
+    if content is not None and kind != REMOTE:
+        width = min(content.shape[1], MAX_BYTES)
+        rows["payload"][:, :width] = content[:, :width]
+        rows["payload"][np.arange(MAX_BYTES) >= rows["length"][:, np.newaxis]] = 0
+    return rows
+
+
+def merged(parts: Sequence[Iterator[NDArray[np.void]]]) -> Iterator[NDArray[np.void]]:
+    """Merge the frames of all parts in order of time; each part is in order of time."""
+    heads = {place: next(part, None) for place, part in enumerate(parts)}
+    while waiting := {place: head for place, head in heads.items() if head is not None}:
+        bound = min(int(head["time_ns"].max()) for head in waiting.values())
+        ready = []
+        for place, head in waiting.items():
+            is_due = head["time_ns"] <= bound
+            ready.append(head[is_due])
+            heads[place] = head[~is_due] if not is_due.all() else next(parts[place], None)
+        block = np.concatenate(ready)
+        yield block[np.argsort(block["time_ns"], kind="stable")]
+
+
+def _blocks(measured: Any, asked: Sequence[tuple[None, int, int]]) -> Iterator[list[Any]]:
+    """Yield these channels of one group, some rows at a time."""
+    count = measured.groups[asked[0][1]].channel_group.cycles_nr
+    for first in range(0, count, _BLOCK):
+        yield measured.select(
+            list(asked),
+            record_offset=first,
+            record_count=min(_BLOCK, count - first),
+            raw=True,
+            copy_master=False,
+        )
+
+
+def open_mf4_recording(path: Path) -> Mf4Recording:
+    """Open an MF4 recording. Raises ConfigError if the file holds more than a recording."""
+    columns: dict[str, tuple[int, int]] = {}
+    signals: dict[str, Signal] = {}
+    buses: dict[int, tuple[str, int]] = {}
+    number = 0
+    with opened_mf4(path, in_blocks=True) as measured:
+        start = measured.header.start_time
+        about = next(
+            (
+                bytes(measured.extract_attachment(index=k)[0]).decode(errors="replace")
+                for k, each in enumerate(measured.attachments)
+                if each.file_name == ABOUT
+            ),
+            "",
+        )
+        for group, content in enumerate(measured.groups):
+            master = measured.masters_db.get(group)
+            kind = next((each.name for each in content.channels if each.name in _KINDS), "")
+            if not content.channel_group.cycles_nr:
+                continue
+            if kind:
+                place = next(k for k, each in enumerate(content.channels) if each.name == kind)
+                buses[group] = kind, place
+                first = measured.select([(None, group, place)], record_count=1, raw=True)[0].samples
+                name = f"{kind}.BusChannel"
+                number = int(first[name][0]) if name in (first.dtype.names or ()) else 0
+                continue
+            for place, channel in enumerate(content.channels):
+                if place == master:
+                    continue
+                if channel.conversion is not None:
+                    raise ConfigError(
+                        f"{path}: {channel.name}: has a conversion; allowed: plain numbers"
+                    )
+                if channel.name in columns:
+                    raise ConfigError(f"{path}: {channel.name}: in several groups; allowed: in one")
+                columns[channel.name] = group, place
+                signals[channel.name] = column_signal(channel.name, channel.unit or "")
+    if len({group for group, _ in columns.values()}) > 1:
+        raise ConfigError(f"{path}: columns in several groups; allowed: a recording, which has one")
+    if columns:
+        signals = {"time_s": TIME, **signals}
+    start_ns = max(0, round(start.timestamp() * 1e6)) * 1000
+    return Mf4Recording(path, signals, columns, buses, number, start_ns, about)

@@ -1,0 +1,237 @@
+"""File formats: one table of suffixes, and how a file of each format is opened for writing or reading."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from liftgate_hil.config.files import check_file as check_readable
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.guarded import GuardedWriter, Say, silent
+from liftgate_hil.formats.recording import Columns, Recording
+from liftgate_hil.formats.rotation import Limit, Part, Parts
+from liftgate_hil.formats.salvage import SalvagedWriter
+from liftgate_hil.formats.target import is_special, open_salvage, open_target, why
+from liftgate_hil.formats.writer import Writer
+
+
+@dataclass(frozen=True)
+class Format:
+    """Format that a suffix stands for: how a file is written, and how it is read."""
+
+    write: Callable[[BinaryIO, Content], Writer] | None = None
+    read: Callable[[Path], Recording] | None = None  # opens it as a recording
+    read_columns: Callable[[Path], Columns] | None = None  # opens it as columns, whoever wrote it
+    has_rows: bool = False
+    has_frames: bool = False
+    holds_about: bool = False  # the provenance of the run, in full
+    is_text: bool = False  # written directly: a kill cannot corrupt it, and a pipe can take it
+    module: str = ""  # Python module that it needs
+    extra: str = ""  # extra of this package that installs the module
+
+
+def _lazily(module: str, name: str, *more: object) -> Callable[..., Any]:
+    """Return a function of a module of this package, loaded when it is called; `more` are its last arguments."""
+
+    def call(*arguments: object) -> Any:
+        return getattr(import_module(f"{__package__}.{module}"), name)(*arguments, *more)
+
+    return call
+
+
+_CSV_COLUMNS = _lazily("csv_file", "open_csv")
+_BUS_LOG = _lazily("python_can_file", "open_log_recording")
+FORMATS: Mapping[str, Format] = {
+    ".csv": Format(
+        write=_lazily("csv_file", "CsvWriter"),
+        read=_lazily("csv_file", "open_csv_recording"),
+        read_columns=_CSV_COLUMNS,
+        has_rows=True,
+        is_text=True,
+    ),
+    ".tsv": Format(read_columns=_CSV_COLUMNS),
+    ".txt": Format(read_columns=_CSV_COLUMNS),
+    ".parquet": Format(
+        write=_lazily("parquet_file", "ParquetTableWriter"),
+        read=_lazily("parquet_file", "open_parquet_recording"),
+        read_columns=_lazily("parquet_file", "open_parquet"),
+        has_rows=True,
+        holds_about=True,
+        module="pyarrow",
+        extra="parquet",
+    ),
+    ".mf4": Format(
+        write=_lazily("mf4_file", "Mf4Writer"),
+        read=_lazily("mf4_file", "open_mf4_recording"),
+        read_columns=_lazily("mf4_channels", "open_mf4"),
+        has_rows=True,
+        has_frames=True,
+        holds_about=True,
+        module="asammdf",
+        extra="mf4",
+    ),
+    ".mcap": Format(
+        write=_lazily("mcap_file", "McapWriter"),
+        read=_lazily("mcap_file", "open_mcap"),
+        read_columns=_lazily("mcap_file", "open_mcap"),
+        has_rows=True,
+        has_frames=True,
+        holds_about=True,
+        module="mcap",
+        extra="mcap",
+    ),
+    ".log": Format(
+        write=_lazily("candump_file", "CandumpWriter"), read=_BUS_LOG, has_frames=True, is_text=True
+    ),
+    **{
+        suffix: Format(
+            write=_lazily("python_can_file", "PythonCanWriter", suffix),
+            read=_BUS_LOG,
+            has_frames=True,
+        )
+        for suffix in (".asc", ".blf", ".trc")
+    },
+}
+WRITTEN = tuple(suffix for suffix, each in FORMATS.items() if each.write)
+TABLES = tuple(suffix for suffix in WRITTEN if FORMATS[suffix].has_rows)
+READ = tuple(suffix for suffix, each in FORMATS.items() if each.read)
+MEASURED = tuple(suffix for suffix, each in FORMATS.items() if each.read_columns)
+
+
+def open_recording(path: Path) -> Recording:
+    """Open the recording in a file, whose suffix selects the format. Raises ConfigError."""
+    found = _opened(path)
+    if not found.signals and found.channel is None:
+        raise ConfigError(f"{path}: neither rows nor frames; allowed: a recording with some")
+    return found
+
+
+def holds_nothing(path: Path) -> bool:
+    """Whether a recording has neither rows nor frames, as one whose trigger never came. Raises ConfigError."""
+    if path.suffix.lower() == ".log" and path.is_file() and path.stat().st_size == 0:
+        return True  # candump's text has no header
+    found = _opened(path)
+    return next(found.rows(["time_s"]), None) is None if found.signals else found.channel is None
+
+
+def _opened(path: Path) -> Recording:
+    read = _format_of(path, READ).read
+    assert read is not None
+    check_readable(path)
+    if path.stat().st_size == 0:
+        raise ConfigError(f"{path}: empty; allowed: a recording")
+    return read(path)
+
+
+def open_columns(path: Path, allowed: Sequence[str] = MEASURED) -> Columns:
+    """Open a file of columns. Raises ConfigError, which names the `allowed` formats, if it cannot be read."""
+    check_readable(path)
+    kind = path.suffix.lower()
+    read = FORMATS[kind].read_columns if kind in FORMATS else None
+    if read is None:
+        raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
+    return read(path)
+
+
+def _format_of(path: Path, allowed: Sequence[str]) -> Format:
+    kind = path.suffix.lower()
+    if kind not in allowed:
+        raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
+    return FORMATS[kind]
+
+
+def check_file(argument: str, name: str, allowed: tuple[str, ...] = WRITTEN) -> Path:
+    """Return the path of a file to write that an argument names. Raises ConfigError."""
+    path, what = Path(name), f"`{argument}` {name}"
+    with contextlib.suppress(OSError, ValueError):  # reported below
+        if path.is_dir():
+            raise ConfigError(f"{what}: is a folder; allowed: a file of {', '.join(allowed)}")
+    if path.suffix not in allowed:
+        raise ConfigError(
+            f"{what}: format {path.suffix or 'none'!r}; allowed: {', '.join(allowed)}"
+        )
+    form = FORMATS[path.suffix]
+    try:
+        if not path.parent.is_dir():
+            raise ConfigError(f"{what}: no folder {path.parent}; allowed: one that exists")
+        if is_special(path) and not form.is_text:
+            raise ConfigError(f"{what}: a pipe or a device; allowed: a file")
+    except OSError as error:
+        raise ConfigError(f"{what}: cannot be written: {why(error)}") from error
+    except ValueError as error:  # a NUL in the name
+        raise ConfigError(f"{what}: cannot be written: {error}") from error
+    if form.module and importlib.util.find_spec(form.module) is None:
+        raise ConfigError(
+            f"{what}: {path.suffix} needs {form.module}; "
+            f"allowed after: pip install 'liftgate-hil[{form.extra}]'"
+        )
+    return path
+
+
+def open_writer(
+    path: Path,
+    content: Content,
+    limit: Limit | None = None,
+    say: Say = silent,
+    argument: str = "record",
+    is_salvaged: bool = True,
+) -> GuardedWriter:
+    """Open the writer of a file, or of several of a limited size.
+
+    `is_salvaged`: text is written beside formats that a kill corrupts, so that a kill loses next to nothing.
+    Raises ConfigError if the file cannot be written.
+    """
+    what = f"`{argument}` {path}"
+    try:
+        parts = Parts(path, partial(_open_part, content, is_salvaged), limit)
+    except ConfigError as error:
+        raise ConfigError(f"`{argument}` {error}") from error
+    except OSError as error:
+        raise ConfigError(f"{what}: cannot be written: {why(error)}") from error
+    return GuardedWriter(what, parts, say)
+
+
+def open_writers(
+    paths: Sequence[Path],
+    content: Content,
+    limit: Limit | None,
+    say: Say,
+    stack: contextlib.ExitStack,
+) -> list[GuardedWriter]:
+    """Open the writers of a run; the stack closes them. Raises ConfigError if a file cannot be written."""
+    recorders = []
+    for path in paths:
+        recorder = open_writer(path, content, limit, say)
+        stack.callback(recorder.close)
+        recorders.append(recorder)
+    return recorders
+
+
+def _open_part(content: Content, is_salvaged: bool, path: Path) -> Part:
+    """Open one file of a recording. Raises ConfigError, OSError."""
+    form = FORMATS[path.suffix]
+    texts: list[tuple[Path, Writer]] = []
+    try:
+        for suffix, has_it in ((".log", form.has_frames), (".csv", form.has_rows)):
+            if has_it and is_salvaged and not form.is_text:
+                salvage = path.with_name(path.name + suffix)
+                texts.append((salvage, _writer(suffix, open_salvage(salvage), content)))
+        return SalvagedWriter(_writer(path.suffix, open_target(path), content), texts)
+    except BaseException:
+        for salvage, text in texts:
+            text.close()
+            salvage.unlink()
+        raise
+
+
+def _writer(suffix: str, stream: BinaryIO, content: Content) -> Writer:
+    write = FORMATS[suffix].write
+    assert write is not None
+    return write(stream, content)

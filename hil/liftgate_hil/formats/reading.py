@@ -1,0 +1,68 @@
+"""Readers of other packages, whose errors are raised as ConfigError, and text files that were cut off."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from liftgate_hil.errors import ConfigError
+
+CUT = "its last line is cut off, and left out"
+_MOST_SAID = 200  # characters of a warning of python-can
+
+
+@contextmanager
+def foreign_reader(path: Path, kind: str, package: str) -> Iterator[None]:
+    """Raise errors in the context as ConfigError.
+
+    Files of this kind need a package, which the extra with the name of the kind installs.
+    """
+    try:
+        yield
+    except ConfigError:
+        raise
+    except ImportError as error:
+        raise ConfigError(
+            f"{path}: {kind} needs {package}; allowed after: pip install 'liftgate-hil[{kind.lower()}]'"
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # readers raise errors of their own, or of their parsers
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigError(f"{path}: cannot be read: {said}") from error
+
+
+class _Complaints(logging.Handler):
+    """Log handler that keeps python-can's warnings: each means that something was left out."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(record.getMessage())
+
+
+@contextmanager
+def all_understood() -> Iterator[None]:
+    """Raise ValueError at the end of the context if python-can left out something of what it read."""
+    complaints, logger = _Complaints(), logging.getLogger("can")
+    logger.addHandler(complaints)
+    try:
+        yield
+    finally:
+        logger.removeHandler(complaints)
+    if complaints.texts:
+        raise ValueError(complaints.texts[0][:_MOST_SAID])
+
+
+def is_cut(path: Path) -> bool:
+    """Whether a text file ends within a line, as a full disk or a kill leaves it. Raises OSError."""
+    with path.open("rb") as stream:
+        if stream.seek(0, os.SEEK_END) == 0:
+            return False
+        stream.seek(-1, os.SEEK_END)
+        return stream.read() != b"\n"

@@ -1,0 +1,77 @@
+"""Text files beside formats that a kill corrupts (`.blf`, `.mf4`, `.parquet`, …), until these are complete.
+
+`run.mf4.log` holds the frames, `run.mf4.csv` the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.errors import RecordingError
+from liftgate_hil.formats.target import why
+from liftgate_hil.formats.writer import Writer
+
+
+class SalvagedWriter:
+    """Writer of a file with text files beside it, which are deleted once the file itself is complete."""
+
+    def __init__(self, recorder: Writer, texts: Sequence[tuple[Path, Writer]] = ()) -> None:
+        self._recorder = recorder
+        self._texts = texts
+        self._all = [*(text for _, text in texts), recorder]  # the text files first
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far to the file itself."""
+        return self._recorder.written
+
+    def begin(self, epoch_ns: int) -> None:
+        """Begin all files with the wall clock at the start of the run [ns since 1970]; 0: none applies."""
+        for each in self._all:
+            each.begin(epoch_ns)
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows (n, ROW_WIDTH) to all files."""
+        for each in self._all:
+            each.write_rows(rows)
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames (n,) LOGGED to all files."""
+        for each in self._all:
+            each.write_frames(frames)
+
+    def flush(self) -> None:
+        """Flush all files."""
+        for each in self._all:
+            each.flush()
+
+    def close(self) -> None:
+        """Complete the file and delete the text files. Raises RecordingError, which names them, if that fails."""
+        try:
+            self._recorder.close()
+        except Exception as error:
+            for _, text in self._texts:
+                text.close()
+            if not self._texts:
+                raise
+            said = why(error) if isinstance(error, OSError) else str(error)
+            raise RecordingError(f"{said}; what there is of it is in {self._names()}") from error
+        for path, text in self._texts:
+            text.close()
+            path.unlink()
+
+    def leave(self) -> None:
+        """Close all files after an error, and keep the text files."""
+        for each in self._all:
+            try:
+                each.close()
+            except Exception:  # the error that came before has been reported
+                continue
+
+    def _names(self) -> str:
+        return " and ".join(str(path) for path, _ in self._texts)

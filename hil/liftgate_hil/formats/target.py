@@ -1,0 +1,107 @@
+"""Files to write to: those that cannot be written are reported before anything is lost."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import stat
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from liftgate_hil.errors import ConfigError
+
+_WORDS = {
+    errno.ENXIO: "a pipe that nobody reads",
+    errno.EISDIR: "is a folder",
+}
+
+
+def is_special(path: Path) -> bool:
+    """Whether a path is something other than a plain file: a pipe, a device, a folder. Raises OSError."""
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except FileNotFoundError:
+        return False
+
+
+def why(error: OSError) -> str:
+    """Return the reason why a file could not be written."""
+    return _WORDS.get(error.errno or 0) or error.strerror or str(error)
+
+
+def open_target(path: Path) -> BinaryIO:
+    """Open an empty file and lock it against other recorders until it is closed. Raises ConfigError."""
+    # Non-blocking: opening a pipe that nobody reads would block everything, signals included.
+    flags = os.O_RDWR | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        if is_special(path):
+            flags = os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(path, flags, 0o666)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {why(error)}") from error
+    try:
+        _lock(descriptor, path)
+        if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.ftruncate(descriptor, 0)
+        os.set_blocking(descriptor, True)
+        return _named(descriptor, path)
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def open_salvage(path: Path) -> BinaryIO:
+    """Create the text file that a kill shall leave. An existing one is not touched. Raises ConfigError."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    except FileExistsError as error:
+        _check_free(path)
+        raise ConfigError(
+            f"{path}: is there already, the rest of a recording that was not completed; "
+            "allowed: once it is moved away or deleted"
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {why(error)}") from error
+    _lock(descriptor, path)
+    return _named(descriptor, path)
+
+
+def _named(descriptor: int, path: Path) -> BinaryIO:
+    """Return a stream that knows its file's name."""
+    return open(path, "wb", opener=lambda *_: descriptor)  # Path.open has no opener
+
+
+def _check_free(path: Path) -> None:
+    """Raise ConfigError if another recorder writes to the file."""
+    with suppress(OSError):  # if it cannot be opened, it counts as unlocked
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            _lock(descriptor, path)
+        finally:
+            os.close(descriptor)
+
+
+def remove_targets(paths: Sequence[Path]) -> None:
+    """Delete what an earlier run has left. Raises ConfigError if another recorder writes to one of them."""
+    for path in paths:
+        _check_free(path)
+    for path in paths:
+        path.unlink(missing_ok=True)
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    """Lock a file. Raises ConfigError if another recorder has locked it."""
+    # Regular files only: everybody may write to /dev/null. Some network file systems have no locks.
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise ConfigError(
+            f"{path}: somebody else is recording to it; allowed: a file of one's own"
+        ) from error
+    except OSError:
+        pass

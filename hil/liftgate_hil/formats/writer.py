@@ -1,0 +1,39 @@
+"""Protocol of a file that a run is recorded to, whatever its format."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Writer(Protocol):
+    """Writer of a recording; a format ignores what it cannot hold. Closing it completes the file."""
+
+    @property
+    def written(self) -> int:
+        """Bytes written so far."""
+
+    def begin(self, epoch_ns: int) -> None:
+        """Begin, once before all else: wall clock at the start of the run [ns since 1970]; 0: none applies."""
+
+    def write_rows(self, rows: NDArray[np.float64]) -> None:
+        """Write rows (n, ROW_WIDTH), one per tick, in the order of signals.COLUMNS."""
+
+    def write_frames(self, frames: Any) -> None:
+        """Write frames on the bus (n,) LOGGED, of both directions, in order of time."""
+
+    def flush(self) -> None:
+        """Pass what was written to the operating system, so that a kill loses none of it."""
+
+    def close(self) -> None:
+        """Complete the file."""
+
+
+def truncated_to_us(epoch_ns: int) -> int:
+    """Return the wall clock at the start of a run [ns], truncated to microseconds.
+
+    So a frame's timestamp since the start is the same, in whole microseconds, in a log that has the wall clock.
+    """
+    return epoch_ns // 1000 * 1000

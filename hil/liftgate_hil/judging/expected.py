@@ -1,0 +1,196 @@
+"""Expectations with their conditions, fitted to a rig and a gate, and as tables for the evaluator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from liftgate_hil.codec.watch import signal_unit, watched
+from liftgate_hil.conditions.condition import COLUMN, CONST, EQ, NOT, SIGNAL, Condition
+from liftgate_hil.conditions.evaluator import table_of, work_for
+from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.diagnostics import services
+from liftgate_hil.diagnostics.answers import MOST_CODES
+from liftgate_hil.diagnostics.tester import Diagnostics
+from liftgate_hil.errors import ConfigIssues
+from liftgate_hil.judging.expectation import PRESENT, Expectation
+from liftgate_hil.judging.fault_times import TimedFault
+from liftgate_hil.judging.table import (
+    ALWAYS,
+    BLOCK,
+    EVENTUALLY,
+    EXPECTATION,
+    PROGRESS,
+    STRETCH,
+    Expectations,
+    Judged,
+)
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expectations with their conditions, fitted to a rig's database and to a gate's drives."""
+
+    expectations: tuple[Expectation, ...]
+    conditions: tuple[Condition, ...]  # each expectation's own, then the existing openers
+    openers: tuple[int, ...]  # index of the condition that opens each window; -1: a time
+    signals: tuple[str, ...]  # bus signals that they refer to
+    messages: Mapping[str, Message]
+    awaited: int = 0  # this many at the end are conditions that stimuli wait for
+    codes: tuple[str, ...] = ()  # trouble codes that they refer to
+    diagnostics: Diagnostics | None = None  # how the ECU is asked for trouble codes
+    faults: tuple[TimedFault, ...] = ()  # of the scenario
+
+    def names(self, place: int) -> list[str]:
+        """Return the columns and signals that an expectation and its opener refer to, each once."""
+        opener = self.openers[place]
+        those = [self.conditions[place], *([self.conditions[opener]] if opener >= 0 else [])]
+        found = [name for each in those for kind in (COLUMN, SIGNAL) for name in each.names(kind)]
+        return list(dict.fromkeys(found))
+
+
+def expected_of(
+    expectations: Sequence[Expectation],
+    parameters: Mapping[str, float],
+    messages: Mapping[str, Message],
+    drives: int,
+    source: str,
+    awaited: Sequence[Expectation] = (),
+    diagnostics: Diagnostics | None = None,
+    faults: Sequence[TimedFault] = (),
+) -> Expected:
+    """Fit expectations to a database and to a gate.
+
+    Raises ConfigError with all issues; `source` is the file. `awaited` are conditions that stimuli wait for, as
+    expectations: if one never comes, nothing passes. `diagnostics` is how the ECU is asked for trouble codes;
+    None: it cannot be. `faults` are the scenario's.
+    """
+    expectations = [*expectations, *awaited]
+    issues = ConfigIssues(source)
+
+    def condition_of(
+        of: Expectation, key: str, text: str, is_never: bool = False
+    ) -> Condition | None:
+        try:
+            made = parsed(text, parameters, lambda name: signal_unit(messages, name))
+        except ValueError as error:
+            issues.add_of(of.source, key, str(error))
+            return None
+        for said in made.beyond(drives):
+            issues.add_of(of.source, key, said)
+        return Condition(text, (*made.ops, (NOT, 0.0)), made.units) if is_never else made
+
+    own: list[Condition | None] = []
+    openers, judged = [], len(expectations) - len(awaited)
+    codes = codes_of(expectations, diagnostics, issues)
+    for place, each in enumerate(expectations):
+        is_own = place < judged
+        key = f"{each.key}.{each.kind}" if is_own else each.key
+        if each.kind == "dtc":
+            own.append(_reported(each))
+        else:
+            own.append(condition_of(each, key, each.condition, each.kind == "never"))
+        if isinstance(each.after, str):
+            key = f"{each.key}.after" if is_own else each.key
+            openers.append(condition_of(each, key, each.after))
+    issues.raise_if_any()
+    conditions = [each for each in (*own, *openers) if each is not None]
+    opener_of, count = [], len(expectations)
+    for each in expectations:
+        is_opened = isinstance(each.after, str)
+        opener_of.append(count if is_opened else -1)
+        count += is_opened
+    names = dict.fromkeys(name for each in conditions for name in each.names(SIGNAL))
+    signals = tuple(name for name in names if name not in codes)
+    watched(messages, signals, issues)
+    issues.raise_if_any()
+    found = tuple(expectations), tuple(conditions), tuple(opener_of)
+    return Expected(
+        *found,
+        signals,
+        messages,
+        len(awaited),
+        codes,
+        diagnostics if codes else None,
+        tuple(faults),
+    )
+
+
+def codes_of(
+    expectations: Sequence[Expectation], diagnostics: Diagnostics | None, issues: ConfigIssues
+) -> tuple[str, ...]:
+    """Return the trouble codes that expectations refer to; why they cannot be read is noted in `issues`."""
+    asking = [each for each in expectations if each.kind == "dtc"]
+    codes = tuple(dict.fromkeys(each.condition for each in asking))
+    if not asking:
+        return ()
+    key, source = f"{asking[0].key}.dtc", asking[0].source
+    if diagnostics is None:
+        said = "the rig has no [diagnostics]; allowed: with one that has, with request and response"
+        issues.add_of(source, key, f"{asking[0].condition}: {said}")
+    if not services.is_there():
+        issues.add_of(source, key, f"{asking[0].condition}: trouble codes {services.MISSING}")
+    if len(codes) > MOST_CODES:
+        issues.add_of(source, key, f"{len(codes)} different codes; allowed: up to {MOST_CODES}")
+    return codes
+
+
+def _reported(expectation: Expectation) -> Condition:
+    """Return the condition that a trouble code is reported, or is not.
+
+    Its value is 1 in a tick with a response that reports it, 0 in one with another response, and none in all
+    others.
+    """
+    code = expectation.condition
+    ops = ((SIGNAL, code), (CONST, 1.0), (EQ, 0.0))
+    return Condition(code, ops if expectation.state == PRESENT else (*ops, (NOT, 0.0)), ("",))
+
+
+def tables_of(expected: Expected, rate: float, end: float) -> tuple[Expectations, Judged]:
+    """Return the tables of a judge before its first row; see Judge."""
+    count = len(expected.expectations)
+    rows = np.zeros(count, dtype=EXPECTATION).view(np.recarray)
+    progress = np.zeros(count, dtype=PROGRESS).view(np.recarray)
+    room = 0
+    for place, (row, each) in enumerate(zip(rows, expected.expectations, strict=True)):
+        row.kind = ALWAYS if each.is_always else EVENTUALLY
+        row.condition, row.opener = place, expected.openers[place]
+        row.after = math.nan if isinstance(each.after, str) else each.after
+        row.within, row.hold = each.within, each.hold
+        row.stretch_first, row.stretch_count = room, math.ceil(min(each.hold, end) * rate) + 2
+        room += int(row.stretch_count) if each.hold else 0
+    for name in (
+        "begin",
+        "end",
+        "decided_at",
+        "margin",
+        "margin_at",
+        "since",
+        "false_at",
+        "late_at",
+    ):
+        progress[name] = math.nan
+    issues = ConfigIssues("")
+    tables = Expectations(
+        rows,
+        table_of(expected.conditions, (*expected.signals, *expected.codes)),
+        watched(expected.messages, expected.signals, issues),
+        len(expected.codes),
+        1.0 / rate,
+    )
+    signals = len(expected.signals) + len(expected.codes)
+    judged = Judged(
+        progress,
+        np.zeros(room, dtype=STRETCH).view(np.recarray),
+        np.full(signals, math.nan),
+        np.full((BLOCK, signals), math.nan),
+        work_for(BLOCK),
+    )
+    return tables, judged

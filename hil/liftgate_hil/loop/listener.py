@@ -1,0 +1,48 @@
+"""Listeners to which the progress of a run is reported."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Status(NamedTuple):
+    """The status of a run at a moment."""
+
+    time_s: float  # model time
+    angle_deg: float  # of the gate
+    left_current_a: float
+    right_current_a: float
+    command_age_s: float | None  # age of the last valid command; None: there is none
+    sent: int  # frames
+    accepted: int  # frames
+    rejected: int  # frames for the gate that were refused
+    foreign: int  # frames with other identifiers
+    overruns: int  # periods skipped
+
+
+class Listener:
+    """Receives reports on the progress of a run, from several threads; this base class ignores them.
+
+    It is pickled where a worker process runs.
+    """
+
+    def say(self, text: str) -> None:
+        """Called with events of the link, what is waited for or refused, and what the machine does not grant."""
+
+    def starts(self, what: str) -> None:
+        """Called with what is about to run."""
+
+    def happened(self, time_s: float, text: str) -> None:
+        """Called with an event that the ECU reports."""
+
+    def status(self, status: Status) -> None:
+        """Called with the run's status, a few times a second."""
+
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Called many times a second during a compilation, which has taken `seconds` so far.
+
+        It took `expected` [s] the last time, where that is known.
+        """
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """Called when compilation has ended."""

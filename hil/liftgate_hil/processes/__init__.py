@@ -1,1 +1,0 @@
-"""Child processes: answers that foreign code cannot spoil, deadlines, an end for all that a child has started."""

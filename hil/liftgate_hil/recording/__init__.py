@@ -1,1 +1,0 @@
-"""Recordings: one file a format behind `Recorder`; the suffix picks it."""

@@ -1,0 +1,271 @@
+"""Server of a run: passes its memory to clients that attach, reports its progress, executes their commands.
+
+A thread of its own waits for clients, so that they cost nothing while they ask nothing; commands are executed by
+the thread that supervises the loop.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import os
+import queue
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from liftgate_hil.errors import ConfigError, printable
+from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.running.attachment import endpoint
+from liftgate_hil.running.attachment.description import Description
+from liftgate_hil.running.commands.operator import Operator
+
+_LINES = 200  # lines of the log that are kept
+_LONGEST = 1000  # characters of a line or an issue
+_MOST_ISSUES = 20  # issues of a command
+_PATIENCE_S = 0.02  # s for a client to read a reply
+_MOST = 8  # clients at a time
+_WAITING = 1000  # commands that may wait
+_AT_ONCE = 20  # commands executed between two turns of an ECU in this process
+
+
+class Server(Listener):
+    """Server of a run: a listener that passes everything on to its own.
+
+    `pid` is the process that was started for the run.
+    """
+
+    def __init__(self, listener: Listener, pid: int) -> None:
+        self._listener, self._pid = listener, pid
+        self._lines: deque[tuple[int, float, str]] = deque(maxlen=_LINES)  # number, Unix time, text
+        self._count = 0
+        self._status: Status | None = None
+        self._operator: Operator | None = None
+        self._waiting: queue.SimpleQueue[tuple[_Connection, Any]] = queue.SimpleQueue()
+        self._connections: list[_Connection] = []
+        self._lock = threading.Lock()
+        self._state = "waiting"
+        self._thread: threading.Thread | None = None
+
+    # Listener: what the run reports.
+
+    def say(self, text: str) -> None:
+        """Log a text, and pass it on."""
+        self._note(text)
+        self._listener.say(text)
+
+    def starts(self, what: str) -> None:
+        """Log what is about to run, and pass it on."""
+        self._note(what)
+        self._listener.starts(what)
+
+    def happened(self, time_s: float, text: str) -> None:
+        """Log an event of the ECU at a time [s], and pass it on."""
+        self._note(f"ecu {time_s:.3f} s: {text}")
+        self._listener.happened(time_s, text)
+
+    def status(self, status: Status) -> None:
+        """Keep the latest status for clients, and pass it on."""
+        self._status, self._state = status, "running"
+        self._listener.status(status)
+
+    def compiles(self, name: str, seconds: float, expected: float | None = None) -> None:
+        """Pass on that a compilation runs."""
+        self._listener.compiles(name, seconds, expected)
+
+    def compiled(self, name: str, seconds: float) -> None:
+        """Pass on that a compilation has ended."""
+        self._listener.compiled(name, seconds)
+
+    def _note(self, text: str) -> None:
+        with self._lock:
+            self._count += 1
+            self._lines.append((self._count, time.time(), text[:_LONGEST]))
+
+    # Clients.
+
+    def open(self, description: Description, memory: Memory, operator: Operator) -> None:
+        """Accept clients from now on; where that is not possible, report it, and the run goes on without."""
+        self._operator = operator
+        told = description.as_json(memory)
+        with contextlib.ExitStack() as stack:
+            try:
+                self._wire = stack.enter_context(endpoint.listening(self._pid))
+            except (OSError, ConfigError) as error:
+                self._listener.say(f"nobody can attach to this run: {error}")
+                return
+            about = os.memfd_create("liftgate-hil-description")
+            stack.callback(os.close, about)
+            with os.fdopen(os.dup(about), "wb") as stream:
+                stream.write(told)
+            self._descriptors = [memory.descriptor, about]
+            selector = stack.enter_context(selectors.DefaultSelector())
+            ended, self._end = os.pipe()
+            stack.callback(os.close, ended)
+            stack.callback(os.close, self._end)
+            selector.register(self._wire, selectors.EVENT_READ)
+            selector.register(ended, selectors.EVENT_READ, self)
+            self._thread = threading.Thread(
+                target=self._serve, args=(selector,), name="attached", daemon=True
+            )
+            self._thread.start()
+            self._opened = stack.pop_all()
+
+    def is_attended(self) -> bool:
+        """Whether any client is attached."""
+        return bool(self._connections)
+
+    def close(self) -> None:
+        """Close all connections at the end of the run, and accept no more."""
+        self._state = "ended"
+        if self._thread is None:
+            return
+        os.write(self._end, b"x")
+        self._thread.join()
+        self._thread = None
+        for each in self._connections:
+            each.close()
+        self._opened.close()
+
+    def _serve(self, selector: selectors.BaseSelector) -> None:
+        while True:
+            for key, _ in selector.select():
+                if key.data is self:
+                    return
+                if isinstance(key.data, _Connection):
+                    if not self._hear(key.data):
+                        selector.unregister(key.fileobj)
+                        self._connections.remove(key.data)
+                        key.data.close()
+                else:
+                    self._let_in(selector)
+
+    def _let_in(self, selector: selectors.BaseSelector) -> None:
+        try:
+            wire, _ = self._wire.accept()
+        except OSError:
+            return
+        if len(self._connections) >= _MOST:
+            wire.close()
+            return
+        handed = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", self._descriptors))
+        try:
+            wire.sendmsg([b"l"], [handed])
+        except OSError:
+            wire.close()
+            return
+        connection = _Connection(wire)
+        self._connections.append(connection)
+        selector.register(wire, selectors.EVENT_READ, connection)
+
+    def _hear(self, connection: _Connection) -> bool:
+        """Handle what a client has sent; False: close its connection."""
+        try:
+            questions = connection.read()
+        except (OSError, ValueError):  # disconnected, or it does not keep to the protocol
+            return False
+        return all(isinstance(each, dict) and self._take(connection, each) for each in questions)
+
+    def _take(self, connection: _Connection, asked: dict[str, Any]) -> bool:
+        """Handle a question of a client; False: close its connection."""
+        number = asked.get("id")
+        if not isinstance(number, int | None):
+            return False
+        if "command" not in asked:
+            known = asked.get("lines")
+            news = self._news(known if isinstance(known, int) else 0)
+            return connection.answer({"id": number, **news})
+        if self._waiting.qsize() < _WAITING:
+            self._waiting.put((connection, asked))
+            return True
+        issue = f"{_WAITING} commands wait, as the run stands still; allowed: when it goes on"
+        return connection.answer({"id": number, "issues": [issue]})
+
+    def _news(self, known: int) -> dict[str, Any]:
+        """Return the progress of the run, and its log after the first `known` lines."""
+        with self._lock:
+            lines = [each for each in self._lines if each[0] > known]
+        status = None if self._status is None else self._status._asdict()
+        operator = self._operator
+        return {
+            "state": self._state,
+            "status": status,
+            "lines": lines,
+            "in_force": {} if operator is None else operator.in_force(),
+        }
+
+    # Observer: called by the thread that supervises the loop.
+
+    def look(self, frames: Any, now: float) -> None:
+        """Execute the commands that wait, and release buttons that are due, at a time [s]."""
+        operator = self._operator
+        if operator is None:
+            return
+        operator.look(now)
+        for _ in range(_AT_ONCE):
+            if self._waiting.empty():
+                return
+            connection, asked = self._waiting.get()
+            number = asked.get("id")
+            try:
+                done = operator.obey(asked["command"], now)
+            except ConfigError as error:
+                issues = [each[:_LONGEST] for each in error.issues[:_MOST_ISSUES]]
+                connection.answer({"id": number, "issues": issues})
+                continue
+            except RecursionError:
+                connection.answer(
+                    {"id": number, "issues": ["tables in tables; allowed: a command"]}
+                )
+                continue
+            except Exception as error:  # a bug of this program must not end the run
+                issue = f"not obeyed, by a mistake of this program: {error!r}"[:_LONGEST]
+                self.say(printable(f"{now:.3f} s: operator: {issue}"))
+                connection.answer({"id": number, "issues": [issue]})
+                continue
+            self.say(printable(f"{now:.3f} s: operator: {done[:_LONGEST]}"))
+            connection.answer({"id": number, "done": done, "time_s": now})
+
+
+class _Connection:
+    """Connection to a client; two threads send replies on it."""
+
+    def __init__(self, wire: socket.socket) -> None:
+        self._wire, self._arrivals = wire, endpoint.Arrivals()
+        self._lock = threading.Lock()
+        self._is_open = True
+        wire.settimeout(_PATIENCE_S)
+
+    def read(self) -> list[Any]:
+        """Return the questions received.
+
+        Raises OSError where the client has left, ValueError for invalid bytes.
+        """
+        come = self._wire.recv(65_536)
+        if not come:
+            raise OSError("it has left")
+        return self._arrivals.take(come)
+
+    def answer(self, answer: Mapping[str, Any]) -> bool:
+        """Send a reply; False: the connection is closed, as for a client that does not read."""
+        with self._lock:
+            if not self._is_open:
+                return False
+            try:
+                self._wire.sendall(endpoint.packed(answer))
+            except (OSError, ConfigError):  # a message sent in part cannot be continued
+                self._is_open = False
+                with contextlib.suppress(OSError):
+                    self._wire.shutdown(socket.SHUT_RDWR)
+            return self._is_open
+
+    def close(self) -> None:
+        """Close the connection; nothing is sent on it any more."""
+        with self._lock:
+            self._is_open = False
+            self._wire.close()

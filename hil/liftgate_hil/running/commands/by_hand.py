@@ -1,0 +1,73 @@
+"""Validation of what a program or an operator sets by hand: surroundings, and the obstacle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from liftgate_hil.config.arguments import number_of
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.signals import OBSTACLE, PROFILES
+from liftgate_plant.obstacle import Obstacle
+
+MEETS = ("closing", "opening")
+STIFFNESS = 10_000.0  # N/m, of the rod by which anti-trap functions are judged
+
+
+def surroundings_in(given: Mapping[str, object]) -> dict[str, float]:
+    """Return surroundings by their names, as the loop holds them.
+
+    Switches take True and False; None clears (NaN). Raises ConfigError.
+    """
+    held = {}
+    for name, value in given.items():
+        if name not in PROFILES:
+            raise ConfigError(f"`set` {name}: no such quantity; allowed: {', '.join(PROFILES)}")
+        signal = PROFILES[name]
+        if value is None:
+            held[name] = math.nan
+        elif signal.values and isinstance(value, bool):
+            held[name] = float(value)
+        else:
+            held[name] = number_of(name, value, signal.low, signal.high, signal.unit)
+            if signal.values and held[name] not in (0.0, 1.0):
+                raise ConfigError(f"`{name}` {show(value)}: allowed: 0 (off) or 1 (on)")
+    return held
+
+
+def obstacle_in(given: Mapping[str, object], edge: float) -> Obstacle:
+    """Return an obstacle from OBSTACLE's keys and `meets`; its distance is the gate's `edge` [m] by default.
+
+    Raises ConfigError.
+    """
+    usual = {"stiffness": STIFFNESS, "distance": edge, "damping": 0.0, "gap": 0.0, "lateral": 0.0}
+    unknown = [name for name in given if name not in (*OBSTACLE, "meets")]
+    if unknown:
+        allowed = ", ".join([*OBSTACLE, "meets"])
+        raise ConfigError(f"`obstacle` {', '.join(map(show, unknown))}: allowed: {allowed}")
+    values = {**usual, **{name: value for name, value in given.items() if value is not None}}
+    meets = values.pop("meets", MEETS[0])
+    if "angle_deg" not in values:
+        raise ConfigError("`angle_deg`: missing; allowed: where the gate meets it, in degrees")
+    known = {
+        name: number_of(name, values[name], signal.low, signal.high, signal.unit)
+        for name, signal in OBSTACLE.items()
+    }
+    if not isinstance(meets, str) or meets not in MEETS:
+        raise ConfigError(f"`meets` {show(meets)}: allowed: {', '.join(MEETS)}")
+    return Obstacle(
+        angle=math.radians(known["angle_deg"]),
+        distance=known["distance"],
+        stiffness=known["stiffness"],
+        damping=known["damping"],
+        gap=known["gap"],
+        direction=1.0 if meets == "closing" else -1.0,
+        lateral=known["lateral"],
+    )
+
+
+def held_obstacle(obstacle: Obstacle | None) -> dict[str, float]:
+    """Return an obstacle as the loop holds it, by the names of held values; None: no obstacle is given."""
+    each = obstacle or Obstacle(*(math.nan for _ in Obstacle._fields))
+    return {f"obstacle_{name}": value for name, value in each._asdict().items()}

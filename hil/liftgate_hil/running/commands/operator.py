@@ -1,0 +1,222 @@
+"""Commands of an operator while a run goes on, from the page or a script: each is a table of one key.
+
+{"obstacle": {"angle_deg": 35, "stiffness": 10000}}     {"set": {"road_slope_deg": 8}}
+{"fault": {"kind": "hall_a_stuck", "where": "left", "value": 0}}
+{"signal": {"Body.VehicleSpeed": 3.5}}     {"request": "open"}
+{"clear": "obstacle" | "set" | "faults" | "signals" | "all"}
+{"clear": {"set": "road_slope_deg"}}     {"clear": {"signal": "Body.VehicleSpeed"}}
+{"clear": {"fault": {"kind": "hall_a_stuck", "where": "left"}}}
+
+A command overrides the scenario and a test bench's messages, until it is cleared.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from liftgate_hil.config.restbus import value_in
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario_tables import Fault, fault_of
+from liftgate_hil.config.toml import show
+from liftgate_hil.errors import ConfigError, ConfigIssues, printable
+from liftgate_hil.running.commands.buttons import Buttons
+from liftgate_hil.running.commands.by_hand import held_obstacle, obstacle_in, surroundings_in
+from liftgate_hil.running.commands.target import Target
+from liftgate_hil.stimuli.moments import Instant
+from liftgate_hil.stimuli.requests import REQUESTS
+from liftgate_hil.stimuli.slots import LETTERS, SLOTS
+
+COMMANDS = ("obstacle", "set", "fault", "signal", "request", "clear")
+MOST_SIGNALS = (
+    LETTERS - 2 * SLOTS
+)  # signals that may be set: all of them and all faults are cleared at once
+_MOST_TOLD = 1000  # commands of a run that are kept in `done`
+_CLEARED = ("obstacle", "set", "faults", "signals", "all")
+
+Which = tuple[Any, ...]  # see Fault.identity
+
+
+class Broken(NamedTuple):
+    """A fault that was ordered, and the command that ordered it."""
+
+    fault: Fault
+    said: Mapping[str, Any]
+
+
+class Operator:
+    """Executes an operator's commands.
+
+    `edge` is the distance of the gate's edge from its hinge [m]; `hold` takes values to hold from now on by their
+    names (False: no room for them now); `ask` makes a request to an ECU in this process (False: it cannot), other
+    ECUs are asked by the rig's buttons.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        target: Target,
+        edge: float,
+        hold: Callable[[Mapping[str, float]], bool] = lambda values: False,
+        ask: Callable[[str], bool] = lambda action: False,
+    ) -> None:
+        self._rig, self._target, self._edge = rig, target, edge
+        self.hold = hold
+        self._ask = ask
+        self._buttons = Buttons(rig, target)
+        self._obstacle: dict[str, Any] = {}
+        self._set: dict[str, float] = {}
+        self._faults: dict[Which, Broken] = {}
+        self._signals: dict[str, float | str] = {}
+        self.kinds: set[str] = set()  # of faults that were injected
+        self.count = 0  # commands executed
+        self.done: list[str] = []  # the first of these, in words, with their times
+
+    def in_force(self) -> dict[str, Any]:
+        """Return what was commanded and has not been cleared, in the form of commands."""
+        return {
+            "obstacle": dict(self._obstacle) or None,
+            "set": dict(self._set),
+            "faults": [dict(each.said) for each in self._faults.values()],
+            "signals": dict(self._signals),
+        }
+
+    def look(self, now: float) -> None:
+        """Release the buttons whose hold time is over, at a time [s] of the scenario."""
+        self._buttons.release(now)
+
+    def obey(self, command: object, now: float) -> str:
+        """Execute a command at a time [s], from the next tick on; return it in words. Raises ConfigError."""
+        done = printable(self._obey(command, now))
+        self.count += 1
+        if self.count <= _MOST_TOLD:
+            self.done.append(f"{now:.3f} s: {done}")
+        return done
+
+    def _obey(self, command: object, now: float) -> str:
+        allowed = "; allowed: one of " + ", ".join(COMMANDS)
+        if not isinstance(command, dict) or len(command) != 1:
+            raise ConfigError(f"{show(command)[:200]}: not a table of one key{allowed}")
+        (name, said), *_ = command.items()
+        if name not in COMMANDS:
+            raise ConfigError(f"{show(name)[:80]}: no such command{allowed}")
+        if name == "request":
+            if said not in REQUESTS:
+                raise ConfigError(f"request {show(said)}; allowed: one of {', '.join(REQUESTS)}")
+            if self._ask(said):
+                return f"request {said}"
+            self._buttons.request(said, now)
+            self._signals = {
+                name: value for name, value in self._signals.items() if not self._buttons.has(name)
+            }
+            return f"request {said}"
+        if name == "clear":
+            return self._clear(said)
+        if not isinstance(said, dict) or not said:
+            raise ConfigError(f"{name} {show(said)[:200]}; allowed: a table with its keys")
+        do: dict[str, Callable[[dict[str, Any], float], str]] = {
+            "obstacle": self._put, "set": self._surround, "fault": self._break, "signal": self._send,
+        }  # fmt: skip
+        return do[name](said, now)
+
+    def _put(self, said: dict[str, Any], now: float) -> str:
+        self._post(held_obstacle(obstacle_in(said, self._edge)))
+        self._obstacle = dict(said)
+        return "obstacle " + _words(said)
+
+    def _surround(self, said: dict[str, Any], now: float) -> str:
+        held = surroundings_in(said)
+        self._post(held)
+        both = {**self._set, **held}
+        self._set = {name: value for name, value in both.items() if not math.isnan(value)}
+        return "set " + _words(said)
+
+    def _send(self, said: dict[str, Any], now: float) -> str:
+        issues, numbers = ConfigIssues(""), {}
+        for name, value in said.items():
+            if value is None and name in self._signals:
+                numbers[name] = math.nan
+                continue
+            tables, key = self._rig.tables, f"{name} "
+            number = value_in(key, name, value, tables, self._rig.mapped, issues)
+            numbers[name] = math.nan if number is None else number
+        both = {**self._signals, **said}
+        if len(both) > MOST_SIGNALS:
+            issues.add("signal", f"{len(both)} signals; allowed: up to {MOST_SIGNALS} at a time")
+        issues.raise_if_any()
+        self._target.set_signals(numbers)
+        for name in numbers:
+            self._buttons.forget(name)
+        self._signals = {name: value for name, value in both.items() if value is not None}
+        return "signal " + _words(said)
+
+    def _break(self, said: dict[str, Any], now: float) -> str:
+        values = {str(name): value for name, value in said.items()}
+        kind, where = str(values.pop("kind", "")), values.pop("where", None)
+        fault = replace(fault_of(kind, where, values), start=Instant(now))
+        which = fault.identity
+        others = {key: each for key, each in self._faults.items() if key != which}
+        self._inject({**others, which: Broken(fault, dict(said))})
+        self.kinds.add(fault.kind)
+        return "fault " + _words(said)
+
+    def _clear(self, said: object) -> str:
+        if isinstance(said, dict) and len(said) == 1:
+            (name, one), *_ = said.items()
+            if name == "set":
+                self._surround({str(one): None}, 0.0)
+                return f"clear set {one}"
+            if name == "signal" and isinstance(one, str) and one in self._signals:
+                self._send({one: None}, 0.0)
+                return f"clear signal {one}"
+            if name == "fault" and isinstance(one, dict) and "kind" in one:
+                return self._mend(one)
+        if not isinstance(said, str) or said not in _CLEARED:
+            one = '{"set": NAME}, {"signal": NAME of one that was set}, {"fault": {"kind": …, "where": …}}'
+            raise ConfigError(
+                f"clear {show(said)[:200]}; allowed: one of {', '.join(_CLEARED)}, {one}"
+            )
+        if said in ("obstacle", "all"):
+            self._post(held_obstacle(None))
+            self._obstacle = {}
+        if said in ("set", "all") and self._set:
+            self._surround(dict.fromkeys(self._set), 0.0)
+        if said in ("faults", "all"):
+            self._inject({})
+        if said in ("signals", "all") and self._signals:
+            self._send(dict.fromkeys(self._signals), 0.0)
+        return f"clear {said}"
+
+    def _mend(self, one: dict[str, Any]) -> str:
+        found = [
+            which
+            for which, (_, said) in self._faults.items()
+            if all(said.get(name) == value for name, value in one.items())
+        ]
+        if not found:
+            known = "; ".join(_words(each.said) for each in self._faults.values()) or "none is"
+            said = f"clear: fault {_words(one)}: not commanded here"
+            raise ConfigError(f"{said} (the scenario's go on); allowed: {known}")
+        self._inject({key: each for key, each in self._faults.items() if key not in found})
+        return f"clear fault {_words(one)}"
+
+    def _inject(self, faults: dict[Which, Broken]) -> None:
+        self._target.inject([each.fault for each in faults.values()])
+        self._faults = faults
+
+    def _post(self, values: Mapping[str, float]) -> None:
+        if not self.hold(values):
+            raise ConfigError(
+                "the loop has not taken the last commands yet; allowed: fewer at once"
+            )
+
+
+def _words(said: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {value:g}"
+        if isinstance(value, float)
+        else f"{name} {'none' if value is None else value}"
+        for name, value in said.items()
+    )

@@ -1,0 +1,31 @@
+"""Target of orders, whether a test bench or an operator gives them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from liftgate_hil.config.scenario_tables import Fault
+
+
+class Target(Protocol):
+    """Executes orders."""
+
+    def inject(self, faults: Sequence[Fault]) -> None:
+        """Put these faults in force from the next tick on, in place of all ordered before; later ones go on top.
+
+        Raises ConfigError, and changes nothing then.
+        """
+
+    def set_signals(
+        self, values: Mapping[str, float], instead_of: float = math.nan, rest: float = math.nan
+    ) -> None:
+        """Set signals [the database's unit], but only those with the value `instead_of` (NaN: any).
+
+        The value NaN clears a signal, which then has the scenario's value, else `rest`. Raises ConfigError, and
+        changes nothing then.
+        """
+
+    def reset(self) -> None:
+        """Reset the ECU in the rig's way other than a signal. Raises ConfigError where that is not possible."""

@@ -1,0 +1,122 @@
+"""Cyclic drive command in place of an ECU: given by quantity, and sent every cycle until it is changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import empty_frames
+from liftgate_hil.codec.transmit import encode
+from liftgate_hil.config.arguments import number_of
+from liftgate_hil.config.enumerations import missing_values
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.toml import show
+from liftgate_hil.ecu.reference import EcuConfig, message_rows
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.signals import BUS_INPUTS, DIRECTIONS, IN, INPUT_COUNT
+
+_LATCH = ("latch_release", "latch_cinch")
+_KNOWN = ("left_duty", "right_duty", "left_direction", "right_direction", *_LATCH)
+
+
+class CyclicCommand:
+    """Drive command given by its quantities, encoded by rig and codec, with counter and checksum.
+
+    Nothing is sent before the first command. `bus` is what an ECU on this rig sends.
+    """
+
+    def __init__(self, rig: Rig, config: LoopConfig, bus: EcuConfig) -> None:
+        self.cycle = max(1, round(rig.command_cycle_ms() * 1e6 / config.step_ns))  # ticks
+        self._is_signed = {"left": config.signed_left, "right": config.signed_right}
+        self._unsaid = {each.quantity: missing_values(each) for each in rig.inputs}
+        self._bus = bus
+        self._cinching = message_rows(rig, ["latch_cinch"])
+        self._sent = np.zeros(len(config.inputs.messages), dtype=np.int64)
+        self._values: NDArray[np.float64] | None = None  # of the command; None: nothing is sent
+
+    @property
+    def is_on(self) -> bool:
+        """Whether a command is sent."""
+        return self._values is not None
+
+    def silence(self) -> None:
+        """Send nothing from now on."""
+        self._values = None
+
+    def change(self, quantities: Mapping[str, float | str | bool]) -> None:
+        """Send these quantities from the next cycle on, see `Gate.command`.
+
+        Raises ConfigError, and changes nothing then.
+        """
+        values = np.full(INPUT_COUNT, np.nan)
+        both = quantities.get("direction")
+        for name in quantities:
+            if name not in (*_KNOWN, "direction"):
+                raise ConfigError(f"`command` {name}: allowed: {', '.join((*_KNOWN, 'direction'))}")
+        for side in ("left", "right"):
+            direction = quantities.get(f"{side}_direction", both)
+            said = quantities.get(f"{side}_duty", 0.0)
+            duty = number_of(f"{side}_duty", said, -100.0, 100.0, "%")
+            if self._is_signed[side]:
+                duty = _signed(duty, direction)
+            number = _direction(f"{side}_direction", "coast" if direction is None else direction)
+            values[getattr(IN, f"{side}_duty")] = duty
+            values[getattr(IN, f"{side}_direction")] = number
+        for name in _LATCH:
+            on = quantities.get(name, False)
+            if not isinstance(on, Real | np.bool_) or on not in (0, 1):
+                raise ConfigError(f"`{name}` {show(on)}: allowed: True, False")
+            if name == "latch_release" or name in quantities:
+                values[getattr(IN, name)] = float(on)
+        self._check_said(values)
+        self._values = values
+
+    def _check_said(self, values: NDArray[np.float64]) -> None:
+        """Check that the rig has a value for each label of an enumeration. Raises ConfigError."""
+        for name, unsaid in self._unsaid.items():
+            number, labels = values[getattr(IN, name)], BUS_INPUTS[name].values
+            if not np.isnan(number) and labels and labels[int(number)] in unsaid:
+                allowed = ", ".join(each for each in labels if each not in unsaid)
+                raise ConfigError(
+                    f"`{name}` {labels[int(number)]}: the rig has no value for it; allowed: {allowed}"
+                )
+
+    def frames_at(self, tick: int) -> list[tuple[int, int, bytes]]:
+        """Return the frames that are due before a tick: identifier, length and data of each."""
+        values = self._values
+        if values is None or tick % self.cycle:
+            return []
+        rows = [int(row) for row in self._bus.commands]
+        if not np.isnan(values[IN.latch_cinch]):
+            rows += [row for row in self._cinching if row not in rows]
+        frames = empty_frames(len(rows))
+        found = []
+        for place, row in enumerate(rows):
+            encode(self._bus.outputs, row, values, int(self._sent[row]), frames, place)
+            self._sent[row] += 1
+            length = int(frames.lengths[place])
+            data = frames.data[place, :length].tobytes()
+            found.append((int(frames.identifiers[place]), length, data))
+        return found
+
+
+def _signed(duty: float, direction: Any) -> float:
+    """Return a duty [%] with the sign of the direction, where one is named. Raises ConfigError."""
+    if isinstance(direction, str) and direction == "coast":
+        raise ConfigError(
+            "`direction` coast: it has no signal in this rig; allowed: open, close, brake, or silence"
+        )
+    turned = {"open": abs(duty), "close": -abs(duty), "brake": 0.0}
+    return turned.get(direction, duty) if isinstance(direction, str) else duty
+
+
+def _direction(key: str, value: Any) -> int:
+    """Return the number of a direction. Raises ConfigError."""
+    if isinstance(value, str) and value in DIRECTIONS:
+        return DIRECTIONS.index(value)
+    raise ConfigError(f"`{key}` {show(value)}: allowed: {', '.join(DIRECTIONS)}")

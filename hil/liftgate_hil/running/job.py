@@ -1,0 +1,50 @@
+"""Job: a run as it is requested, in plain values, with the objects that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.variant import AS_FILED, Variant
+from liftgate_hil.ecu.identity import identity_of
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.setup import Setup
+from liftgate_hil.transport.can_arguments import WireChoice
+from liftgate_plant.vehicle import Vehicle
+
+PRIVATE_BUS = "virtual"  # name in recordings of a bus that is in this process alone
+
+
+@dataclass(frozen=True)
+class Job:
+    """Complete request of a run, in plain values where possible, so that another process can be given it."""
+
+    scenario: str | Path | Scenario | None
+    ecu: Any
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    vehicle: str | Path | Vehicle | None = None
+    rig: str | Path | Rig | None = None
+    settings: tuple[str, ...] = ()
+    initial: float | str | None = None
+    seed: int | None = None
+    variant: Variant = AS_FILED  # of the vehicle
+    wire: WireChoice | None = None  # None: the ECU is in this process, and so is the bus
+    options: RunOptions = field(default_factory=RunOptions)
+    trace: int = 0  # keep every n-th row; 0: none
+    ecu_elsewhere: Any = None  # the ECU on the bus, if this program runs it in another process
+    mutant: str = ""  # name of a mutant of the reference ECU, see ecu/mutants.py
+    is_isolated: bool = False  # run in a process of its own, as C libraries always are
+    listener: Listener = field(default_factory=Listener)
+    attachable_as: int | None = None  # process that clients may attach to; None: they may not
+    is_summarized: bool = False  # keep trace summaries for pictures of the expectations
+
+
+def identity_of_ecu(job: Job, setup: Setup) -> Mapping[str, Any]:
+    """Return the identity of the ECU for recordings."""
+    ecu = job.ecu if job.ecu_elsewhere is None else job.ecu_elsewhere
+    return identity_of(ecu, setup.vehicle.coding, job.mutant)

@@ -1,0 +1,102 @@
+"""Observers that supervise a run beside its loop: ECU resets, orders of a test bench, attached clients."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from liftgate_hil.running.commands.operator import Operator
+from liftgate_hil.running.commands.orders import Orders
+from liftgate_hil.running.commands.slot_target import SlotTarget
+from liftgate_hil.running.stimulation import opening_of
+from liftgate_hil.stimuli.restbus import BENCH, OPERATOR
+
+if TYPE_CHECKING:
+    from liftgate_hil.config.rig import Rig
+    from liftgate_hil.loop.listener import Listener
+    from liftgate_hil.loop.observers import Observer
+    from liftgate_hil.loop.python_loop import Peer
+    from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.loop.statistics import Summary
+    from liftgate_hil.running.attachment.description import Description
+    from liftgate_hil.running.attachment.server import Server
+    from liftgate_hil.running.ecu_reset import Restarts
+    from liftgate_hil.running.setup import Setup
+    from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+
+
+@dataclass(frozen=True)
+class Observers:
+    """Observers of one run; None: there is none of that kind."""
+
+    restarts: Restarts | None = None  # reset the ECU by a program
+    orders: Orders | None = None  # executes orders of the rig's test bench
+    server: Server | None = None  # serves attached clients
+    operator: Operator | None = None  # executes clients' commands, over the bench's orders
+
+    def in_order(self) -> list[Observer]:
+        """Return the observers in the order in which they are called."""
+        return [each for each in (self.orders, self.restarts, self.server) if each is not None]
+
+    @property
+    def injected(self) -> set[str]:
+        """Kinds of the faults that were injected while the run went on."""
+        return {kind for each in (self.orders, self.operator) if each for kind in each.kinds}
+
+    def let_in(
+        self,
+        about: Description,
+        memory: Memory,
+        hold: Callable[[Mapping[str, float]], bool],
+        stack: contextlib.ExitStack,
+    ) -> None:
+        """Let clients attach, where they may, until the stack is left; `hold` see Operator."""
+        if self.server is None or self.operator is None:
+            return
+        stack.callback(self.server.close)
+        self.operator.hold = hold
+        self.server.open(about, memory, self.operator)
+
+    def note(self, summary: Summary) -> None:
+        """Enter what was commanded and injected in the figures of the run."""
+        if self.operator is not None:
+            summary.commands = self.operator.count
+            summary.commanded = self.operator.done
+        if self.orders is not None:
+            summary.injections = self.orders.count
+            summary.injected = self.orders.done
+            summary.injections_refused = self.orders.refused
+
+
+def observers_of(
+    stimuli: StimulusPlan,
+    setup: Setup,
+    rig: Rig,
+    is_real: bool,
+    listener: Listener,
+    peers: Sequence[Peer] = (),
+    restarts: Restarts | None = None,
+    server: Server | None = None,
+) -> Observers:
+    """Return the observers that a stimulus plan is open to.
+
+    `is_real`: the bus is not a virtual one; `peers` are ECUs in this process, to which an operator's requests go.
+    """
+    if not len(stimuli.slots.letters):
+        return Observers(restarts, server=server)
+    signals = opening_of(rig, server is not None).signals
+    restart = None if restarts is None else restarts.restart
+    target = SlotTarget(stimuli, setup, rig, signals, is_real, restart)
+    orders = operator = None
+    if rig.orders:
+        orders = Orders(rig, target.layer(BENCH), listener.say)
+    if server is not None:
+        edge = setup.vehicle.gate.length
+
+        def ask(action: str) -> bool:
+            return any(peer.request(action) for peer in peers)
+
+        operator = Operator(rig, target.layer(OPERATOR), edge, ask=ask)
+    return Observers(restarts, orders, server, operator)

@@ -1,0 +1,211 @@
+"""Plan of a run, prepared once: objects, loop constants, stimuli, expectations and the recording trigger."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from liftgate_hil.config.fault_kinds import FAULT_KINDS, MESSAGE
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.scenario_tables import Fault
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.sources import Source, sources_of
+from liftgate_hil.ecu.find import ON_A_BUS
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.judging.expected import Expected, expected_of
+from liftgate_hil.judging.fault_times import TimedFault
+from liftgate_hil.loop.tick import LoopConfig
+from liftgate_hil.running.job import Job, identity_of_ecu
+from liftgate_hil.running.options import RunOptions, ticks_of
+from liftgate_hil.running.recording_trigger import Trigger, trigger_of
+from liftgate_hil.running.setup import Setup, loop_config_of, rig_of, setup_of
+from liftgate_hil.running.stimulation import opening_of, planned_stimuli
+from liftgate_hil.stimuli.slots import CLOSED, Opening
+from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+from liftgate_hil.transport.find import Way, find_way
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What reports need of a run: the job, and the objects that it names."""
+
+    job: Job
+    setup: Setup
+    rig: Rig
+    sources: Mapping[str, Source]  # the files that these were made from
+
+    @property
+    def options(self) -> RunOptions:
+        """Options of the job."""
+        return self.job.options
+
+
+@dataclass(frozen=True)
+class Plan(Subject):
+    """All that a run needs, validated. No run changes it: each uses a copy of `stimuli`."""
+
+    way: Way | None  # of the wire; None: there is none
+    config: LoopConfig
+    stimuli: StimulusPlan  # at the scenario's time 0
+    expected: Expected
+    trigger: Trigger | None  # None: all of the run is recorded
+
+    @property
+    def ticks(self) -> int | None:
+        """Number of ticks of the run; None: it runs until it is stopped."""
+        given = self.options.duration
+        duration = self.setup.scenario.duration if given is None else given
+        return ticks_of(duration, self.options.rate)
+
+    def varied(self, job: Job | None = None, setup: Setup | None = None) -> Plan:
+        """Return the plan of another job or setup of the same files, none of which is read again.
+
+        Raises ConfigError.
+        """
+        job = self.job if job is None else job
+        if setup is None and _is_prepared_alike(job, self.job):
+            return replace(self, job=job)
+        return planned(job, setup or self.setup, self.rig, self.way, self.sources)
+
+
+def _is_prepared_alike(job: Job, other: Job) -> bool:
+    """Whether two jobs of the same files differ in nothing that their plans are made from."""
+    same = replace(job.options, records=other.options.records) == other.options
+    return same and (job.ecu, job.attachable_as) == (other.ecu, other.attachable_as)
+
+
+def plan_of(job: Job) -> Plan:
+    """Return the plan of a job; what the job leaves open is the scenario's. Raises ConfigError with all issues."""
+    setup = setup_of(
+        job.scenario,
+        parameters=job.parameters,
+        vehicle=job.vehicle,
+        settings=job.settings,
+        initial=job.initial,
+        seed=job.seed,
+        variant=job.variant,
+    )
+    job.options.check()
+    rig = rig_of(job.rig, setup.scenario)
+    way = None if job.wire is None else find_way(job.wire, rig)
+    return planned(job, setup, rig, way, sources_of(_files_of(job, setup, rig)))
+
+
+def planned(
+    job: Job, setup: Setup, rig: Rig, way: Way | None, sources: Mapping[str, Source]
+) -> Plan:
+    """Return the plan of a job whose objects are loaded. Raises ConfigError with all issues."""
+    options = job.options
+    if way is None and job.ecu == ON_A_BUS:
+        raise ConfigError("`bus`: missing; allowed: INTERFACE:CHANNEL of the bus with the ECU")
+    if options.clock == "free" and way is not None and not way.is_interface("virtual"):
+        raise ConfigError("`clock` free: allowed without a bus, or on a virtual one")
+    if job.ecu_elsewhere is not None:  # it gets requests by its own clock: no preconditions
+        setup = replace(setup, scenario=replace(setup.scenario, precondition=()))
+    issues = _periods(setup.scenario, options.rate)
+
+    def fitted(make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except ConfigError as error:
+            issues.extend(line for line in error.issues if line not in issues)
+            return None
+
+    is_on_bus, opening = job.ecu == ON_A_BUS, _opening_of(job, rig)
+    stimuli = fitted(lambda: planned_stimuli(setup, rig, is_on_bus, opening=opening))
+    expected = fitted(lambda: expected_in(setup, rig))
+    trigger = fitted(lambda: trigger_in(setup, rig, options))
+    if issues:
+        raise ConfigError(issues)
+    config = loop_config_of(setup.vehicle, rig, options.rate, setup.seed)
+    return Plan(job, setup, rig, sources, way, config, stimuli, expected, trigger)
+
+
+def _opening_of(job: Job, rig: Rig) -> Opening:
+    """Return what may be injected while the run goes on; nothing with an ECU in this process on the free clock."""
+    if job.options.clock == "free" and job.ecu != ON_A_BUS:
+        return CLOSED
+    return opening_of(rig, job.attachable_as is not None)
+
+
+def _periods(scenario: Scenario, rate: float) -> list[str]:
+    """Return an issue for each intermittent fault that changes faster than the ticks can show."""
+    found = []
+    for each in scenario.faults:
+        shares = [share for share in (each.share, 1.0 - each.share) if share > 0.0]
+        if each.period and min(shares) * each.period * rate < 1.0 - 1e-9:
+            said = f"on or off for less than a tick of {1e3 / rate:g} ms"
+            found.append(
+                f"{each.key}.period_s: {each.period:g}: {said}; allowed: a tick or more of each"
+            )
+    return found
+
+
+def _files_of(job: Job, setup: Setup, rig: Rig) -> dict[str, Path]:
+    """Return the files that a job was made from; there is none for an object that a program made."""
+    files = {"rig": Path(rig.source), "dbc": rig.database}
+    vehicle = job.vehicle if job.vehicle is not None else setup.vehicle_name
+    if isinstance(vehicle, str | Path):
+        files["vehicle"] = find_config("vehicles", str(vehicle))
+    if isinstance(job.scenario, str | Path):
+        files["scenario"] = find_config("scenarios", str(job.scenario))
+        for k, name in enumerate(setup.scenario.included, 1):
+            files[f"included {k}"] = Path(name)
+    path = identity_of_ecu(job, setup).get("path")
+    return files if path is None else {**files, "ecu": Path(path)}
+
+
+def expected_in(setup: Setup, rig: Rig) -> Expected:
+    """Return the expectations of a scenario for its vehicle and a rig.
+
+    Raises ConfigError with all that does not fit.
+    """
+    scenario = setup.scenario
+    return expected_of(
+        scenario.expectations,
+        scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+        scenario.source,
+        scenario.awaited(),
+        rig.diagnostics,
+        _timed_faults(scenario.faults, rig),
+    )
+
+
+def _timed_faults(faults: Sequence[Fault], rig: Rig) -> list[TimedFault]:
+    """Return when faults are in force, and the time-out of the rig that each shall outlast.
+
+    It is the time-out of the message that the fault acts on, else that of the drive command, by which an ECU
+    answers.
+    """
+    if not rig.inputs:
+        return []
+    found = []
+    for each in faults:
+        is_of_message = FAULT_KINDS[each.kind].of == MESSAGE and each.where is not None
+        bridge = str(each.where) if is_of_message else rig.command_message()
+        least = 1e-3 * rig.timeout_ms(bridge)
+        name = f"{each.key.partition(': ')[2] or each.key} ({each.kind})"
+        found.append(TimedFault(name, each.start, each.end, each.length, least, bridge))
+    return found
+
+
+def trigger_in(setup: Setup, rig: Rig, options: RunOptions) -> Trigger | None:
+    """Return the trigger of the run's recording; None: all of it is recorded.
+
+    Raises ConfigError with all that does not fit.
+    """
+    if not options.record_when:
+        return None
+    return trigger_of(
+        options.record_when,
+        *options.around(),
+        options.rate,
+        setup.scenario.parameters,
+        rig.messages,
+        setup.vehicle.drives,
+    )

@@ -1,0 +1,27 @@
+"""Descriptors that a child process inherits."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+
+
+def in_memory(content: bytes) -> int:
+    """Return a descriptor from which the content is read, to be closed by the caller.
+
+    Unlike a pipe it never makes the writer wait.
+    """
+    descriptor = os.memfd_create("given", os.MFD_CLOEXEC)
+    with open(descriptor, "wb", closefd=False) as stream:
+        stream.write(content)
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return descriptor
+
+
+def foreign_output() -> int:
+    """Return where foreign code's stdout goes: to stderr, as a program may parse the output of this one."""
+    try:
+        os.fstat(2)
+    except OSError:
+        return subprocess.DEVNULL
+    return 2

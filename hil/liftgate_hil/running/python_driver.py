@@ -1,0 +1,165 @@
+"""The driver of a run on a bus in the Python loop: in lockstep, on the free clock, without a real-time loop."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import time
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from liftgate_hil.formats.guarded import failures_of
+from liftgate_hil.formats.open import open_writers
+from liftgate_hil.loop.begun import Begun
+from liftgate_hil.loop.clock import RealtimeClock
+from liftgate_hil.loop.histogram import distribution
+from liftgate_hil.loop.lockstep import Lockstep, run_lockstep
+from liftgate_hil.loop.python_loop import Loop, run_clocked, run_free
+from liftgate_hil.loop.statistics import Summary, Timing
+from liftgate_hil.running.options import NS
+from liftgate_hil.running.recording_sink import RecordingSink
+from liftgate_hil.running.recording_trigger import Triggered
+from liftgate_hil.stimuli import mailbox
+from liftgate_hil.transport.find import open_transport
+
+if TYPE_CHECKING:
+    from liftgate_hil.formats.guarded import GuardedWriter
+    from liftgate_hil.loop.observers import Sink
+    from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.running.bus_run import BusRun, Going
+    from liftgate_hil.running.precondition import Phase
+    from liftgate_hil.transport.base import Transport
+
+
+class PythonDriver:
+    """Runs a plan on its bus in the Python loop; see `driver.Driver`."""
+
+    def __init__(self, run: BusRun) -> None:
+        self._run = run
+        self._recorders: list[GuardedWriter] = []
+        self._triggered: Triggered | None = None
+        self._loop: Loop | None = None
+        self._clock = self._pace()
+        self._before_start = 0  # frames that came before the first phase was ready
+        self._summary = Summary(clock=run.plan.options.clock)
+        self.begun: Begun | None = None
+
+    def begin(self, stack: contextlib.ExitStack) -> None:
+        """Open bus and recordings, run the phases before time 0, and compile."""
+        run, plan, options = self._run, self._run.plan, self._run.plan.options
+        transport = run.opened(open_transport, stack)
+        # Only wall time has an epoch; the other clocks' recordings are the same every time.
+        epoch_ns = time.time_ns() if options.clock == "realtime" else 0
+        channel, say = run.channel(transport), run.listener.say
+        content, limit = run.content(channel), options.limit()
+        self._recorders = open_writers(options.records, content, limit, say, stack)
+        self._triggered = None if plan.trigger is None else Triggered(plan.trigger)
+        self._recording = RecordingSink(self._recorders, epoch_ns, self._triggered)
+        own = [self._recording] if self._recorders else []
+        sinks = [*run.sinks, *own, *self._shown(channel, stack)]
+        has_run = run.prepare(functools.partial(self._phase_begun, transport))
+        self._loop = loop = Loop(
+            config=plan.config,
+            state=run.state,
+            stimuli=run.stimuli,
+            transport=transport,
+            peers=run.peers,
+            sinks=sinks,
+            monitor=run.monitor(),
+            observers=run.observers.in_order(),
+            bitrate=run.way.bitrate(plan.rig),
+            command=plan.rig.command_identifier(),
+            before_start=self._before_start,
+        )
+        run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
+        loop.begin(is_first=not has_run)
+        self._clock = self._pace()
+        self.begun = Begun.at(plan.config, run.state, run.stimuli)
+
+    def _shown(self, channel: str, stack: contextlib.ExitStack) -> list[Sink]:
+        """The sink that shows clients what the loop does, where they may attach."""
+        from liftgate_hil.loop.realtime_run import memory_for
+        from liftgate_hil.loop.rings import RingSink
+
+        run, server = self._run, self._run.observers.server
+        if server is None:
+            return []
+        memory = memory_for(run.plan.options.rate)
+        stack.callback(memory.close)
+        run.observers.let_in(run.description(channel), memory, self._hold, stack)
+        return [RingSink(memory, server.is_attended)]
+
+    def _hold(self, values: Mapping[str, float]) -> bool:
+        """Have these values act from the next tick on; the loop is in this thread."""
+        mailbox.hold(self._run.stimuli.held, values)
+        return True
+
+    def _pace(self) -> RealtimeClock:
+        plan = self._run.plan
+        return RealtimeClock(plan.config.step_ns, round(plan.options.overrun_limit * NS))
+
+    def _phase_begun(self, transport: Transport, phase: Phase, is_first: bool) -> Going:
+        """Begin a phase before time 0: what goes on with it from a state."""
+        before = Loop(
+            self._run.plan.config,
+            self._run.state,
+            phase.stimuli,
+            transport,
+            sinks=[phase.end],
+            command=self._run.plan.rig.command_identifier(),
+        )
+        before.begin(is_first)
+        self._before_start += before.before_start
+
+        def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
+            before.state = state
+            self._clocked(before, self._pace(), None, stopped)
+            return before.state
+
+        return go
+
+    def _clocked(
+        self, loop: Loop, clock: RealtimeClock, ticks: int | None, stopped: Callable[[], bool]
+    ) -> None:
+        """Run the loop on the clock that was asked for."""
+        options, rig = self._run.plan.options, self._run.plan.rig
+        if options.clock == "realtime":
+            run_clocked(loop, clock, ticks, stopped)
+        elif options.clock == "free" or self._run.peers:
+            # Peers in this process are in step by themselves, those that are silent, too.
+            run_free(loop, ticks, stopped)
+        else:
+            lockstep = Lockstep(
+                command=rig.command_identifier(),
+                ticks_per_command=max(1, round(rig.command_cycle_ms() * 1e-3 * options.rate)),
+                wall_timeout=options.wall_timeout,
+                say=self._run.listener.say,
+            )
+            run_lockstep(loop, lockstep, ticks, stopped)
+
+    def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
+        """Run until so many ticks are done."""
+        assert self._loop is not None
+        self._clocked(self._loop, self._clock, ticks, stopped)
+
+    def finish(self) -> None:
+        """Tick once more with the motors off, and hand the recordings their last rows."""
+        loop, clock = self._loop, self._run.plan.options.clock
+        assert loop is not None
+        try:
+            loop.finish()
+        finally:  # a plant that has diverged does so again
+            self._recording.flush()
+            self._summary = loop.summary(clock, Timing(distribution(self._clock.lateness)))
+            self._summary.apart = self._run.way.apart
+            if self._triggered is not None:
+                self._summary.recording_windows = self._triggered.count
+
+    def summary(self) -> Summary:
+        """The figures of the run."""
+        self._summary.recordings = [file for each in self._recorders for file in each.files]
+        return self._summary
+
+    def recording_failures(self) -> list[str]:
+        """Why recordings are not complete."""
+        return failures_of(self._recorders)

@@ -1,0 +1,122 @@
+"""The driver of a run in real time: the loop in a thread of machine code, recordings in a process of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from liftgate_hil.loop.begun import Begun
+from liftgate_hil.loop.priority import Realtime
+from liftgate_hil.loop.realtime_run import RealtimeRun, memory_for
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.options import NS
+from liftgate_hil.running.recorder_process import RecorderProcess
+from liftgate_hil.stimuli import mailbox
+from liftgate_hil.transport.find import open_line
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.tick import LoopState
+    from liftgate_hil.running.bus_run import BusRun, Going
+    from liftgate_hil.running.precondition import Phase
+    from liftgate_hil.stimuli.stimulus_plan import StimulusPlan
+    from liftgate_hil.transport.base import Line
+
+
+class RealtimeDriver:
+    """Runs a plan on its bus in real time; see `driver.Driver`."""
+
+    def __init__(self, run: BusRun) -> None:
+        self._run = run
+        cpu, is_asked = run.plan.options.cpu, run.plan.options.realtime
+        self._realtime = Realtime(cpu) if is_asked else None
+        self._loop: RealtimeRun | None = None
+        self._recorder: RecorderProcess | None = None
+        self.begun: Begun | None = None
+
+    def begin(self, stack: contextlib.ExitStack) -> None:
+        """Open the line, start the recorder's process, compile, and run the phases before time 0."""
+        run, plan = self._run, self._run.plan
+        line = run.opened(open_line, stack)
+        channel = run.channel(line)
+        made = functools.partial(self._made, line, stack)
+        self._loop = loop = made(run.stimuli)
+        loop.peers, loop.sinks, loop.observers = run.peers, run.sinks, run.observers.in_order()
+        post = functools.partial(mailbox.post_all, loop.memory.shared.box[0])
+        run.observers.let_in(run.description(channel), loop.memory, post, stack)
+        if plan.options.records:
+            self._recorder = RecorderProcess(
+                plan.options.records,
+                run.content(channel),
+                plan.options.limit(),
+                loop.memory,
+                run.listener.say,
+                plan.trigger,
+            )
+            stack.callback(self._recorder.close)
+        run.listener.starts(f"{plan.setup.vehicle_name} on {channel}")
+        loop.begin()
+        if self._recorder is not None:
+            self._recorder.wait_until_ready()
+        has_run = run.prepare(functools.partial(self._phase_begun, made))
+        loop.state, loop.monitor = run.state, run.monitor()
+        loop.is_first = not has_run
+        self.begun = Begun.at(plan.config, run.state, run.stimuli)
+
+    def _made(self, line: Line, stack: contextlib.ExitStack, stimuli: StimulusPlan) -> RealtimeRun:
+        """A run on the line with these stimuli, with a memory of its own until the stack is left."""
+        run, plan = self._run, self._run.plan
+        memory = memory_for(plan.options.rate)
+        stack.callback(memory.close)
+        return RealtimeRun(
+            config=plan.config,
+            state=run.state,
+            stimuli=stimuli,
+            line=line,
+            memory=memory,
+            rig=plan.rig,
+            bitrate=run.way.bitrate(plan.rig),
+            limit_ns=round(plan.options.overrun_limit * NS),
+            say=run.listener.say,
+            realtime=self._realtime,
+        )
+
+    def _phase_begun(
+        self, made: Callable[[StimulusPlan], RealtimeRun], phase: Phase, is_first: bool
+    ) -> Going:
+        """Begin a phase before time 0: what goes on with it from a state."""
+        before = made(phase.stimuli)
+        before.sinks, before.is_last, before.is_first = [phase.end], False, is_first
+        before.begin()
+
+        def go(state: LoopState, stopped: Callable[[], bool]) -> LoopState:
+            before.state = state
+            before.run(None, stopped)
+            return before.state
+
+        return go
+
+    def advance(self, ticks: int | None, stopped: Callable[[], bool]) -> None:
+        """Run the loop to its end, the last tick with the motors off included."""
+        assert self._loop is not None
+        self._loop.run(ticks, stopped)
+
+    def finish(self) -> None:
+        """Do nothing: the loop has switched the motors off itself, without waiting for this thread."""
+
+    def summary(self) -> Summary:
+        """The figures of the run; counts of line and recorder are whole once they are closed."""
+        summary = Summary(clock="realtime")
+        if self._loop is not None:
+            summary = self._loop.summary()
+            summary.apart = self._run.way.apart
+        if self._recorder is not None:
+            summary.recording_lost_rows = self._recorder.lost_rows
+            summary.recordings = self._recorder.files
+            summary.recording_windows = self._recorder.windows
+        return summary
+
+    def recording_failures(self) -> list[str]:
+        """Say nothing: closing the recorder's process raises what failed."""
+        return []

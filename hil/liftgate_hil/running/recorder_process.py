@@ -1,0 +1,306 @@
+"""Recording in a process of its own, so that neither formatting nor a slow disk ever holds up a tick.
+
+It reads the loop's rings. When its stdin ends, because the emulator ends or is killed, it writes what is left and
+completes the files. Its replies, a JSON object per line, go through a pipe of their own, as libraries print to
+stdout.
+
+    python -m liftgate_hil.running.recorder_process JOB ANSWERS MEMORY FILE…
+
+JOB, ANSWERS and MEMORY are descriptors, JOB holds a `Job` as JSON; the files are named for the list of processes
+only.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import pickle
+import queue
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.errors import ConfigError, RecordingError
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.guarded import GuardedWriter, Say, failures_of, silent
+from liftgate_hil.formats.open import open_writer
+from liftgate_hil.formats.rotation import Limit
+from liftgate_hil.formats.writer import Writer, truncated_to_us
+from liftgate_hil.loop.datagrams import CAPACITY
+from liftgate_hil.loop.rings import Memory, RingReader
+from liftgate_hil.running.processes.inherited import in_memory
+from liftgate_hil.running.recording_sink import Sieve
+from liftgate_hil.running.recording_trigger import Trigger, Triggered
+
+_PAUSE = 0.05  # s between two reads of the rings
+_READY_S = 60.0  # s that it may take to start and to open its files
+_COMPLETE_S = 60.0  # s that completing the files may take, plus the run's length
+_EXIT_S = 5.0  # s that it may take to end after its last reply
+_LATE_NS = 100_000_000  # ns that a frame may be out of order: received ones are logged a tick late
+
+
+@dataclass
+class Job:
+    """Job of the recording process: what to record."""
+
+    paths: list[str]
+    columns: list[str]
+    channel: str
+    limit: int | None  # bytes of a file; None: no limit
+    keep: int | None
+    rows: int  # sizes of the rings
+    frames: int
+    about: str
+    trigger: str  # pickled, as Base64; "": record everything
+
+
+class RecorderProcess:
+    """The recording process, seen from the emulator's side; `say` reports at once what fails."""
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        content: Content,
+        limit: Limit | None,
+        memory: Memory,
+        say: Say = silent,
+        trigger: Trigger | None = None,
+    ) -> None:
+        rows, frames = memory.sizes
+        names = [str(path) for path in paths]
+        job = Job(
+            paths=names,
+            columns=list(content.columns),
+            channel=content.channel,
+            limit=limit.size if limit else None,
+            keep=limit.keep if limit else None,
+            rows=rows,
+            frames=frames,
+            about=content.about,
+            trigger="" if trigger is None else base64.b64encode(pickle.dumps(trigger)).decode(),
+        )
+        self._names = ", ".join(names)
+        self._say = say
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._is_ready = self._is_closing = self._has_ended_early = False
+        self._began = time.monotonic()
+        heard, told = os.pipe()
+        given = in_memory(json.dumps(asdict(job)).encode())
+        try:
+            descriptors = [given, told, memory.descriptor]
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", __name__, *map(str, descriptors), *names],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                pass_fds=descriptors,
+                start_new_session=True,  # a Ctrl-C is for the emulator
+            )
+        except BaseException:
+            os.close(heard)
+            raise
+        finally:
+            os.close(given)
+            os.close(told)
+        self._reader = threading.Thread(
+            target=self._read, args=(heard,), name="recorder's answers", daemon=True
+        )
+        self._reader.start()
+        self.lost_rows = 0
+        self.windows: int | None = None  # how many were recorded; None: no trigger
+        self.files: list[str] = []
+
+    def wait_until_ready(self) -> None:
+        """Wait until its files are open. Raises ConfigError."""
+        answer = self._answer(_READY_S) or {}
+        if "ready" not in answer:
+            self._kill()
+            raise ConfigError(
+                answer.get("issues")
+                or f"`record` {self._names}: the recording process could not be started"
+            )
+        self._is_ready = True
+
+    def close(self) -> None:
+        """Have the files completed, which may take as long as the run has, and a minute. Raises RecordingError."""
+        assert self._process.stdin is not None
+        self._is_closing = True
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        if not self._is_ready and "ready" not in (self._answer(_EXIT_S) or {}):
+            self._kill()
+            return  # there is nothing to complete, and the reason was reported
+        patience = _COMPLETE_S + time.monotonic() - self._began
+        answer = self._answer(patience)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(0.0 if answer is None else _EXIT_S)
+        is_late = answer is None and self._process.poll() is None and self._reader.is_alive()
+        self._kill()
+        if is_late:
+            said = f"the files were not complete after {patience:.0f} s"
+            raise RecordingError(
+                f"`record` {self._names}: {said}; the recording process was killed"
+            )
+        if answer is None:
+            raise RecordingError(self._ended())
+        self.lost_rows, self.files = int(answer["lost"]), answer["files"]
+        self.windows = answer["windows"]
+        if self._has_ended_early:
+            raise RecordingError(self._ended_early())
+        if answer["failures"]:
+            raise RecordingError("; ".join(answer["failures"]))
+
+    def _answer(self, patience: float) -> dict[str, Any] | None:
+        """Return the next reply within `patience` [s]; None: none came, or the process has ended."""
+        with contextlib.suppress(queue.Empty):
+            return self._answers.get(timeout=patience)
+        return None
+
+    def _kill(self) -> None:
+        """Kill the process, if it has not ended."""
+        self._process.kill()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_EXIT_S)
+        self._reader.join(_EXIT_S)
+
+    def _ended_early(self) -> str:
+        return f"`record` {self._names}: the recording was ended before its run"
+
+    def _ended(self) -> str:
+        return f"`record` {self._names}: the recording process was ended from outside"
+
+    def _read(self, heard: int) -> None:
+        """Read its replies until it ends."""
+        is_complete = False
+        try:
+            with os.fdopen(heard, encoding="utf-8", errors="replace") as stream:
+                for line in stream:
+                    answer = _decoded(line)
+                    if "failed" in answer:
+                        self._say(str(answer["failed"]))
+                    elif answer:
+                        is_complete = "files" in answer
+                        self._answers.put(answer)
+            if self._is_ready and not self._is_closing:
+                self._say(self._ended_early() if is_complete else self._ended())
+                self._has_ended_early = is_complete
+        except OSError as error:  # foreign code in this process has closed the pipe
+            self._say(f"`record` {self._names}: its answers are lost: {error.strerror}")
+        finally:
+            self._answers.put(None)
+
+
+def _decoded(line: str) -> dict[str, Any]:
+    """Return a reply; {} for an invalid line, such as one that was cut off."""
+    try:
+        answer = json.loads(line)
+    except ValueError:
+        return {}
+    return answer if isinstance(answer, dict) else {}
+
+
+class RingRecorder:
+    """Passes rows and frames from the rings to the recorders."""
+
+    def __init__(
+        self, memory: Memory, recorders: Sequence[Writer], sieve: Sieve | None = None
+    ) -> None:
+        shared = memory.shared
+        self._rows = RingReader(shared.rows, shared.control, "rows")
+        self._frames = RingReader(shared.frames, shared.control, "frames", CAPACITY)
+        self._control = shared.control
+        self._recorders, self._sieve = recorders, sieve
+        self._waiting: Any = no_logged()
+        self._has_begun = False
+
+    @property
+    def lost(self) -> int:
+        """Rows and frames that were overwritten before they were read."""
+        return self._rows.lost + self._frames.lost
+
+    def take(self, is_last: bool = False) -> None:
+        """Write all that is new, down to the operating system; frames in the order of time."""
+        rows = self._rows.take()
+        come = self._frames.take()
+        frames = self._in_order(come, is_last)
+        if not self._has_begun and (len(rows) or len(frames)):
+            self._has_begun = True
+            epoch_ns = truncated_to_us(int(self._control["epoch_ns"][0]))
+            for recorder in self._recorders:
+                recorder.begin(epoch_ns)
+        if self._sieve is not None:
+            rows, frames = self._sieve.kept(rows, frames, come)
+        for recorder in self._recorders:
+            if len(rows):
+                recorder.write_rows(rows)
+            if len(frames):
+                recorder.write_frames(frames)
+            recorder.flush()
+
+    def _in_order(self, come: Any, is_last: bool) -> Any:
+        """Return, in the order of time, the frames before which none can come; the others wait."""
+        frames = np.concatenate([self._waiting, come])
+        frames = frames[np.argsort(frames["time_ns"], kind="stable")]
+        count = len(frames)
+        if count and not is_last:
+            count = int(np.searchsorted(frames["time_ns"], frames["time_ns"][-1] - _LATE_NS))
+        self._waiting = frames[count:]
+        return frames[:count]
+
+
+def main() -> int:
+    """Record until stdin ends, and complete the files; return the exit code."""
+    for number in (signal.SIGINT, signal.SIGTERM):  # for the emulator, also a service's stop
+        signal.signal(number, signal.SIG_IGN)
+    given, told, memory_descriptor = (int(each) for each in sys.argv[1:4])
+    with os.fdopen(given, "rb") as stream:
+        job = Job(**json.load(stream))
+    replies = os.fdopen(told, "w", encoding="utf-8")
+
+    def tell(**words: Any) -> None:
+        with contextlib.suppress(OSError):  # the emulator may be gone
+            print(json.dumps(words), file=replies, flush=True)
+
+    memory = Memory(job.rows, job.frames, memory_descriptor)
+    content = Content(job.columns, job.channel, about=job.about)
+    triggered = Triggered(pickle.loads(base64.b64decode(job.trigger))) if job.trigger else None
+    limit = None if job.limit is None else Limit(job.limit, job.keep)
+    recorders: list[GuardedWriter] = []
+    try:
+        for path in job.paths:
+            recorders.append(
+                open_writer(Path(path), content, limit, lambda text: tell(failed=text))
+            )
+    except ConfigError as error:
+        for recorder in recorders:  # files left behind would look like a recording
+            recorder.close()
+        tell(issues=error.issues)
+        return 2
+    tell(ready=True)
+    writer = RingRecorder(memory, recorders, triggered)
+    while not select.select([0], [], [], _PAUSE)[0] or os.read(0, 4096):
+        writer.take()
+    writer.take(is_last=True)
+    for recorder in recorders:
+        recorder.close()
+    failures = failures_of(recorders)
+    files = [file for recorder in recorders for file in recorder.files]
+    windows = None if triggered is None else triggered.count
+    tell(failures=failures, files=files, lost=writer.lost, windows=windows)
+    # At a normal exit a file on a full disk would be written again, with a traceback.
+    os._exit(1 if failures else 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,174 @@
+"""Result of a run: the sinks that collect it while it runs, and the Result made from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.config.rig import Rig
+from liftgate_hil.config.scenario import Scenario
+from liftgate_hil.config.sources import Source
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.events import Event
+from liftgate_hil.judging.judge import Judge
+from liftgate_hil.judging.stepped_again import LONGEST, StepAgain
+from liftgate_hil.judging.trace_summary import TraceSummarizer, TraceSummary
+from liftgate_hil.judging.verdict import ERROR, FAIL, INCONCLUSIVE, Verdict, worst
+from liftgate_hil.loop.closed_loop import Extremes, Trace
+from liftgate_hil.loop.observers import Sink
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.job import Job
+from liftgate_hil.running.plan import Plan
+from liftgate_hil.signals import COLUMN_PLACE, COLUMNS
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of a run. `maxima` and `minima` hold every column of recordings, in its unit."""
+
+    verdict: str  # the worst of its expectations; "error": the run did not reach its end
+    reason: str  # of "error": why; of "fail": why each failed; of "inconclusive": why given up
+    maxima: Mapping[str, float]
+    minima: Mapping[str, float]
+    events: Sequence[Event]  # reported by the ECU, where it is the reference ECU
+    summary: Summary
+    recording: tuple[Path, ...] = ()
+    pinch_time_s: float = math.nan  # when the pinch force was largest; NaN: nothing was pinched
+    expectations: Mapping[str, Verdict] = field(default_factory=dict)
+    sources: Mapping[str, Source] = field(default_factory=dict)  # vehicle, rig, dbc, scenario, ecu
+    trace: Mapping[str, NDArray[np.float64]] = field(
+        default_factory=dict
+    )  # kept rows, if requested
+    trace_summaries: Mapping[str, TraceSummary] = field(
+        default_factory=dict
+    )  # by expectation, if requested
+    notes: tuple[str, ...] = ()  # observations that may explain the verdict
+    late: str = ""  # when the bench was too late, or what it has not done; "": neither is known
+
+
+def sinks_of(plan: Plan, others: Sequence[Sink] = ()) -> list[Sink]:
+    """Return the sinks that collect the result of a run, with `others` among them."""
+    found: list[Sink] = [Extremes(), *others]
+    judge = _judge_of(plan)
+    if judge is not None:
+        found.append(judge)
+        if plan.job.is_summarized:
+            found.append(TraceSummarizer(judge, plan.options.rate))
+    if plan.job.trace:
+        found.append(Trace(plan.job.trace))
+    return found
+
+
+def result_of(
+    sinks: Sequence[Sink],
+    adapter: Adapter,
+    summary: Summary,
+    reason: str,
+    not_made: str = "",
+    again: StepAgain | None = None,
+    given_up: str = "",
+) -> Result:
+    """Return the result from what the sinks have seen.
+
+    `not_made` names stimuli that could not be applied on the bus, `again` steps the gate again where the bench's
+    lateness may have decided, `given_up` is why the bench ended the run early.
+    """
+    not_made = not_made or given_up
+    extremes = next(each for each in sinks if isinstance(each, Extremes))
+    trace = next((each.columns() for each in sinks if isinstance(each, Trace)), {})
+    judge = next((each for each in sinks if isinstance(each, Judge)), None)
+    verdicts = (
+        judge.verdicts(reason, not_made or _lateness(summary, extremes), again=again)
+        if judge is not None
+        else []
+    )
+    high = extremes.high if extremes.high is not None else np.full(len(COLUMNS), np.nan)
+    low = extremes.low if extremes.low is not None else high
+    verdict = ERROR if reason else worst(each.verdict for each in verdicts)
+    if given_up and not verdicts:
+        verdict = INCONCLUSIVE
+    return Result(
+        verdict=verdict,
+        reason=reason or (given_up if verdict == INCONCLUSIVE else reason_of(verdicts, verdict)),
+        expectations={each.name: each for each in verdicts},
+        maxima=dict(zip(COLUMNS, high.tolist(), strict=True)),
+        minima=dict(zip(COLUMNS, low.tolist(), strict=True)),
+        events=adapter.events(),
+        summary=replace(summary, ecu_dropped_frames=adapter.dropped()),
+        recording=tuple(map(Path, summary.recordings)),
+        pinch_time_s=extremes.pinch_time,
+        trace=trace,
+        trace_summaries=next(
+            (each.trace_summaries() for each in sinks if isinstance(each, TraceSummarizer)), {}
+        ),
+        late=not_made or ("" if judge is None else judge.late()),
+        notes=tuple(judge.notes()) if judge is not None else (),
+    )
+
+
+def reason_of(verdicts: Sequence[Verdict], verdict: str) -> str:
+    """Return the reasons of all failed expectations of a run that fails; "" for another verdict."""
+    failed = [each for each in verdicts if verdict == FAIL == each.verdict]
+    return "; ".join(f"{each.name}: {each.reason}" for each in failed)
+
+
+def nothing_of(job: Job, reason: str, ticks: int) -> Result:
+    """Return the result of a run of which no more is known than its length."""
+    nothing = dict.fromkeys(COLUMNS, math.nan)
+    return Result(
+        verdict="error" if reason else "pass",
+        reason=reason,
+        maxima=nothing,
+        minima=nothing,
+        events=(),
+        summary=Summary(
+            clock=job.options.clock, ticks=ticks, model_time_s=ticks / job.options.rate
+        ),
+        recording=job.options.records,
+        trace=Trace(job.trace).columns() if job.trace else {},
+    )
+
+
+def _judge_of(plan: Plan) -> Judge | None:
+    """Return the judge of the run; None: the scenario has no expectations."""
+    scenario, options = plan.setup.scenario, plan.options
+    if not scenario.expectations:
+        return None
+    duration = scenario.duration if options.duration is None else options.duration
+    end = math.inf if duration is None else duration
+    tolerance = None if options.clock == "free" else tolerance_of(scenario, plan.rig)
+    silence = silence_of(scenario, plan.rig)
+    return Judge(plan.expected, options.rate, end, tolerance, silence)
+
+
+def tolerance_of(scenario: Scenario, rig: Rig) -> float:
+    """Return how long a frame may wait until the gate reads it [s]."""
+    given = scenario.timing_tolerance
+    return 0.5e-3 * rig.command_cycle_ms() if given is None else given
+
+
+def silence_of(scenario: Scenario, rig: Rig) -> float:
+    """Return how long [s] the gate may be silent before an ECU may take one of its messages for lost.
+
+    Two cycles of the fastest message: an ECU that tolerates one lost frame, as with an E2E `max_delta_counter` of
+    2, reports none lost before. The tolerance at least.
+    """
+    cycles = [rig.cycle_ms(wire.message) for wire in rig.outputs]
+    fastest = min((each for each in cycles if each > 0.0), default=math.inf)
+    return max(tolerance_of(scenario, rig), min(2e-3 * fastest, LONGEST))
+
+
+def _lateness(summary: Summary, extremes: Extremes) -> str:
+    """Return how the bench was late beyond what its rows show; "": it was not, or its clock cannot be late."""
+    if summary.clock != "realtime" or extremes.high is None:
+        return ""
+    if summary.unseen_rows:
+        return f"the bench was late: {summary.unseen_rows} rows or frames were lost before they were judged"
+    lost = summary.link.dropped + summary.link.stale_frames
+    untold = lost - int(extremes.high[COLUMN_PLACE["frames_dropped"]])
+    return f"the bench was late: {untold} frames dropped" if untold > 0 else ""

@@ -1,0 +1,158 @@
+"""A plan, run in this process: its ECU, the driver of its clock, and what came of it."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from liftgate_hil.ecu.adapter import Adapter
+from liftgate_hil.ecu.find import ON_A_BUS, adapter_for
+from liftgate_hil.ecu.mutants import mutant_ecu
+from liftgate_hil.errors import ConfigError, LiftgateError, OverrunError, PreconditionError, causes
+from liftgate_hil.judging.judge import Judge
+from liftgate_hil.loop.datagrams import POSSIBLE
+from liftgate_hil.loop.statistics import Summary
+from liftgate_hil.running.bus_run import BusRun, bus_run_of
+from liftgate_hil.running.compilation import told_of_compiling
+from liftgate_hil.running.driver import Driver, drive
+from liftgate_hil.running.episode_driver import EpisodeDriver
+from liftgate_hil.running.result import Result, nothing_of, result_of, sinks_of
+from liftgate_hil.running.signs_of_life import foreign_code
+from liftgate_hil.running.stepping import StepsAgain, heard_by
+from liftgate_plant.compiler import GivenUpError
+
+if TYPE_CHECKING:
+    from liftgate_hil.loop.observers import Sink
+    from liftgate_hil.loop.rings import Memory
+    from liftgate_hil.running.plan import Plan
+
+
+def run_plan(
+    plan: Plan,
+    sinks: Sequence[Sink] = (),
+    stopped: Callable[[], bool] = lambda: False,
+    memory: Memory | None = None,
+) -> Result:
+    """Run a plan in this process; `sinks` get its rows and frames, others may see its loop's `memory`.
+
+    Raises ConfigError.
+    """
+    try:
+        with told_of_compiling(plan.job.listener, stopped), contextlib.ExitStack() as stack:
+            seen = sinks_of(plan, sinks)
+            adapter = _adapter_of(plan, memory, stack)
+            return _Run(plan, adapter, seen, stopped, memory).result(stack)
+    except GivenUpError:  # stopped before it began
+        return nothing_of(plan.job, "", 0)
+
+
+def _adapter_of(plan: Plan, memory: Memory | None, stack: contextlib.ExitStack) -> Adapter:
+    """The plan's ECU in this process, closed with the stack; nobody, where it is on a bus."""
+    job, rig, car = plan.job, plan.rig, plan.setup.vehicle
+    if job.ecu == ON_A_BUS:
+        return Adapter(rig, car.drives)
+    with foreign_code(memory):
+        if job.mutant:
+            adapter = mutant_ecu(job.mutant, rig, car.drives, car.coding)
+        else:
+            adapter = adapter_for(job.ecu, rig, car.drives, coding=car.coding)
+    stack.callback(_close, adapter, memory)
+    return adapter
+
+
+def _close(adapter: Adapter, memory: Memory | None) -> None:
+    with foreign_code(memory):
+        adapter.close()
+        if memory is not None:  # whoever looks at it also sees a destructor that hangs
+            gc.collect()
+
+
+class _Run:
+    """One run of a plan."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        adapter: Adapter,
+        sinks: Sequence[Sink],
+        stopped: Callable[[], bool],
+        memory: Memory | None,
+    ) -> None:
+        self._plan, self._adapter, self._sinks = plan, adapter, sinks
+        self._stopped, self._memory = stopped, memory
+        self._on_bus: BusRun | None = None
+        self._driver: Driver | None = None
+
+    def result(self, stack: contextlib.ExitStack) -> Result:
+        """Run to the end; what came of it. Raises ConfigError."""
+        reason = given_up = ""
+        try:
+            self._driver = self._driver_of(stack)
+            drive(self._driver, self._plan.ticks, self._stopped)
+        except ConfigError:
+            raise
+        except PreconditionError as error:
+            given_up = str(error)
+        except LiftgateError as error:
+            reason = "; ".join(causes(error))
+            if isinstance(error, OverrunError) and self._plan.options.clock == "realtime":
+                reason, given_up = "", f"the bench was late: {reason}"
+        summary = self._summary()
+        if given_up:
+            return result_of(self._sinks, self._adapter, summary, "", given_up=given_up)
+        failures = [] if self._driver is None else self._driver.recording_failures()
+        reason = "; ".join([*([reason] if reason else []), *failures])
+        not_made = "" if self._on_bus is None else self._on_bus.not_made(bool(reason))
+        again = self._steps_again(summary)
+        return result_of(self._sinks, self._adapter, summary, reason, not_made, again)
+
+    def _driver_of(self, stack: contextlib.ExitStack) -> Driver:
+        """The driver of the plan's clock. Raises as `bus_run_of`."""
+        plan, clock = self._plan, self._plan.options.clock
+        given = plan, self._adapter, self._sinks, self._stopped, self._memory
+        if clock == "free" and plan.job.ecu != ON_A_BUS:
+            return EpisodeDriver(*given)
+        self._on_bus = bus_run_of(*given, stack)
+        if clock == "realtime" and POSSIBLE:
+            from liftgate_hil.running.realtime_driver import RealtimeDriver
+
+            return RealtimeDriver(self._on_bus)
+        from liftgate_hil.running.python_driver import PythonDriver
+
+        return PythonDriver(self._on_bus)
+
+    def _summary(self) -> Summary:
+        if self._driver is None:
+            return Summary(clock=self._plan.options.clock)
+        summary = self._driver.summary()
+        if self._on_bus is not None:
+            self._on_bus.observers.note(summary)
+        return summary
+
+    def _steps_again(self, summary: Summary) -> StepsAgain | None:
+        """What steps the gate of a run in real time again; None where more than the ECU's commands acted on it."""
+        log = None if self._on_bus is None else self._on_bus.log
+        begun = None if self._driver is None else self._driver.begun
+        judge = next((each for each in self._sinks if isinstance(each, Judge)), None)
+        if log is None or judge is None or begun is None:
+            return None
+        frames = log.frames()
+        if frames is None:
+            return None
+        if summary.injections or summary.commands:
+            return None  # they act between two ticks, nobody knows between which
+        plan = self._plan
+        return StepsAgain(
+            begun=begun,
+            frames=heard_by(plan.rig, frames, judge.expected, begun.stimuli),
+            ticks=summary.ticks - 1,
+            rig=plan.rig,
+            drives=plan.setup.vehicle.drives,
+            expected=judge.expected,
+            rate=plan.options.rate,
+            end=judge.end,
+            angles=log.angles(),
+            stopped=self._stopped,
+        )

@@ -1,0 +1,245 @@
+"""The composition root: objects from files and values.
+
+No flags, no printing, no signal handlers: the command line, pytest and the rest of the API use this module.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from liftgate_hil.codec.transmit import message_of
+from liftgate_hil.config.arguments import numbers_of, seed_of
+from liftgate_hil.config.rig import Rig, load_rig
+from liftgate_hil.config.rig_fit import check_fit
+from liftgate_hil.config.scenario import Scenario, load_scenario, no_scenario
+from liftgate_hil.config.settings import settings_of
+from liftgate_hil.config.shipped import find_config
+from liftgate_hil.config.toml import show
+from liftgate_hil.config.variant import AS_FILED, Variant
+from liftgate_hil.config.vehicle import load_vehicle
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.loop.tick import LoopConfig, LoopState, initial_loop, no_frames
+from liftgate_hil.running.options import NS
+from liftgate_hil.signals import OUT
+from liftgate_plant.faults import SOUND
+from liftgate_plant.friction_profile import friction_profile
+from liftgate_plant.initial import closed_state, initial_state
+from liftgate_plant.vehicle import Vehicle, load_of, plant_of
+
+
+def vehicle_from(
+    name: str | Path,
+    settings: Sequence[str] = (),
+    *,
+    draw: int | None = None,
+    ideal: bool = False,
+) -> Vehicle:
+    """Load a vehicle by a shipped name or a path, with KEY=VALUE settings applied.
+
+    `draw`: the seed of one car of the file's `[spread]`; `ideal`: without errors of sensors, torsion, source
+    resistance. Raises ConfigError.
+    """
+    path = find_config("vehicles", str(name))
+    return load_vehicle(path, settings_of(settings), variant_of(draw, ideal))
+
+
+def variant_of(draw: int | None, ideal: bool) -> Variant:
+    """Return which variant of a vehicle file is meant. Raises ConfigError."""
+    if draw is not None:
+        draw = seed_of(draw, "draw")
+    return Variant(draw, bool(ideal))
+
+
+def rig_from(name: str | Path) -> Rig:
+    """Load a rig by a shipped name or a path. Raises ConfigError."""
+    return load_rig(find_config("rigs", str(name)))
+
+
+def scenario_from(
+    name: str | Path | None, parameters: Mapping[str, float] | None = None
+) -> Scenario:
+    """Load a scenario by a shipped name or a path, its parameters replaced; None: an empty one.
+
+    Raises ConfigError.
+    """
+    if name is None:
+        return no_scenario()
+    given = numbers_of("parameters", parameters)
+    return load_scenario(find_config("scenarios", str(name)), given)
+
+
+def vehicle_of(
+    vehicle: str | Path | Vehicle,
+    settings: Sequence[str] = (),
+    variant: Variant = AS_FILED,
+) -> Vehicle:
+    """Return a vehicle: loaded by name or path as a variant, with settings applied, or the object given.
+
+    Raises ConfigError.
+    """
+    if isinstance(vehicle, str | Path):
+        return load_vehicle(find_config("vehicles", str(vehicle)), settings_of(settings), variant)
+    if not isinstance(vehicle, Vehicle):
+        raise ConfigError(f"`vehicle` {show(vehicle)}: allowed: a shipped name, a file, a Vehicle")
+    if settings:
+        raise ConfigError(
+            f"`settings` {', '.join(settings)}: allowed with a vehicle by its name or file"
+        )
+    if variant != AS_FILED:
+        asked = "`ideal`" if variant.is_ideal else f"`draw` {variant.draw}"
+        raise ConfigError(f"{asked}: allowed with a vehicle by its name or file")
+    return vehicle
+
+
+def rig_of(rig: str | Path | Rig | None, scenario: Scenario | None = None) -> Rig:
+    """Return a rig: loaded by name or path, the object given, or for None the scenario's, else ours.
+
+    Raises ConfigError.
+    """
+    if rig is None and scenario is not None and scenario.rig:
+        return load_rig(find_config("rigs", scenario.rig, f"{scenario.source}: rig"))
+    if rig is None:
+        rig = "liftgate"
+    if isinstance(rig, str | Path):
+        return rig_from(str(rig))
+    if not isinstance(rig, Rig):
+        raise ConfigError(f"`rig` {show(rig)}: allowed: a shipped name, a file, a Rig")
+    return rig
+
+
+def scenario_of(
+    scenario: str | Path | Scenario | None, parameters: Mapping[str, float] | None = None
+) -> Scenario:
+    """Return a scenario: loaded by name or path, its parameters replaced, or the object given; None: an empty one.
+
+    Raises ConfigError.
+    """
+    if isinstance(scenario, str | Path):
+        return scenario_from(str(scenario), parameters)
+    if scenario is not None and not isinstance(scenario, Scenario):
+        raise ConfigError(
+            f"`scenario` {show(scenario)}: allowed: a shipped name, a file, a Scenario, or None"
+        )
+    if parameters:
+        raise ConfigError(
+            f"`parameters` {', '.join(parameters)}: allowed with a scenario by its name or file"
+        )
+    return no_scenario() if scenario is None else scenario
+
+
+def angle_from(initial: float | str, open_angle: float, others: str = "") -> float:
+    """Return the angle [rad] of "closed", "open" (`open_angle`, rad) or degrees.
+
+    `others` are words that the caller allows besides, for the error's text. Raises ConfigError.
+    """
+    named = {"closed": 0.0, "open": open_angle}
+    if isinstance(initial, str) and initial in named:
+        return named[initial]
+    try:
+        degrees = math.nan if isinstance(initial, bool) else float(initial)
+    except (TypeError, ValueError, OverflowError):
+        degrees = math.nan
+    top = math.degrees(open_angle)
+    if not 0.0 <= degrees <= top:
+        raise ConfigError(
+            f"`initial` {_short(initial)}: allowed: {others}closed, open, or 0 to {top:g} degrees"
+        )
+    return math.radians(degrees)
+
+
+def _short(initial: object) -> str:
+    return initial if isinstance(initial, str) and len(initial) <= 60 else show(initial)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Setup of a run: the vehicle, its initial angle, and the scenario."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    vehicle_name: str
+    seed: int
+    start_angle: float  # rad
+
+
+def setup_of(
+    scenario: str | Path | Scenario | None = None,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    vehicle: str | Path | Vehicle | None = None,
+    settings: Sequence[str] = (),
+    initial: float | str | None = None,
+    seed: int | None = None,
+    variant: Variant = AS_FILED,
+) -> Setup:
+    """Return the setup for these arguments; for None the scenario's value, else suv, closed, seed 0.
+
+    `settings` come after the scenario's, and both after the variant. Raises ConfigError.
+    """
+    scenario = scenario_of(scenario, parameters)
+    called = ""
+    if vehicle is None:
+        vehicle = scenario.vehicle or "suv"
+        called = f"{scenario.source}: vehicle" if scenario.vehicle else ""
+    is_named = isinstance(vehicle, str | Path)
+    if scenario.settings and not is_named:
+        raise ConfigError(
+            f"{', '.join(each.source + each.key for each in scenario.settings)}: allowed with a vehicle "
+            "by its name or file"
+        )
+    built = (
+        load_vehicle(
+            find_config("vehicles", str(vehicle), called),
+            [*scenario.settings, *settings_of(settings)],
+            variant,
+        )
+        if is_named
+        else vehicle_of(vehicle, settings, variant)
+    )
+    initial = initial if initial is not None else scenario.initial
+    return Setup(
+        scenario=scenario,
+        vehicle=built,
+        vehicle_name=str(vehicle) if is_named else "a vehicle",
+        seed=seed_of(seed if seed is not None else scenario.seed),
+        start_angle=angle_from(initial, built.gate.open_angle),
+    )
+
+
+def loop_config_of(vehicle: Vehicle, rig: Rig, rate: float, seed: int) -> LoopConfig:
+    """Return the loop's constants at a rate [Hz].
+
+    Raises ConfigError where the rig does not fit vehicle or rate.
+    """
+    check_fit(rig, vehicle, rate)
+    mapped = {mapping.quantity for mapping in rig.inputs}
+    outputs = rig.output_config()
+    plant = plant_of(vehicle)
+    return LoopConfig(
+        plant=plant,
+        sensors=vehicle.sensors,
+        friction=friction_profile(vehicle, plant, seed),
+        load=load_of(vehicle),
+        faults=SOUND,
+        inputs=rig.input_config(),
+        outputs=outputs,
+        signed_left=int("left_direction" not in mapped),
+        signed_right=int("right_direction" not in mapped),
+        latch_mapped=int("latch_release" in mapped),
+        hold_message=message_of(outputs, OUT.pinch_force_max),
+        obstacle_distance=vehicle.gate.length,
+        step=1.0 / rate,
+        step_ns=round(NS / rate),
+        seed=seed,
+        nothing=no_frames(),
+    )
+
+
+def start_of(config: LoopConfig, angle: float = 0.0) -> LoopState:
+    """Return the state of a loop whose gate rests at an angle [rad]; at 0 it is closed and latched."""
+    if angle == 0.0:
+        return initial_loop(config, closed_state(config.plant, config.load))
+    return initial_loop(config, initial_state(config.plant, angle))

@@ -1,0 +1,176 @@
+"""The stimulus plan of a run: all that acts on it, and its progress, which the loops carry from tick to tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from liftgate_hil.codec.frames import Frames
+from liftgate_hil.codec.tables import BusConfig
+from liftgate_hil.conditions.condition import Condition
+from liftgate_hil.conditions.parser import parsed
+from liftgate_hil.diagnostics.tester import (
+    Tester,
+    no_tester,
+    tester_hears,
+    wants_reset,
+    with_requests,
+)
+from liftgate_hil.stimuli.bus_fault_tables import RECEIVED, SENT, BusFaults, bus_faults_of
+from liftgate_hil.stimuli.bus_faults import note_force, on_bus
+from liftgate_hil.stimuli.faults import Faults, Injection, faults_of, is_changed
+from liftgate_hil.stimuli.mailbox import nothing_held
+from liftgate_hil.stimuli.moments import Instant, Moments, Sheet, note_moments
+from liftgate_hil.stimuli.requests import Request, Requests, requests_of, take_due
+from liftgate_hil.stimuli.restbus import (
+    NO_BUS,
+    BusTables,
+    Restbus,
+    SignalChange,
+    restbus_of,
+    with_restbus,
+)
+from liftgate_hil.stimuli.slots import CLOSED, Opening, Slots, slots_of, take_letters
+from liftgate_hil.stimuli.timeline import Profile, TimedObstacle, Timeline, timeline_of
+from liftgate_plant.compiler import compilable, outlined
+from liftgate_plant.constants import Constants
+
+_AT_ONCE = -1e300
+
+# Stimuli that a bench could not apply; the supervisor of the run writes how many there are.
+OFF_A_REAL_BUS, PROGRAMS = 0, 1
+
+
+class StimulusPlan(NamedTuple):
+    """The stimuli of one run and their progress; its arrays are written in place."""
+
+    timeline: Timeline
+    origin: NDArray[np.int64]  # (1,) plant steps before its time 0, see `loop/precondition.py`
+    moments: Moments
+    faults: Faults
+    bus_faults: BusFaults
+    held: NDArray[np.float64]  # posted values, see mailbox
+    requests: Requests
+    restbus: Restbus
+    tester: Tester  # for the ECU's diagnostics
+    slots: Slots  # for injection while it runs
+    not_made: NDArray[np.int64]  # (2,) stimuli not applied, by OFF_A_REAL_BUS and PROGRAMS
+
+
+class TimedStimuli(NamedTuple):
+    """Profiles and obstacles that a scenario applies to the gate, by time."""
+
+    profiles: Mapping[str, Profile]
+    obstacles: Sequence[TimedObstacle] = ()
+
+
+NO_STIMULI = TimedStimuli({})
+
+
+def stimulus_plan_of(
+    constants: Constants,
+    stimuli: TimedStimuli = NO_STIMULI,
+    requests: Sequence[Request] = (),
+    injections: Sequence[Injection] = (),
+    condition_of: Callable[[Instant], Condition] = lambda instant: parsed(instant.condition, {}),
+    tables: BusTables = NO_BUS,
+    changes: Sequence[SignalChange] = (),
+    tester: Tester | None = None,
+    opening: Opening = CLOSED,
+) -> StimulusPlan:
+    """Return the stimulus plan before the first tick.
+
+    The gate has these constants and sends these tables, beside a restbus whose signals change by `changes`.
+    """
+    sheet = Sheet()
+    timeline = timeline_of(stimuli.profiles, stimuli.obstacles, sheet)
+    faults = faults_of(constants, injections, sheet, opening.slots)
+    asked = requests_of(requests, sheet)
+    restbus = restbus_of(changes, sheet, tables, opening.signals)
+    conditions = [condition_of(each) for each in sheet.instants]
+    moments = sheet.moments(conditions, tables.messages)
+    on_its_way = [(row, each) for row, made in enumerate(injections) for each in made.bus]
+    bus_faults = bus_faults_of(
+        on_its_way, len(tables.messages), opening.slots, opening.messages, opening.may_change
+    )
+    return StimulusPlan(
+        timeline,
+        np.zeros(1, dtype=np.int64),
+        moments,
+        faults,
+        bus_faults,
+        nothing_held(),
+        asked,
+        restbus,
+        tester or no_tester(),
+        slots_of(opening.slots, faults, bus_faults),
+        np.zeros(2, dtype=np.int64),
+    )
+
+
+@compilable
+def not_made(stimuli: StimulusPlan) -> float:
+    """Return how many stimuli could not be applied."""
+    return float(stimuli.not_made[0] + stimuli.not_made[1])
+
+
+@compilable
+def turns(stimuli: StimulusPlan, time: float) -> bool:
+    """Apply posted commands and return whether the constants in force (`faults.row`) change at a time [s]."""
+    slots = stimuli.slots
+    if slots.head[0] != slots.head[1]:
+        take_letters(
+            slots, stimuli.faults, stimuli.bus_faults, stimuli.restbus, stimuli.tester, time
+        )
+    changed = is_changed(stimuli.faults, stimuli.moments, time)
+    if changed:
+        note_force(stimuli.bus_faults, stimuli.faults.shares)
+    return changed
+
+
+@compilable
+def note_tick(
+    stimuli: StimulusPlan, rows: NDArray[np.float64], given: Frames, heard: Frames
+) -> None:
+    """Update the moments from a tick: its row (1, ROW_WIDTH) and its frames in both directions."""
+    if note_moments(stimuli.moments, rows, given, heard):
+        stimuli.faults.next[0] = _AT_ONCE
+
+
+@compilable
+def received(
+    stimuli: StimulusPlan, bus: BusConfig, frames: Frames, now_ns: int, seed: int
+) -> Frames:
+    """Return the frames that reach the gate, as the faults on the bus leave them; `bus` is what it receives.
+
+    The tester receives the same frames.
+    """
+    given = on_bus(stimuli.bus_faults, stimuli.faults.shares, bus, frames, RECEIVED, now_ns, seed)
+    tester_hears(stimuli.tester, given, now_ns)
+    return given
+
+
+@compilable
+def sent(stimuli: StimulusPlan, frames: Frames, ticks: int, step_ns: int, seed: int) -> Frames:
+    """Return the frames that others receive when the gate sends `frames` after so many plant steps.
+
+    They include those of the restbus and of the tester, and are as the faults on the bus leave them.
+    """
+    now_ns, restbus = ticks * step_ns, stimuli.restbus
+    time = (ticks - stimuli.origin[0]) * step_ns / 1e9
+    given = with_restbus(restbus, stimuli.moments, frames, time, now_ns)
+    if stimuli.tester.head[0].takes_resets != 0:
+        note_resets(stimuli, now_ns - stimuli.origin[0] * step_ns)
+    given = with_requests(stimuli.tester, given, now_ns)
+    shares = stimuli.faults.shares
+    return on_bus(stimuli.bus_faults, shares, restbus.everything, given, SENT, now_ns, seed)
+
+
+@outlined
+def note_resets(stimuli: StimulusPlan, now_ns: int) -> None:
+    """Pass the scenario's requests due at its time [ns] to the tester: resets, where there are any."""
+    for _ in range(take_due(stimuli.requests, stimuli.moments, now_ns)):
+        wants_reset(stimuli.tester)

@@ -1,0 +1,182 @@
+"""Frames in recordings: readable by others, the same in every format, with times and directions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import pytest
+from hil_support import EXTENDED
+from recording_support import BOTH, EPOCH_NS, key, many, messages_in, rows_from, sent
+
+from liftgate_hil.codec.frames import ERROR, FD, REMOTE, no_logged
+from liftgate_hil.formats.candump_file import candump_lines
+from liftgate_hil.formats.content import Content
+from liftgate_hil.formats.open import FORMATS, open_writer
+
+BUS = [suffix for suffix, each in FORMATS.items() if each.has_frames]
+
+
+def recorded(
+    path: Path, blocks: list[object], channel: str = "bench", epoch_ns: int = 0
+) -> list[can.Message]:
+    recorder = open_writer(path, Content(BOTH.columns, channel))
+    recorder.begin(epoch_ns)
+    for block in blocks:
+        recorder.write_frames(block)
+        recorder.flush()
+    recorder.close()
+    assert recorder.failure == ""
+    assert recorder.files == [str(path)]
+    return messages_in(path)
+
+
+def epoch_of(suffix: str, epoch_ns: int) -> float:
+    """Where readers begin to count; of ASC and MCAP they give times since the start of the measurement."""
+    return 0.0 if suffix in (".asc", ".mcap") else epoch_ns / 1e9
+
+
+@pytest.mark.parametrize(
+    ("identifier", "payload", "is_sent", "expected"),
+    [
+        (0x120, b"\x01\xab", True, "(0000000012.500000) can0 120#01AB T\n"),
+        (0x120, b"\x01\xab", False, "(0000000012.500000) can0 120#01AB R\n"),
+        (0x001, b"", True, "(0000000012.500000) can0 001# T\n"),
+        (0x123 | EXTENDED, b"\xff", False, "(0000000012.500000) can0 00000123#FF R\n"),
+        (0x120 | REMOTE, b"", False, "(0000000012.500000) can0 120#R R\n"),
+        # There are no remote frames in the CAN FD format: theirs is candump's classic line.
+        (0x120 | REMOTE | FD, b"", False, "(0000000012.500000) can0 120#R R\n"),
+    ],
+)
+def test_a_line_is_candumps(identifier: int, payload: bytes, is_sent: bool, expected: str) -> None:
+    assert candump_lines(0, "can0", sent([(identifier, payload)], 12.5, is_sent)) == expected
+
+
+def test_a_block_of_frames_is_their_lines_one_after_the_other() -> None:
+    rows = [(0x100 + n, bytes(range(n % 9))) for n in range(20)]
+    rows += [(0x777 | FD, bytes(range(64))), (0x1 | EXTENDED, b""), (0x120 | REMOTE, b"")]
+    each = [candump_lines(EPOCH_NS, "can0", sent([row], 0.25)) for row in rows]
+    assert candump_lines(EPOCH_NS, "can0", sent(rows, 0.25)) == "".join(each)
+    assert candump_lines(0, "can0", no_logged()) == ""
+
+
+def test_stamps_are_whole_microseconds_since_1970() -> None:
+    line = candump_lines(EPOCH_NS, "can0", sent([(0x1, b"")], 0.123456789))
+    assert line.startswith("(1700000000.123457)")
+
+
+def test_python_can_reads_every_kind_of_frame_as_it_was(tmp_path: Path) -> None:
+    rows = [
+        (0x120, b"12345678"),
+        (0x000, b""),
+        (0x7FF, b"\xff"),
+        (0x1ABCDEF0 | EXTENDED, bytes(range(8))),
+        (0x005 | EXTENDED, b""),
+        (0x333 | REMOTE, b""),
+        (0x0 | ERROR, b""),
+    ]
+    messages = recorded(tmp_path / "bus.log", [sent(rows, 0.25)], epoch_ns=EPOCH_NS)
+    assert [key(message) for message in messages] == [
+        (0x120, False, False, False, b"12345678"),
+        (0x000, False, False, False, b""),
+        (0x7FF, False, False, False, b"\xff"),
+        (0x1ABCDEF0, True, False, False, bytes(range(8))),
+        (0x005, True, False, False, b""),
+        (0x333, False, True, False, b""),
+        (0, False, False, True, b""),
+    ]
+    assert {message.timestamp for message in messages} == {1_700_000_000.25}
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".mf4", ".mcap"])
+@pytest.mark.filterwarnings("ignore")
+def test_python_can_reads_can_fd_frames_as_they_were(tmp_path: Path, suffix: str) -> None:
+    rows = [(0x120 | FD, bytes(range(64))), (0x121 | FD, bytes(12))]
+    messages = recorded(tmp_path / f"bus{suffix}", [sent(rows)])
+    assert [(message.is_fd, bytes(message.data)) for message in messages] == [
+        (True, bytes(range(64))),
+        (True, bytes(12)),
+    ]
+
+
+@pytest.mark.parametrize("channel", ["a b", "größe", "", "/dev/ttyACM0@115200", "ff15::1"])
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.filterwarnings("ignore")
+def test_any_channel_name_gives_a_readable_log(tmp_path: Path, channel: str, suffix: str) -> None:
+    messages = recorded(tmp_path / f"bus{suffix}", [sent([(0x120, b"a")])], channel)
+    assert [key(message)[0] for message in messages] == [0x120]
+
+
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
+@pytest.mark.filterwarnings("ignore")  # asammdf's own
+def test_every_format_has_the_same_frames_with_times_and_directions(
+    tmp_path: Path, suffix: str, epoch_ns: int
+) -> None:
+    blocks = [sent([row], 0.001 * k + 0.5, k % 4 > 0) for k, row in enumerate(many())]
+    messages = recorded(tmp_path / f"bus{suffix}", blocks, epoch_ns=epoch_ns)
+    assert [
+        (m.arbitration_id | (EXTENDED if m.is_extended_id else 0), bytes(m.data)) for m in messages
+    ] == many()
+    assert [m.is_rx for m in messages] == [k % 4 == 0 for k in range(300)]
+    times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
+    exact = 1.1e-6 if suffix != ".trc" else 1e-4
+    assert times == pytest.approx([0.001 * number + 0.5 for number in range(300)], abs=exact)
+    assert [each.name for each in tmp_path.iterdir()] == [f"bus{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.parametrize("epoch_ns", [0, EPOCH_NS])
+@pytest.mark.filterwarnings("ignore")
+def test_a_frame_that_comes_after_a_later_one_keeps_its_own_stamp(
+    tmp_path: Path, suffix: str, epoch_ns: int
+) -> None:
+    blocks = [sent([(0x120, b"")], at) for at in (0.25, 0.125, 0.5)]
+    messages = recorded(tmp_path / f"bus{suffix}", blocks, epoch_ns=epoch_ns)
+    times = [message.timestamp - epoch_of(suffix, epoch_ns) for message in messages]
+    assert sorted(times) == pytest.approx([0.125, 0.25, 0.5], abs=1e-4)
+
+
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.filterwarnings("ignore")
+def test_error_and_remote_frames_do_not_break_a_file(
+    tmp_path: Path, suffix: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [(0x120, b"a"), (ERROR | 0x80, bytes(8)), (0x121 | REMOTE, b""), (0x122, b"b")]
+    messages = recorded(tmp_path / f"bus{suffix}", [sent(rows)])
+    data = [key(m)[0] for m in messages if not (m.is_error_frame or m.is_remote_frame)]
+    assert data == [0x120, 0x122]
+    if suffix != ".trc":  # which knows no others
+        assert sum(m.is_error_frame for m in messages) == 1
+        assert [m.arbitration_id for m in messages if m.is_remote_frame] == [0x121]
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("suffix", BUS)
+@pytest.mark.filterwarnings("ignore")
+def test_a_run_without_a_frame_still_closes(tmp_path: Path, suffix: str) -> None:
+    recorder = open_writer(tmp_path / f"bus{suffix}", BOTH)
+    recorder.close()
+    assert recorder.failure == ""
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_an_mf4_has_frames_and_rows_on_one_time(tmp_path: Path) -> None:
+    from asammdf import MDF
+
+    path = tmp_path / "run.mf4"
+    recorder = open_writer(path, BOTH)
+    recorder.begin(EPOCH_NS)
+    rows = rows_from(1, 50)
+    for k in range(50):
+        recorder.write_frames(sent([(0x210, bytes([k]))], 0.001 * (k + 1)))
+        recorder.write_rows(rows[k : k + 1])
+    recorder.close()
+    assert [m.data[0] for m in messages_in(path)] == list(range(50))
+    with MDF(path) as measured:
+        assert measured.bus_logging_map["CAN"]
+        assert measured.header.start_time.timestamp() == EPOCH_NS / 1e9
+        angle = measured.get("gate_angle_deg")
+        frames = measured.get("CAN_DataFrame.ID")
+        assert angle.timestamps == pytest.approx(frames.timestamps, abs=1e-12)
+        assert len(angle.samples) == 50

@@ -1,0 +1,260 @@
+"""Files to record to: what cannot be one is told in a line, and nothing of anybody else's is lost."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from recording_support import BOTH, messages_in, read_csv, rows_from, sent, table_in
+
+from liftgate_hil.errors import ConfigError
+from liftgate_hil.formats.open import FORMATS, TABLES, WRITTEN, check_file, open_writer
+
+SPOILT = [suffix for suffix in WRITTEN if not FORMATS[suffix].is_text]
+FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "x",
+        "x.",
+        "x.pcap",
+        ".csv.gz",
+        "nosuch/folder/x.csv",
+        "x.csv/y.log",
+        "x.txt",
+        "x" * 300 + ".csv",
+        "x\0.csv",
+    ],
+)
+def test_a_file_that_cannot_be_is_told_before_the_run(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=r"^`record` "):
+        check_file("record", name)
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_a_folder_in_the_place_of_the_file_is_told_before_the_run(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"taken{suffix}"
+    path.mkdir()
+    with pytest.raises(ConfigError, match="is a folder"):
+        check_file("record", str(path))
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_a_link_to_itself_is_told_before_the_run(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"loop{suffix}"
+    path.symlink_to(path)
+    with pytest.raises(ConfigError, match="symbolic links"):
+        check_file("record", str(path))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "extra"),
+    [(".mf4", "asammdf", "mf4"), (".mcap", "mcap", "mcap"), (".parquet", "pyarrow", "parquet")],
+)
+def test_a_package_that_is_not_there_is_told_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ConfigError, match=rf"pip install 'liftgate-hil\[{extra}\]'"):
+        check_file("record", str(tmp_path / f"x{suffix}"))
+
+
+def test_checking_a_csv_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from liftgate_hil.formats.open import check_file; check_file('record', 'x.csv');"
+        "assert not {'can', 'asammdf', 'mcap', 'pyarrow', 'numba', 'matplotlib'} & set(sys.modules), sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".log"])
+def test_a_pipe_without_a_reader_is_told_and_holds_nothing_up(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"pipe{suffix}"
+    os.mkfifo(path)
+    with pytest.raises(ConfigError, match="a pipe that nobody reads"):
+        open_writer(check_file("record", str(path)), BOTH)
+
+
+def test_a_pipe_with_a_reader_gets_the_text(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.csv"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        recorder = open_writer(path, BOTH)
+        recorder.write_rows(rows_from(0, 3))
+        recorder.close()
+        assert os.read(reader, 1 << 16).count(b"\n") == 4
+    finally:
+        os.close(reader)
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+def test_what_is_no_file_cannot_take_a_format_that_is_completed_at_the_end(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"pipe{suffix}"
+    os.mkfifo(path)
+    with pytest.raises(ConfigError, match="a pipe or a device"):
+        check_file("record", str(path))
+
+
+# Somebody else's.
+
+
+@pytest.mark.parametrize("suffix", WRITTEN)
+@pytest.mark.filterwarnings("ignore")
+def test_two_cannot_record_to_one_file(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    first = open_writer(path, BOTH)
+    first.begin(0)
+    with pytest.raises(ConfigError, match=r"^`record` .*somebody else is recording to it"):
+        open_writer(path, BOTH)
+    first.write_rows(rows_from(0, 3))
+    first.write_frames(sent([(0x120, b"a")]))
+    first.close()
+    assert first.failure == ""
+    assert path.stat().st_size > 30
+    open_writer(path, BOTH).close()  # it is free again, and an existing file is replaced
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+def test_what_a_crash_has_left_is_never_overwritten(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    path.write_bytes(b"before")
+    for left in (".log" if FORMATS[suffix].has_frames else ".csv",):
+        salvage = path.with_name(path.name + left)
+        salvage.write_text("all that there is")
+        with pytest.raises(ConfigError, match=f"run{suffix}{left}: is there already, the rest of"):
+            open_writer(path, BOTH)
+        assert salvage.read_text() == "all that there is"
+    assert path.read_bytes() == b"before"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+# Until it is complete.
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+@pytest.mark.filterwarnings("ignore")
+def test_until_it_is_complete_there_is_text_beside_it(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    recorder = open_writer(path, BOTH)
+    recorder.begin(0)
+    recorder.write_rows(rows_from(0, 3))
+    recorder.write_frames(sent([(0x120, b"a")]))
+    recorder.flush()
+    if FORMATS[suffix].has_frames:
+        assert len(messages_in(tmp_path / f"run{suffix}.log")) == 1
+    if FORMATS[suffix].has_rows:
+        assert len(read_csv(tmp_path / f"run{suffix}.csv")) == 3
+    recorder.close()
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+@pytest.mark.filterwarnings("ignore")
+def test_a_file_that_cannot_be_completed_leaves_the_text(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    recorder = open_writer(path, BOTH)
+    recorder.begin(0)
+    recorder.write_rows(rows_from(0, 3))
+    recorder.write_frames(sent([(0x120, b"a")]))
+    inner = recorder._parts._part._recorder  # type: ignore[attr-defined]
+
+    def fail() -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(inner, "close", fail)
+    recorder.close()
+    left = sorted(each.name for each in tmp_path.iterdir() if each.suffix != suffix)
+    left = [name for name in left if name.startswith("run")]
+    assert "No space left on device; what there is of it is in" in recorder.failure
+    assert left
+    assert all(str(tmp_path / name) in recorder.failure for name in left)
+
+
+@FULL
+@pytest.mark.parametrize("suffix", [".csv", ".log"])
+def test_a_full_disk_is_said_at_once_and_costs_nothing_but_the_recording(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"full{suffix}"
+    path.symlink_to("/dev/full")
+    said: list[str] = []
+    recorder = open_writer(path, BOTH, say=said.append)
+    recorder.begin(0)
+    for k in range(3):
+        recorder.write_rows(rows_from(k, 1))
+        recorder.write_frames(sent([(0x120, b"a")]))
+        recorder.flush()
+        assert said == [f"`record` {path}: recording ended: No space left on device"]
+    recorder.close()
+    assert said == [recorder.failure]
+
+
+@pytest.mark.parametrize("suffix", SPOILT)
+def test_a_full_disk_leaves_of_a_format_that_is_completed_at_the_end_its_text(
+    tmp_path: Path, suffix: str
+) -> None:
+    """In a process of its own, whose files may not grow beyond 100 kB."""
+    code = f"""
+import resource, sys, warnings
+warnings.simplefilter("ignore")
+from recording_support import BOTH, rows_from, sent
+from pathlib import Path
+from liftgate_hil.formats.open import open_writer
+recorder = open_writer(Path({str(tmp_path / f"run{suffix}")!r}), BOTH, say=print)
+recorder.begin(0)
+recorder.write_rows(rows_from(0, 1))  # what is compiled is compiled before
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+for k in range(1, 1000):
+    recorder.write_rows(rows_from(20 * k, 20))
+    recorder.write_frames(sent([(0x120, bytes(8))] * 20))
+    recorder.flush()
+    if recorder.failure:
+        break
+recorder.close()
+print(recorder.failure)
+"""
+    folder = Path(__file__).parent
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(folder), str(folder.parent), *sys.path]),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    assert done.stdout.splitlines()[0].endswith("recording ended: File too large")
+    left = [each for each in tmp_path.iterdir() if each.name.startswith(f"run{suffix}.")]
+    assert left
+    for each in left:
+        whole, _, _cut = each.read_bytes().rpartition(b"\n")
+        assert whole.count(b"\n") > 100
+
+
+@pytest.mark.parametrize("suffix", TABLES)
+@pytest.mark.filterwarnings("ignore")
+def test_rows_that_are_good_only_until_the_call_returns_are_kept(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    recorder = open_writer(path, BOTH)
+    recorder.begin(0)
+    block = rows_from(1, 3)
+    recorder.write_rows(block)
+    block[:] = 0.0
+    recorder.close()
+    assert recorder.failure == ""
+    assert table_in(path)["time_s"].tolist() == [0.001, 0.002, 0.003]

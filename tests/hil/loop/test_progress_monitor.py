@@ -1,0 +1,181 @@
+"""What a run tells while it runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hil_support import command_payload, frames_of
+
+from liftgate_hil.codec.frames import REMOTE
+from liftgate_hil.codec.receive import NO_COUNTS, receive
+from liftgate_hil.codec.refusals import BAD_CHECKSUM, BAD_COUNTER
+from liftgate_hil.ecu.events import IN_WORDS, Event
+from liftgate_hil.loop.listener import Listener, Status
+from liftgate_hil.loop.progress_monitor import Moment, ProgressMonitor
+from liftgate_hil.running.setup import loop_config_of, rig_from, start_of, vehicle_from
+from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
+
+COMMAND = 0x120
+
+
+class Told(Listener):
+    def __init__(self) -> None:
+        self.said: list[str] = []
+        self.seen: list[Status] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def happened(self, time_s: float, text: str) -> None:
+        self.said.append(f"{time_s} {text}")
+
+    def status(self, status: Status) -> None:
+        self.seen.append(status)
+
+
+class Bench:
+    """A gate that receives, and a monitor on it; its clock goes by hand."""
+
+    def __init__(self, apart: str = "") -> None:
+        self.now = 100.0
+        self.rig = rig_from("liftgate")
+        self.config = loop_config_of(vehicle_from("suv"), self.rig, 1000.0, 0)
+        self.reception = start_of(self.config).reception
+        self.counts = NO_COUNTS
+        self.told = Told()
+        self.events: list[Event] = []
+        self.monitor = ProgressMonitor(
+            self.rig,
+            self.config,
+            self.reception,
+            self.told,
+            lambda told: self.events[told:],
+            lambda: self.now,
+            apart=apart,
+        )
+        self.sum_at = int(self.config.inputs.messages[0].checksum_byte)
+        self.row = np.zeros(ROW_WIDTH)
+        self.row[COLUMN_PLACE["gate_angle_deg"]] = 12.5
+        self.row[COLUMN_PLACE["left_current_a"]] = 1.5
+
+    def receive(self, payload: bytes, identifier: int = COMMAND, tick: int = 0) -> None:
+        frames = frames_of([(identifier, payload)])
+        self.counts = receive(
+            self.config.inputs, self.reception, self.counts, frames, tick * self.config.step_ns
+        )
+
+    def look(self, tick: int = 0, after: float = 1.0, is_last: bool = False) -> list[str]:
+        self.now += after
+        before = len(self.told.said)
+        self.monitor.look(Moment(tick, self.row, 7, 3), is_last)
+        return self.told.said[before:]
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_a_sound_command_is_no_news_but_in_the_status(bench: Bench):
+    bench.receive(command_payload(bench.rig, 1), tick=10)
+    assert bench.look(tick=15) == []
+    (status,) = bench.told.seen
+    assert status == Status(0.015, 12.5, 1.5, 0.0, pytest.approx(0.005), 7, 1, 0, 0, 3)
+
+
+def test_each_first_refusal_is_told_once_with_what_was_expected(bench: Bench):
+    good = command_payload(bench.rig, 1)
+    bench.receive(good, tick=10)
+    bench.receive(good, tick=20)
+    bench.receive(good[:-1], tick=30)
+    spoilt = bytearray(command_payload(bench.rig, 2))
+    right = spoilt[bench.sum_at]
+    spoilt[bench.sum_at] ^= 0xFF
+    bench.receive(bytes(spoilt), tick=40)
+    bench.receive(command_payload(bench.rig, 2, LeftDuty=102.0), tick=50)
+    bench.receive(b"", COMMAND | REMOTE, tick=60)
+    said = sorted(bench.look(tick=70))
+    assert said == [
+        "0.020 s: DriveCommand refused: AliveCounter is 1; expected 2",
+        f"0.030 s: DriveCommand refused: {len(good) - 1} bytes; expected {len(good)}",
+        f"0.040 s: DriveCommand refused: Checksum is 0x{right ^ 0xFF:X}; expected 0x{right:X}",
+        "0.050 s: DriveCommand refused: LeftDuty is 102 %; allowed by the database: 0 to 100 %",
+        "0.060 s: DriveCommand refused: a remote frame; allowed: data",
+    ]
+    bench.receive(good[:-1], tick=80)
+    assert bench.look(tick=90) == []
+    assert bench.told.seen[-1].rejected == 6
+
+
+def test_what_is_waited_for_is_told_when_it_is_long_in_coming(bench: Bench):
+    assert bench.look(after=0.0) == []
+    assert bench.look(tick=1000) == []
+    assert bench.look(tick=2500, after=1.5) == [
+        "2.500 s: waits for DriveCommand (0x120), motors off"
+    ]
+    assert bench.look(tick=9000, after=9.0) == []
+    bench.receive(command_payload(bench.rig, 1), tick=9100)
+    assert bench.look(tick=9101) == ["9.101 s: DriveCommand received"]
+    bench.reception.seen_ns[:] = -1
+    assert bench.look(tick=9200) == ["9.200 s: DriveCommand timed out: motors off"]
+    bench.receive(command_payload(bench.rig, 2), tick=9300)
+    assert bench.look(tick=9301) == ["9.301 s: DriveCommand received"]
+
+
+def test_what_the_ecu_tells_is_handed_on_as_it_happens(bench: Bench):
+    bench.events.append(Event(0.5, IN_WORDS, "opening"))
+    assert bench.look() == ["0.5 opening"]
+    bench.events.append(Event(0.9, IN_WORDS, "open"))
+    assert bench.look(after=0.0) == []  # too soon
+    assert bench.look(after=0.0, is_last=True) == ["0.9 open"]
+    assert bench.look() == []
+
+
+def test_a_bus_with_frames_of_others_only_is_told_as_that(bench: Bench):
+    bench.look()
+    bench.receive(b"\1\2", identifier=0x1A0)
+    assert bench.look(tick=2500, after=2.5) == [
+        "2.500 s: waits for DriveCommand (0x120), motors off; hears 0x1A0, which is not received by this rig"
+    ]
+    assert bench.told.seen[-1].foreign == 1
+
+
+APART = "two benches need a group each"
+
+
+def test_where_benches_meet_unawares_frames_of_others_tell_how_to_keep_apart():
+    bench = Bench(APART)
+    bench.look()
+    bench.receive(b"\1\2", identifier=0x1A0)
+    (said,) = bench.look(tick=2500, after=2.5)
+    assert said.endswith(f"hears 0x1A0, which is not received by this rig; {APART}")
+
+
+@pytest.mark.parametrize("apart", ["", APART])
+def test_another_gate_on_the_bus_is_told_once_whether_or_not_commands_come(apart: str):
+    bench = Bench(apart)
+    bench.look()
+    for number in range(3):
+        bench.receive(command_payload(bench.rig, number + 1))
+        bench.receive(bytes(8), identifier=0x210)
+        said = [each for each in bench.look(tick=number) if "another" in each]
+        expected = (
+            "0.000 s: hears LeftDrive (0x210), which this gate sends: another bench or a replay is on this bus"
+            + (f"; {apart}" if apart else "")
+        )
+        assert said == ([expected] if number == 0 else [])
+
+
+def test_a_checksum_of_64_bits_is_told_to_the_last_digit(bench: Bench):
+    refusal = bench.reception.refusals[BAD_CHECKSUM]
+    refusal.count, refusal.message = 1, 0
+    refusal.checksum, refusal.right_checksum = -1, 2**62 + 1
+    (said,) = bench.look()
+    assert said.endswith("Checksum is 0xFFFFFFFFFFFFFFFF; expected 0x4000000000000001")
+
+
+def test_a_first_frame_with_a_counter_that_there_is_none_of_is_told(bench: Bench):
+    refusal = bench.reception.refusals[BAD_COUNTER]
+    refusal.count, refusal.message, refusal.found, refusal.expected = 1, 0, 15.0, np.nan
+    (said,) = bench.look()
+    assert said.endswith("AliveCounter is 15; expected one of its values")

@@ -1,0 +1,118 @@
+"""What the tests of recordings share."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from hil_support import frames_of
+
+from liftgate_hil.codec.frames import EXTENDED, logged
+from liftgate_hil.formats.content import Content
+from liftgate_hil.signals import COLUMNS, columns_of
+
+EPOCH_NS = 1_700_000_000 * 10**9
+BOTH = Content(columns_of(2), "bench")
+# Each column a value of its own.
+ROW = np.array(
+    [float(n) if signal.is_whole else 0.1 * n for n, signal in enumerate(COLUMNS.values())]
+)
+
+
+def rows_from(first: int, count: int) -> np.ndarray:
+    """Rows in which every cell differs from every other; the time is a millisecond a row."""
+    rows = np.array([1000.0 * k + ROW for k in range(first, first + count)])
+    rows[:, list(COLUMNS).index("time_s")] = 0.001 * np.arange(first, first + count)
+    return rows
+
+
+def sent(rows: list[tuple[int, bytes]], seconds: float = 0.0, is_sent: bool = True) -> Any:
+    """Frames as they are logged."""
+    return logged(frames_of(rows), round(seconds * 1e9), is_sent)
+
+
+def told_in(path: Path) -> dict[str, list[tuple[int, dict[str, Any]]]]:
+    """By topic the messages of an MCAP file: time [ns] and what they say, by the format's own reader."""
+    from mcap.reader import make_reader
+
+    told: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+    with path.open("rb") as stream:
+        for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            told.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    return told
+
+
+def messages_in(path: Path) -> list[can.Message]:
+    if path.suffix == ".mcap":
+        return [
+            can.Message(
+                timestamp=time / 1e9,
+                arbitration_id=each["id"],
+                is_extended_id=each["extended"],
+                is_fd=each["fd"],
+                is_remote_frame=each["remote"],
+                is_error_frame=each["error"],
+                is_rx=each["direction"] == "Rx",
+                dlc=each["length"],
+                data=None if each["remote"] else bytes.fromhex(each["data"]),
+            )
+            for time, each in told_in(path).get("/can", [])
+        ]
+    with can.LogReader(path) as reader:
+        return list(reader)
+
+
+def key(message: can.Message) -> tuple[int, bool, bool, bool, bytes]:
+    return (
+        message.arbitration_id if not message.is_error_frame else 0,
+        message.is_extended_id and not message.is_error_frame,
+        message.is_remote_frame,
+        message.is_error_frame,
+        bytes(message.data),
+    )
+
+
+def many() -> list[tuple[int, bytes]]:
+    return [
+        ((0x100 + number % 5) | (EXTENDED if number % 3 == 0 else 0), bytes([number % 256] * (number % 9)))
+        for number in range(300)
+    ]  # fmt: skip
+
+
+def read_csv(path: Path) -> list[dict[str, float]]:
+    with path.open(newline="") as stream:
+        return [{name: float(text) for name, text in row.items()} for row in csv.DictReader(stream)]
+
+
+def table_in(path: Path) -> dict[str, np.ndarray]:
+    """All columns of a file."""
+    if path.suffix == ".csv":
+        rows = read_csv(path)
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    if path.suffix == ".parquet":
+        from pyarrow import parquet
+
+        table = parquet.read_table(path)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    if path.suffix == ".mcap":
+        told = told_in(path)
+        columns: dict[str, list[float]] = {}
+        times = [time for time, _ in told["/truth"]]
+        for topic, prefix in (("/truth", ""), ("/sensed", "sensed_"), ("/bench", "")):
+            rows = told.get(topic, [])
+            assert [time for time, _ in rows] == (times if rows else [])
+            for name in rows[0][1] if rows else ():
+                if name != "time_s" or topic == "/truth":
+                    columns[f"{prefix}{name}"] = [row[name] for _, row in rows]
+        return {name: np.array(values, dtype=float) for name, values in columns.items()}
+    from asammdf import MDF
+
+    with MDF(path) as measured:
+        (group,) = measured.groups
+        names = [channel.name for channel in group.channels if channel.name != "time"]
+        columns = {name: measured.get(name).samples for name in names}
+        return {"time_s": measured.get_master(0), **columns}

@@ -1,0 +1,345 @@
+"""Attaching to a run: who may, what comes of rubbish, and what is left when it ends."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hil_support import shipped_rig
+
+from liftgate_hil.codec.frames import no_logged
+from liftgate_hil.errors import ConfigError, RunGoneError
+from liftgate_hil.loop.listener import Listener
+from liftgate_hil.loop.rings import Memory
+from liftgate_hil.running.attachment import endpoint
+from liftgate_hil.running.attachment.client import Client
+from liftgate_hil.running.attachment.description import Description
+from liftgate_hil.running.attachment.server import Server
+from liftgate_hil.running.commands.operator import Operator
+from liftgate_hil.running.options import RunOptions
+from liftgate_hil.running.setup import setup_of
+
+RIG = shipped_rig()
+
+
+class Nobody:
+    """See Target."""
+
+    def inject(self, faults: Any) -> None:
+        pass
+
+    def set_signals(
+        self, values: Any, instead_of: float = math.nan, rest: float = math.nan
+    ) -> None:
+        pass
+
+    def reset(self) -> None:
+        pass
+
+
+class Heard(Listener):
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "liftgate-hil"
+
+
+@pytest.fixture
+def server(folder: Path) -> Iterator[tuple[Server, Memory]]:
+    memory = Memory(64, 64)
+    found = Server(Heard(), os.getpid())
+    operator = Operator(RIG, Nobody(), 1.0, lambda values: True)
+    about = Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5)
+    found.open(about, memory, operator)
+    yield found, memory
+    found.close()
+    memory.close()
+
+
+def test_a_client_sees_the_runs_memory_as_it_is_written(server: tuple[Server, Memory]) -> None:
+    client = Client(os.getpid())
+    server[1].shared.control.tick += 42
+    server[1].shared.rows[3, 5] = 2.5
+    assert client.memory.shared.control["tick"][0] == 42
+    assert client.memory.shared.rows[3, 5] == 2.5
+    assert client.told["channel"] == "virtual"
+    assert set(client.told["commands"]) == {"obstacle", "set", "fault", "signal", "request"}
+    assert "Body.VehicleSpeed" in client.told["commands"]["signal"]
+    assert not [each for each in client.told["commands"]["signal"] if each.startswith("Gate.")]
+    client.close()
+
+
+def test_a_command_waits_for_a_run_that_stands_still(
+    server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.running.attachment.client._PATIENCE_S", 0.01)
+    client = Client(os.getpid())
+    client._wire.settimeout(0.01)
+    assert client.command({"set": {"road_slope_deg": 3}}) == {}
+    server[0].look(no_logged(), 1.5)
+    client._wire.settimeout(10.0)
+    monkeypatch.setattr("liftgate_hil.running.attachment.client._PATIENCE_S", 10.0)
+    news = client.news(0)  # the late answer is left out
+    assert news["in_force"]["set"] == {"road_slope_deg": 3.0}
+    client.close()
+
+
+def framed(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text
+
+
+RUBBISH = [
+    b"\xff" * 8, framed(b""), framed(b"\x00\xff"), framed(b"["), framed(b"7"), framed(b"null"), framed(b'"lines"'),
+    framed(b"{}"), framed(b'{"lines": "x"}'),
+    framed(b'{"command": 1, "id": ' + b"[" * 300 + b"]" * 300 + b"}"),
+    framed(b'{"lines": [], "id": {}}'), framed(b"x" * 70_000),
+    struct.pack("<I", 2**31) + b"x" * 100,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("said", RUBBISH)
+def test_rubbish_ends_at_most_the_connection_that_it_comes_on(
+    server: tuple[Server, Memory], said: bytes
+) -> None:
+    wire = endpoint.connected(os.getpid())
+    wire.settimeout(10.0)
+    wire.recv(64)
+    wire.send(said)
+    wire.recv(65_536)  # an answer, or that it is over
+    wire.close()
+    client = Client(os.getpid())
+    assert client.news(0)["state"] == "waiting"
+    client.close()
+
+
+def test_a_command_however_deep_is_refused_and_the_run_goes_on(
+    server: tuple[Server, Memory],
+) -> None:
+    wire = endpoint.connected(os.getpid())
+    wire.settimeout(10.0)
+    wire.recv(1)
+    for command in (
+        b"%s",
+        b'{"clear": {"fault": {"kind": %s}}}',
+        b'{"set": {"x": %s}}',
+        b'{"request": %s}',
+    ):
+        deep = command % (b"[" * 900 + b"]" * 900)
+        wire.sendall(framed(b'{"id": 1, "command": ' + deep + b"}") + framed(b"{}"))
+        arrivals, answers = endpoint.Arrivals(), []
+        while not answers:
+            answers = arrivals.take(wire.recv(65_536))  # to the question behind it
+        server[0].look(no_logged(), 0.0)
+        answers = []
+        while not answers:
+            answers = arrivals.take(wire.recv(65_536))
+        assert answers[0]["issues"]
+    wire.close()
+
+
+def test_half_a_message_is_waited_for_and_the_rest_read(server: tuple[Server, Memory]) -> None:
+    wire = endpoint.connected(os.getpid())
+    wire.settimeout(10.0)
+    wire.recv(1)
+    text = framed(b'{"id": 3, "lines": 0}') * 2
+    wire.sendall(text[:7])
+    client = Client(os.getpid())  # others are answered meanwhile
+    assert client.news(0)["state"] == "waiting"
+    client.close()
+    wire.sendall(text[7:])
+    arrivals, answers = endpoint.Arrivals(), []
+    while len(answers) < 2:
+        answers += arrivals.take(wire.recv(11))
+    assert [each["id"] for each in answers] == [3, 3]
+    wire.close()
+
+
+def test_long_news_come_whole(server: tuple[Server, Memory]) -> None:
+    for number in range(200):
+        server[0].say(f"{number} " + "x" * 5000)
+    client = Client(os.getpid())
+    lines = client.news(0)["lines"]
+    assert [int(text.split()[0]) for _, _, text in lines] == list(range(200))
+    client.close()
+
+
+def test_a_long_command_is_told_and_the_connection_stays(server: tuple[Server, Memory]) -> None:
+    client = Client(os.getpid())
+    with pytest.raises(ConfigError, match="bytes; allowed: up to 1000000"):
+        client.command({"set": {"x": [1.0] * 400_000}})
+    deep: Any = []
+    for _ in range(300):
+        deep = [deep]
+    with pytest.raises(ConfigError, match="allowed: what JSON can hold"):
+        client.command(deep)
+    deep = []
+    for _ in range(200):
+        deep = [deep]
+    number = client.post({"clear": deep})
+    client.news(0)
+    server[0].look(no_logged(), 0.0)
+    with pytest.raises(ConfigError, match="allowed: "):
+        client.done(number)
+    number = client.post({"set": {"road_slope_deg": 3}})
+    client.news(0)
+    server[0].look(no_logged(), 0.5)
+    assert client.done(number)["done"] == "set road_slope_deg 3"
+    client.close()
+
+
+def test_a_run_that_does_not_answer_has_not_ended(
+    server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = Client(os.getpid())
+    client._wire.settimeout(0.05)
+    with server[0]._lock:  # it tells nothing
+        assert client.news(0) == {}
+    client._wire.settimeout(10.0)
+    assert client.news(0)["state"] == "waiting"
+    client.close()
+
+
+def test_one_who_never_reads_holds_up_nobody(server: tuple[Server, Memory]) -> None:
+    deaf = endpoint.connected(os.getpid())
+    deaf.setblocking(False)
+    sent = 0
+    try:
+        while sent < 500_000:
+            sent += deaf.send(framed(b'{"lines": 0}') * 100) // 16
+    except OSError:
+        pass
+    client = Client(os.getpid())
+    assert client.news(0)["state"] == "waiting"
+    server[0].look(no_logged(), 0.0)
+    deaf.close()
+    client.close()
+
+
+def test_more_than_eight_are_not_let_in_and_one_that_leaves_makes_room(
+    server: tuple[Server, Memory],
+) -> None:
+    clients = [Client(os.getpid()) for _ in range(8)]
+    with pytest.raises(ConfigError, match=r"does not answer|no memory"):
+        Client(os.getpid())
+    clients.pop().close()
+    for each in clients:
+        each.news(0)
+    Client(os.getpid(), 10.0).close()
+    for each in clients:
+        each.close()
+
+
+def test_when_the_run_ends_it_is_told_and_nothing_is_left(folder: Path) -> None:
+    memory = Memory(64, 64)
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    found = Server(Heard(), os.getpid())
+    found.open(
+        Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5),
+        memory,
+        Operator(RIG, Nobody(), 1.0),
+    )
+    client = Client(os.getpid())
+    assert endpoint.runs() == [os.getpid()]
+    found.close()
+    with pytest.raises(RunGoneError, match="has ended"):
+        client.news(0)
+    client.close()
+    memory.close()
+    del client  # with its view of the memory
+    assert not list(folder.iterdir())
+    assert endpoint.runs() == []
+    assert len(list(Path("/proc/self/fd").iterdir())) == before - 1
+
+
+def test_a_mistake_of_ours_in_a_command_ends_no_run(
+    server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: Operator, command: object, now: float) -> str:
+        raise TypeError("unhashable")
+
+    monkeypatch.setattr(Operator, "obey", fails)
+    client = Client(os.getpid())
+    number = client.post({"clear": "all"})
+    client.news(0)  # the command has come
+    server[0].look(None, 1.5)
+    with pytest.raises(ConfigError, match="not obeyed, by a mistake of this program: TypeError"):
+        client.done(number)
+    client.close()
+
+
+def test_paths_are_told_whole_for_those_in_other_folders(server: tuple[Server, Memory]) -> None:
+    client = Client(os.getpid())
+    assert Path(client.told["rig"]).is_absolute()
+    assert Path(client.told["database"]).is_absolute()
+    assert client.told["scenario"] == ""
+    client.close()
+
+
+def test_a_socket_that_somebody_left_behind_is_no_run(folder: Path) -> None:
+    path = endpoint.path_of(4711)
+    with socket.socket(socket.AF_UNIX) as left:  # by a process that was killed
+        left.bind(str(path))
+    assert endpoint.runs() == []
+    with pytest.raises(ConfigError, match="`attach` 4711: no run of yours; allowed: the process"):
+        Client(4711)
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(path))
+    with endpoint.listening(4711):  # and is no obstacle to another
+        assert endpoint.runs() == [4711]
+    assert not path.exists()
+
+
+def test_a_folder_that_others_may_open_is_refused_and_the_run_goes_on(folder: Path) -> None:
+    folder.mkdir(mode=0o755)
+    heard, memory = Heard(), Memory(64, 64)
+    found = Server(heard, os.getpid())
+    about: Any = Description(setup_of(None), RIG, RunOptions(), "virtual", 5e5)
+    found.open(about, memory, Operator(RIG, Nobody(), 1.0))
+    found.close()
+    memory.close()
+    assert "nobody can attach to this run" in heard.said[0]
+    assert "not a folder of yours alone" in heard.said[0]
+
+
+def test_lines_are_told_once_and_the_last_two_hundred_are_kept(
+    server: tuple[Server, Memory],
+) -> None:
+    client = Client(os.getpid())
+    for number in range(300):
+        server[0].say(f"line {number}")
+    first = client.news(0)["lines"]
+    assert [text for _, _, text in first] == [f"line {number}" for number in range(100, 300)]
+    assert client.news(first[-1][0])["lines"] == []
+    server[0].happened(1.5, "opening")
+    assert [text for _, _, text in client.news(first[-1][0])["lines"]] == ["ecu 1.500 s: opening"]
+    client.close()
+
+
+def test_a_run_of_another_version_is_not_read(
+    server: tuple[Server, Memory], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("liftgate_hil.running.attachment.client.version", lambda: "9.9")
+    gc.collect()  # what other tests have left
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(ConfigError, match=r"is of liftgate-hil .*, this is 9\.9"):
+        Client(os.getpid())
+    for _ in range(500):
+        time.sleep(0.01)
+        if len(list(Path("/proc/self/fd").iterdir())) <= before:
+            return
+    raise AssertionError("something is still open")
