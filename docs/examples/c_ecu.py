@@ -12,7 +12,7 @@ HEADERS = Path(lh.__path__[0]) / "ecu"  # liftgate_ecu.h
 
 def main() -> None:
     """Build my_ecu.c in the working folder, and have it close the gate onto a rod."""
-    library = Path("my_ecu.so").resolve()
+    library = Path("c_ecu.so").resolve()
     command = [os.environ.get("CC", "cc"), "-shared", "-fPIC", "-fvisibility=hidden", "-O2"]
     command += [f"-I{HEADERS}", "-o", str(library), str(HERE / "my_ecu.c")]
     subprocess.run(command, check=True)

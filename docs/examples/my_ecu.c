@@ -1,7 +1,7 @@
 /* The smallest ECU in C: opens and closes the gate when it is asked to, without looking at anything.
  *
  *     cc -shared -fPIC -fvisibility=hidden -I"$(python -c 'import liftgate_hil as l; print(l.__path__[0])')/ecu" \
- *         -o my_ecu.so my_ecu.c
+ *         -o c_ecu.so my_ecu.c
  *
  * An ECU that listens, and reverses: tools/ecu.
  */

@@ -457,7 +457,7 @@ def test_an_own_ecu_in_python_runs_on_a_bus(folder: Path, bus: dict[str, str]) -
 @needs_compiler
 def test_an_own_ecu_in_c_closes_the_loop(folder: Path) -> None:
     run(command("cc -shared"), folder)
-    out = run("liftgate-hil demo --clock free --no-record --ecu ./my_ecu.so", folder, codes=(1,))
+    out = run("liftgate-hil demo --clock free --no-record --ecu ./c_ecu.so", folder, codes=(1,))
     assert "pinch force at most" in out  # it does not listen, so it presses
     run(command("make -C tools/ecu build/liftgate-ecu.so"), folder)
     run(command("liftgate-hil demo --clock free --ecu tools/ecu"), folder)

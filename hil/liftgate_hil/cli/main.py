@@ -38,6 +38,9 @@ COMMANDS = {
 }
 
 
+_JUDGING = ("judge", "test")  # commands whose exit code 1 is a verdict
+
+
 class Parser(argparse.ArgumentParser):
     """Parser that reports an error in one clear line instead of the whole usage."""
 
@@ -71,14 +74,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:  # the reader of the output has gone
         streams.abandon(sys.stdout)
-        return 1
+        return _error_code(argv)
     except OSError as error:
-        code, fault = 1, streams.written() or _fault_of(error)
+        code, fault = _error_code(argv), streams.written() or _fault_of(error)
     except MemoryError:
-        code, fault = 1, "not enough memory"
+        code, fault = _error_code(argv), "not enough memory"
     if fault:
         streams.say(f"liftgate-hil: {fault}")
-    return code or int(bool(fault))
+        return code or _error_code(argv)
+    return code
+
+
+def _error_code(argv: Sequence[str] | None) -> int:
+    """Return the exit code of an error: 1, or 2 of a command whose 1 says that an expectation fails."""
+    arguments = sys.argv[1:] if argv is None else argv
+    return 2 if arguments and arguments[0] in _JUDGING else 1
 
 
 def _command(argv: Sequence[str] | None) -> int:
@@ -108,7 +118,9 @@ def _command(argv: Sequence[str] | None) -> int:
     except LiftgateError as error:
         for text in causes(error):
             streams.say(f"liftgate-hil: {as_flags(text)}")
-        return error.exit_code if isinstance(error, stopping.StoppedError) else 1
+        if isinstance(error, stopping.StoppedError):
+            return error.exit_code
+        return _error_code(argv)
 
 
 def _fault_of(error: OSError) -> str:

@@ -41,6 +41,8 @@ def targets_of(args: argparse.Namespace) -> dict[str, list[str]]:
         if given is not None:
             if kind == "html" and given == "-":
                 raise ConfigError("`html` -: allowed: a file")
+            if given == "-" and sys.stdout is None:
+                raise ConfigError(f"`{kind}` -: stdout is closed; allowed: a file")
             if given != "-" and not Path(given).parent.is_dir():
                 raise ConfigError(f"`{kind}` {given}: no such folder; allowed: a file in one")
             if given != "-" and Path(given).is_dir():

@@ -70,7 +70,10 @@ class Adapter:
         answer = int(self.state.port.head.answer[0])
         if answer:
             return f"its step returned {answer}; allowed: 0 to {wire.CAPACITY} frames"
-        return "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
+        return (
+            "it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of "
+            "11 bits, with LIFTGATE_ID_EXTENDED 29"
+        )
 
     def dropped(self) -> int:
         """Return how many frames were dropped so far because the ECU had no room for them."""

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from liftgate_hil.codec.frames import FD, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED, FD, Frames, empty_frames
 from liftgate_plant.compiler import call_long_int, call_step, compilable
 
 # struct liftgate_frame; `flags` and `data` are renamed, since numpy records have attributes of these names.
@@ -88,11 +88,13 @@ def take_out(state: PortState, count: int) -> int:
     """Copy the outbox's first `count` frames to `state.sent`; return `count`, or BAD_FRAME if one is invalid."""
     for i in range(count):
         row = state.outbox[i]
-        length = int(np.int64(row.length))
-        is_fd = (int(np.int64(row.format)) & FLAG_FD) != 0
+        identifier, flags = int(np.int64(row.id)), int(np.int64(row.format))
+        length, is_fd = int(np.int64(row.length)), (flags & FLAG_FD) != 0
         if length > (64 if is_fd else 8):
             return BAD_FRAME
-        state.sent.identifiers[i] = int(np.int64(row.id)) | (FD if is_fd else 0)
+        if identifier & EXTENDED == 0 and identifier & 0x1FFFFFFF > 0x7FF:
+            return BAD_FRAME
+        state.sent.identifiers[i] = identifier | (FD if is_fd else 0)
         state.sent.lengths[i] = length
         for k in range(length):
             state.sent.data[i, k] = row.payload[k]

@@ -59,7 +59,9 @@ def stepped_again(
         *(each.margin for each in others.values() if each.margin is not None),
     ]
     uncertainty = max(margins) - min(margins) + found.changes[place] + force
-    if math.isnan(uncertainty) or abs(verdict.margin) <= uncertainty:
+    # Where a comparison with `==` holds its margin is 0; so it is all around, where its uncertainty is 0, too.
+    is_within = abs(verdict.margin) <= uncertainty and uncertainty > 0.0
+    if math.isnan(uncertainty) or is_within:
         unit = f" {verdict.margin_unit}" if verdict.margin_unit else ""
         said = f"the margin of {verdict.margin:.4g}{unit} is within its uncertainty of {uncertainty:.3g}{unit}"
         if verdict.margin == 0.0:  # such as that of a comparison with `==`

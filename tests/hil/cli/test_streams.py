@@ -81,3 +81,23 @@ def test_an_interrupt_before_there_is_anything_to_end_is_an_exit_code(
 
     monkeypatch.setattr(main_module, where, interrupted)
     assert main_module.main(["--version"]) == 130
+
+
+@pytest.mark.parametrize(
+    ("more", "redirected", "said"),
+    [
+        ((), ">/dev/full", "liftgate-hil: stdout: No space left on device"),
+        (("--json", "-"), ">&-", "liftgate-hil: --json -: stdout is closed; allowed: a file"),
+    ],
+)
+def test_a_verdict_that_cannot_be_written_is_an_error_and_no_fail(
+    tmp_path: Path, more: tuple[str, ...], redirected: str, said: str
+) -> None:
+    (tmp_path / "s.toml").write_text(
+        'duration = 0.1\n[[expect]]\nname = "x"\nalways = "gate_angle_deg < 90"\n'
+    )
+    done = subprocess.run(
+        ["bash", "-c", f'"$@" {redirected}', "bash", *COMMAND, "test", "s.toml", *more],
+        cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (2, said)

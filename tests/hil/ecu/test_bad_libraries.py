@@ -60,15 +60,18 @@ def check_that_the_caller_lives_on() -> None:
     assert lh.run("demo", duration=0.1).verdict == "pass"
 
 
-def frame(length: int, flags: int = 0) -> str:
+def frame(length: int, flags: int = 0, identifier: int = 0x400) -> str:
     return (
-        f"if ({AT}) {{ memset(out, 0, sizeof *out); out->id = 0x400; out->length = {length}; "
+        f"if ({AT}) {{ memset(out, 0, sizeof *out); out->id = {identifier}u; out->length = {length}; "
         f"out->flags = {flags}; return 1; }}"
     )
 
 
 RETURNED = r"its step returned {}; allowed: 0 to 1024 frames"
-NO_FRAME = r"it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64"
+NO_FRAME = (
+    r"it wrote a frame that is none; allowed: a length of up to 8 bytes, with CAN FD 64; an identifier of 11 "
+    r"bits, with LIFTGATE_ID_EXTENDED 29"
+)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +88,7 @@ NO_FRAME = r"it wrote a frame that is none; allowed: a length of up to 8 bytes, 
         ({"step": frame(200)}, 0.05, NO_FRAME),
         ({"step": frame(9)}, 0.05, NO_FRAME),
         ({"step": frame(65, flags=1)}, 0.05, NO_FRAME),
+        ({"step": frame(8, identifier=0x800)}, 0.05, NO_FRAME),
     ],
 )
 def test_what_it_does_wrong_is_told(
@@ -103,6 +107,7 @@ def test_what_it_does_wrong_is_told(
     [
         "memset(out, 0, capacity * sizeof *out); return capacity;",
         frame(64, flags=1),
+        frame(8, identifier=0x80000800),
         # More bits than FD mean nothing, and what lies behind the payload does neither.
         frame(8, flags=0xFE),
     ],
