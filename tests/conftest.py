@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 from collections.abc import Iterator
@@ -45,15 +46,21 @@ LONG = ("tools", "system")
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order the tests: those that take longest first, so that no process is left alone with them at the end. Those
-    in real time with foreign programs are of one group, for one process: python-can's own bus of multicast
-    datagrams hears all groups of a machine.
+    in real time with foreign programs, or on a bus of multicast datagrams, are of one group, for one process:
+    python-can's own bus of that kind hears all groups of a machine.
     """
     root = Path(__file__).parent
     long = [root / each for each in LONG]
     items.sort(key=lambda item: not any(item.path.is_relative_to(each) for each in long))
     for item in items:
-        if item.path.is_relative_to(root / "system") and item.get_closest_marker("realtime"):
+        if item.get_closest_marker("realtime") and is_on_its_own(item.path, root):
             item.add_marker(pytest.mark.xdist_group("system"))
+
+
+@functools.cache
+def is_on_its_own(path: Path, root: Path) -> bool:
+    """Whether the tests of a file disturb, or are disturbed by, others on a bus of multicast datagrams."""
+    return path.is_relative_to(root / "system") or "udp_multicast" in path.read_text("utf-8")
 
 
 @pytest.fixture(autouse=True)
