@@ -40,6 +40,7 @@ from liftgate_hil.stimuli.stimulus_plan import (
     TimedStimuli,
     stimulus_plan_of,
 )
+from liftgate_hil.transport.base import LinkCounts
 from liftgate_plant.compiler import compiled
 from liftgate_plant.initial import initial_state
 from liftgate_plant.signals import Signal
@@ -75,6 +76,30 @@ def rows_of(frames: Frames) -> list[tuple[int, bytes]]:
         (int(frames.identifiers[row]), frames.data[row, : int(frames.lengths[row])].tobytes())
         for row in range(frames.count)
     ]
+
+
+class Wire:
+    """A transport of lists."""
+
+    name = "wire"
+    is_up = True
+
+    def __init__(self) -> None:
+        self.inbox: list[tuple[int, bytes]] = []
+        self.sent: list[tuple[int, bytes]] = []
+
+    def receive(self, timeout: float = 0.0) -> Frames:
+        rows, self.inbox = self.inbox, []
+        return frames_of(rows) if rows else empty_frames(0)
+
+    def send(self, frames: Frames) -> None:
+        self.sent += rows_of(frames)
+
+    def counts(self) -> LinkCounts:
+        return LinkCounts()
+
+    def close(self) -> None:
+        pass
 
 
 def j1850(identifier: int, payload: bytes, skip: int) -> int:

@@ -43,7 +43,7 @@ MAX_PAGES = 62  # bits used of SIGNAL's `pages`
 
 @dataclass(frozen=True)
 class SignalMapping:
-    """One mapped signal: quantity = scale · physical value + offset, or one value per name.
+    """Mapping of a bus signal to a quantity: quantity = scale · physical value + offset, or one value per name.
 
     `basis` says where the conversion comes from: "unit" (the signal's unit, `unit`), "rig" (the rig's scale and
     offset), "labels" (of the database), "values" (of the rig), or "unknown". With `saturates` the rig states that

@@ -17,7 +17,7 @@ DEEPEST = 32  # nested parentheses, and values on the stack
 
 @dataclass(frozen=True)
 class Condition:
-    """One validated condition."""
+    """Condition that was parsed and validated, as postfix operations."""
 
     text: str
     ops: tuple[tuple[int, str | float], ...]  # code, and a name or a value

@@ -41,7 +41,7 @@ RESET = (
 
 @dataclass(frozen=True)
 class Reset:
-    """How the ECU is reset."""
+    """Ways to reset the ECU: signal, ECUReset over UDS, program; and the condition that it is ready."""
 
     press: Press | None = None
     uds: str = ""  # ECUReset's sub-function, one of services.RESETS

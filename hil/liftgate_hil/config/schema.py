@@ -84,7 +84,7 @@ class Whole:
 
 @dataclass(frozen=True)
 class Choice:
-    """One of several words."""
+    """Kind of value: one of several words."""
 
     words: Sequence[str]
 

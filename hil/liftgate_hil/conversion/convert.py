@@ -39,7 +39,7 @@ class Converted:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is converted from the source into the target."""
+    """Rows, frames and notes that a conversion takes from the source into the target."""
 
     source: Recording
     table: Table | None  # source of the rows; None: no rows

@@ -122,7 +122,7 @@ def holds_nothing(path: Path) -> bool:
 
 
 def _opened(path: Path) -> Recording:
-    read = _format_of(path, READ).read
+    read = _format_of(path, READ, READ).read
     assert read is not None
     check_readable(path)
     if path.stat().st_size == 0:
@@ -133,16 +133,15 @@ def _opened(path: Path) -> Recording:
 def open_columns(path: Path, allowed: Sequence[str] = MEASURED) -> Columns:
     """Open a file of columns. Raises ConfigError, which names the `allowed` formats, if it cannot be read."""
     check_readable(path)
-    kind = path.suffix.lower()
-    read = FORMATS[kind].read_columns if kind in FORMATS else None
-    if read is None:
-        raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
+    read = _format_of(path, MEASURED, allowed).read_columns
+    assert read is not None
     return read(path)
 
 
-def _format_of(path: Path, allowed: Sequence[str]) -> Format:
+def _format_of(path: Path, kinds: Sequence[str], allowed: Sequence[str]) -> Format:
+    """Return the format of a suffix among these kinds. Raises ConfigError, which names the `allowed` ones."""
     kind = path.suffix.lower()
-    if kind not in allowed:
+    if kind not in kinds:
         raise ConfigError(f"{path}: format {kind or 'none'!r}; allowed: {', '.join(allowed)}")
     return FORMATS[kind]
 

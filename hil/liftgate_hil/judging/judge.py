@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,6 @@ from liftgate_hil.judging.timeliness import Timeliness
 from liftgate_hil.judging.verdict import DIRECT, ERROR, FAIL, INCONCLUSIVE, PASS, Verdict
 from liftgate_hil.signals import COLUMN_PLACE, ROW_WIDTH
 from liftgate_plant.compiler import compiled
-
-if TYPE_CHECKING:
-    pass
 
 _NO_MARKS = np.zeros(0, dtype=np.int64)
 

@@ -10,6 +10,7 @@ from typing import Any
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
 from liftgate_hil.config.variant import AS_FILED, Variant
+from liftgate_hil.ecu.find import ON_A_BUS
 from liftgate_hil.ecu.identity import identity_of
 from liftgate_hil.loop.listener import Listener
 from liftgate_hil.running.options import RunOptions
@@ -42,6 +43,11 @@ class Job:
     listener: Listener = field(default_factory=Listener)
     attachable_as: int | None = None  # process that clients may attach to; None: they may not
     is_summarized: bool = False  # keep trace summaries for pictures of the expectations
+
+    @property
+    def is_episode(self) -> bool:
+        """Whether it runs in machine code, with the ECU in this process and waiting for nobody."""
+        return self.options.clock == "free" and self.ecu != ON_A_BUS
 
 
 def identity_of_ecu(job: Job, setup: Setup) -> Mapping[str, Any]:

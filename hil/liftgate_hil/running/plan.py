@@ -126,7 +126,7 @@ def planned(
 
 def _opening_of(job: Job, rig: Rig) -> Opening:
     """Return what may be injected while the run goes on; nothing with an ECU in this process on the free clock."""
-    if job.options.clock == "free" and job.ecu != ON_A_BUS:
+    if job.is_episode:
         return CLOSED
     return opening_of(rig, job.attachable_as is not None)
 

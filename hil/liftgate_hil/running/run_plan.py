@@ -112,7 +112,7 @@ class _Run:
         """The driver of the plan's clock. Raises as `bus_run_of`."""
         plan, clock = self._plan, self._plan.options.clock
         given = plan, self._adapter, self._sinks, self._stopped, self._memory
-        if clock == "free" and plan.job.ecu != ON_A_BUS:
+        if plan.job.is_episode:
             return EpisodeDriver(*given)
         self._on_bus = bus_run_of(*given, stack)
         if clock == "realtime" and POSSIBLE:

@@ -18,16 +18,15 @@ from hil_support import (
     GATE,
     LEFT_DRIVE,
     OPEN,
+    Wire,
     both,
     command_frame,
-    frames_of,
-    rows_of,
     with_checksum,
 )
 from run_support import Told
 
 import liftgate_hil as lh
-from liftgate_hil.codec.frames import EXTENDED, Frames, empty_frames
+from liftgate_hil.codec.frames import EXTENDED
 from liftgate_hil.codec.receive import NO_COUNTS
 from liftgate_hil.config.rig import Rig
 from liftgate_hil.config.scenario import Scenario
@@ -38,34 +37,9 @@ from liftgate_hil.errors import EcuError
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
 from liftgate_hil.stimuli.stimulus_plan import NO_STIMULI
-from liftgate_hil.transport.base import LinkCounts
 
 MS = 1_000_000
 Rows = list[tuple[int, bytes]]
-
-
-class Wire:
-    """A transport of lists."""
-
-    name = "wire"
-    is_up = True
-
-    def __init__(self) -> None:
-        self.inbox: Rows = []
-        self.sent: Rows = []
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        rows, self.inbox = self.inbox, []
-        return frames_of(rows) if rows else empty_frames(0)
-
-    def send(self, frames: Frames) -> None:
-        self.sent += rows_of(frames)
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
 
 
 def polled(adapter: Adapter, requests: Sequence[Request], heard: dict[int, Rows]) -> list[int]:

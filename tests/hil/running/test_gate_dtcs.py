@@ -9,16 +9,14 @@ from typing import Any
 
 import can
 import pytest
-from hil_support import frames_of, rows_of, shipped_rig
+from hil_support import Wire, shipped_rig
 
 import liftgate_hil as lh
-from liftgate_hil.codec.frames import Frames, empty_frames
 from liftgate_hil.ecu.find import adapter_for
 from liftgate_hil.ecu.peer import Peer
 from liftgate_hil.errors import ConfigError, DiagnosticsError, LiftgateError
 from liftgate_hil.stimuli.moments import Instant
 from liftgate_hil.stimuli.requests import Request, by_the_clock
-from liftgate_hil.transport.base import LinkCounts
 
 REQUEST, RESPONSE = 0x7A0, 0x7A8
 CLEAR, READ = "14ffffff", "190209"
@@ -58,30 +56,6 @@ def loop(gate: lh.Gate, ecu: Any, period: float = 0.010) -> Callable[[], None]:
             gate.send(message)
 
     return cycle
-
-
-class Wire:
-    """A transport of lists."""
-
-    name = "wire"
-    is_up = True
-
-    def __init__(self) -> None:
-        self.inbox: list[tuple[int, bytes]] = []
-        self.sent: list[tuple[int, bytes]] = []
-
-    def receive(self, timeout: float = 0.0) -> Frames:
-        rows, self.inbox = self.inbox, []
-        return frames_of(rows) if rows else empty_frames(0)
-
-    def send(self, frames: Frames) -> None:
-        self.sent += rows_of(frames)
-
-    def counts(self) -> LinkCounts:
-        return LinkCounts()
-
-    def close(self) -> None:
-        pass
 
 
 class Reference:
