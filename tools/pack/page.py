@@ -33,8 +33,9 @@ clock, and by how much each margin differs. An ECU in real time answers within i
 and the bench has its delay: margins differ by what moves on meanwhile. `direct`: the bench was no later in the
 window than is tolerated (half a command cycle, 5 ms). `replay`: it was, and the gate stepped again with the
 commands as they arrived, earlier and later confirms the verdict with more room than its uncertainty. Else a
-verdict is inconclusive. Once with nothing else on the machine, and once beside two processes that never wait.
-Made by `make pack-realtime`, in some 75 minutes."""
+verdict is inconclusive, and so is each that was decided after the gate had been silent for two cycles of its
+fastest message (10 ms), since an ECU may take that for a message lost. Once with nothing else on the machine,
+and once beside two processes that never wait. Made by `make pack-realtime`, in some 75 minutes."""
 
 _MOST = 4  # scenarios that are named
 
